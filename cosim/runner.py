@@ -11,9 +11,11 @@ import importlib.util
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -21,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cocotb_tools.config
 import cocotb_tools.runner as cocotb_runner
 
 from eskin.golden.core import InputError, SimulationError, replacing_folder
@@ -34,6 +37,8 @@ QUICKLY_COMPILED = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
 """For a flat netlist with its own clock divider and delays: one function of 20 000 lines, over which g++ -O2
 sits for minutes, -O1 for half a minute of processor time."""
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
+PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
+"""Paths that make takes: none with a blank, for one."""
 RUNTIMES = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "eskin"
 """Verilator's own runtime, compiled once a machine."""
 
@@ -88,11 +93,18 @@ class _Verilator(_Limited, cocotb_runner.Verilator):
     def _simulator_in_path_build_only(self) -> None:
         command, environment = verilator_command()
         self.executable = str(command)
-        self.env |= environment
+        self.env |= _plain_root(environment, self.build_dir)
 
     def _build_command(self) -> list[list[str]]:
         verilate, make = super()._build_command()
-        return [[word for word in verilate if word != "--public-flat-rw"], [*make, *self.compiling]]
+        libraries, folder = cocotb_tools.config.libs_dir, self.build_dir
+        plain = {word: _plain(Path(word), folder) for word in verilate if word.endswith("verilator.cpp")}
+        flags = verilate[verilate.index("-LDFLAGS") + 1]
+        plain[flags] = (
+            f"-Wl,-rpath,{shlex.quote(str(libraries))} -L{_plain(libraries, folder)} -lcocotbvpi_verilator"
+        )
+        words = [plain.get(word, word) for word in verilate if word != "--public-flat-rw"]
+        return [words, [*make, *self.compiling]]
 
     def _execute_cmds(self, cmds: Any, cwd: Any, stdout: Any = None) -> None:
         for command in cmds:
@@ -186,10 +198,9 @@ def build(
         log = folder / "build.log"
         runner: _Limited = _Verilator() if verilator else _Icarus()
         runner.compiling = compiling
-        headers = [path for path in sources if path.suffix == ".svh"]
         try:
             runner.build(
-                sources=[*headers, *(path for path in sources if path not in headers)],
+                sources=[_plain(path, folder) for path in sources],
                 build_dir=folder,
                 always=True,
                 log_file=log,
@@ -252,9 +263,60 @@ def kept(root: Path, kind: str, described: Any, make: Callable[[Path], None]) ->
         if not (folder / "finished.json").exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            make(folder)
+            with _where_make_works(folder) as work:
+                make(work)
             (folder / "finished.json").write_text(text)
     return folder
+
+
+@contextmanager
+def _where_make_works(folder: Path) -> Iterator[Path]:
+    """``folder``; where make takes no such path (it has a blank, say) another one, whose content moves there."""
+    if PLAIN.fullmatch(str(folder)):
+        yield folder
+        return
+    with tempfile.TemporaryDirectory(dir=plain_folder()) as temporary:
+        work = Path(temporary, "build")
+        work.mkdir()
+        try:
+            yield work
+        finally:
+            for entry in work.iterdir():
+                shutil.move(entry, folder / entry.name)
+
+
+def plain_folder() -> str:
+    """A folder for temporary files whose path make takes.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    for folder in (tempfile.gettempdir(), "/tmp", "/var/tmp"):
+        if PLAIN.fullmatch(folder) and os.access(folder, os.W_OK):
+            return folder
+    raise InputError(
+        f"co-simulation: make takes no path with a blank or sign as in '{tempfile.gettempdir()}'; set TMPDIR to a "
+        "folder without"
+    )
+
+
+def _plain(path: Path, work: Path) -> str:
+    """``path``, or a link to it in ``work`` where make takes no such path."""
+    if PLAIN.fullmatch(str(path.resolve())):
+        return str(path.resolve())
+    link = work / hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16] / path.name
+    if not link.exists():
+        link.parent.mkdir(exist_ok=True)
+        link.symlink_to(path.resolve())
+    return str(link)
+
+
+def _plain_root(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """What Verilator's environment needs for a build in ``folder``."""
+    root = environment.get("VERILATOR_ROOT")
+    return {**environment, **({"VERILATOR_ROOT": _plain(Path(root), folder)} if root else {})}
 
 
 @contextmanager
@@ -304,18 +366,15 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
 
     def make(folder: Path) -> None:
         (folder / "design.sv").write_text(design)
+        around = _plain_root(environment, folder)
         words = ["-cc", "--exe", "-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", "device.so"]
-        _step(
-            [str(verilator), *words, *LIBRARY_OPTIONS, "design.sv", str(kernel.resolve())],
-            folder,
-            environment,
-        )
+        _step([str(verilator), *words, *LIBRARY_OPTIONS, "design.sv", _plain(kernel, folder)], folder, around)
         ports = PORT.findall((folder / "Vtop.h").read_text())
         rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
         (folder / "ports.h").write_text("".join(rows))
         with _shared_runtime(folder, [*LIBRARY_OPTIONS, *COMPILE_OPTIONS]):
             jobs = str(os.cpu_count() or 1)
-            _step(["make", "-j", jobs, "-f", "Vtop.mk", *COMPILE_OPTIONS], folder, environment)
+            _step(["make", "-j", jobs, "-f", "Vtop.mk", *COMPILE_OPTIONS], folder, around)
 
     hashes = [hashlib.sha256(text.encode()).hexdigest() for text in (design, kernel.read_text())]
     folder = kept(builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, verilator.stat().st_mtime_ns], make)

@@ -244,7 +244,7 @@ class Model(Estimator):
         InputError
             The recordings break a rule, or do not fit the configuration that was asked for.
         """
-        from eskin.choose.choose_network import train_chosen
+        from eskin.choose.choice import train_chosen
         from eskin.training.quantise import quantise
         from eskin.verbs.cost import market
 
@@ -450,7 +450,9 @@ class Model(Estimator):
             index: index for index in range(len(names))
         }
         unknown = [
-            label for label in array.ravel().tolist() if not isinstance(label, Hashable) or label not in place
+            label
+            for label in array.ravel().tolist()
+            if not isinstance(label, Hashable) or isinstance(label, bool) or label not in place
         ]
         if unknown:
             raise InputError(

@@ -8,8 +8,8 @@ cells SCENE ...
     latency is from the last sample of a window to its decision at the icebreaker's 12 MHz. Energy is the
     estimate of ``eskin build`` for cell and classifier, good to a factor (docs/energy.md).
 designs [SCENE ...]
-    Of each SCENE a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3; the
-    first of them as plain C on a microcontroller; with ``--liberty`` a GRU with 4 lanes and ROMs on a chip.
+    Of each SCENE a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3;
+    with ``--liberty`` a GRU with 4 lanes and ROMs on a chip.
     Energy and power are the estimate of ``eskin build``: a touch with all its frames; waiting with a clock
     that stops between samples, of a chip its leakage.
 buses [SHELL ...]
@@ -44,7 +44,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.choose.choose_network import network
+from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import random_integer_model, random_recordings
@@ -63,7 +63,7 @@ from eskin.rtl.program.schedule import (
 )
 from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.study.energy import estimate, scheduled_activity
-from eskin.verbs import asic_job, build_job, defence_cost, energy_job
+from eskin.verbs import asic_job, build_job, defence_cost
 
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
 READOUTS = {
@@ -222,16 +222,6 @@ def made_up(config: AcceleratorConfig) -> Recordings:
     return random_recordings(config, [settling + 2 * config.last_frame + 2 * again], 1)
 
 
-def in_software(config: AcceleratorConfig) -> Row:
-    """The same as plain C on a microcontroller, in cycles of its core."""
-    model, played = random_integer_model(config, 1), made_up(config)
-    with tempfile.TemporaryDirectory() as work:
-        (row,) = energy_job.in_software(model, played, Path(work) / "c")
-    cycles = [f"{row['cycles'][part]:.0f}" for part in ("frame", "quiet", "step")]
-    power = f"{1e6 * row['per_touch_j']:.0f} uJ", f"{1e6 * row['idle_w']:.1f} uW"
-    return row["core"], "-", "-", *cycles, *power
-
-
 def design_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """Every design of every scene."""
     for name, front, _ in [scene(text) for text in asked.rows or SCENES]:
@@ -239,7 +229,6 @@ def design_rows(asked: argparse.Namespace) -> Iterator[Row]:
         gru = network(front, "gru", 12)
         for config, lanes in ((gru, 1), (gru, LANES), (network(front, "linear", None), LANES)):
             yield f"{name}, {config.network.cell}, P = {lanes}", *placed(config.with_lanes(lanes, "dsp"))
-        yield f"{name}, gru, software", *in_software(gru)
         if asked.liberty:
             yield f"{name}, gru, chip", *on_a_chip(gru, asked.pdk, asked.liberty)
 

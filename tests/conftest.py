@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from eskin.golden.data import Recordings
 from eskin.rtl.fpga.tools import run_tool
@@ -18,8 +18,11 @@ from eskin.rtl.fpga.tools import run_tool
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Where no profile is named (--hypothesis-profile): tests/support/strategies.py says what they are.
-settings.register_profile("quick")
-settings.register_profile("long", print_blob=True)
+# On a busy machine an example may take long.
+PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("quick", **PATIENT)
+settings.register_profile("long", print_blob=True, **PATIENT)
+settings.load_profile("quick")
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 NO_RECORDINGS = "no real recordings beside the checkout"

@@ -443,7 +443,7 @@ def test_a_hang_is_flagged_until_cleared():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_the_benches_reach_every_point():
     coverage = Coverage()
     collect(coverage)

@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 import eskin
+from eskin import data as reader
 from eskin.cli import data
 from eskin.data import load_recordings, scene
 from eskin.exchange.import_network import read_layers
-from eskin.golden import data as reader
 from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, read_arrays
 from eskin.golden.core.files import MOST_UNPACKED_BYTES
 from eskin.golden.model import IntegerModel, load_training, random_integer_model
@@ -28,7 +28,7 @@ from eskin.pages.report import write_report
 from eskin.study.sweep import read_grid
 from eskin.training.quantise import SIGNALS, quantise
 from eskin.verbs.generate_job import generate_design
-from tests.support import watched
+from tests.support import doors, watched
 from tests.support.fuzz_inputs import commands, damaged, header, interfaces, lying_zip, make_case, make_corpus
 from tests.support.result_case import CONFIG, edit, float_model, make_result
 from tests.support.strategies import LONG, examples
@@ -91,6 +91,31 @@ def test_traffic_on_the_bus_does_no_lasting_harm(tmp_path_factory, seed, harmful
     case, folder = small_case(), tmp_path_factory.mktemp("traffic")
     script = recovery(case, str(seed)) if harmful else meddling(case, str(seed), case.open_frames(folder))
     assert judge(script, case, folder, BUILDS)[1] == []
+
+
+@pytest.mark.timeout(0 if LONG else 180)
+@examples(40, 2000)
+@given(rng=st.randoms(use_true_random=False))
+def test_a_recorders_file_gives_what_was_recorded_or_is_refused(tmp_path_factory, rng):
+    """Of every class the same samples in the same order, at the same rate."""
+    numbers = np.random.default_rng(rng.randrange(1 << 30))
+    level = rng.choice((0.0, 1.8))
+    signals = [np.round(numbers.normal(level, 0.3, (numbers.integers(24, 60), 3)), 4) for _ in range(6)]
+    labels = [rng.choice(("felt", "silk")) for _ in range(4)] + ["felt", "silk"]
+    path, reading = doors.drawn_form(signals, labels, tmp_path_factory.mktemp("form"), rng)
+    note(f"{path}: {reading}")
+    try:
+        read = load_recordings(path, reading=reading)
+    except InputError as error:
+        event("refused")
+        assert "--" in str(error)
+        return
+    event(path.suffix)
+    assert read.class_names == ("felt", "silk") and read.sample_rate_hz == 100 and read.taxels == 3
+    for label, name in enumerate(read.class_names):
+        right = np.concatenate([signal for signal, of in zip(signals, labels, strict=True) if of == name])
+        got = np.concatenate([read.recording(index) for index in np.flatnonzero(read.labels == label)])
+        assert got.shape == right.shape and np.abs(got * read.volt_per_code - right).max() < 1e-3
 
 
 NUMBER = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)
@@ -258,7 +283,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
         read_arrays(tmp_path / "lie.npz")
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", ["recordings.npz", "lvm", "run.json", "trace.npz", "model/training.json"])
 def test_a_pipe_among_the_files_is_refused(tmp_path, name):
     """Opening it would wait for ever for a writer: `eskin report` and `eskin inspect` hung."""

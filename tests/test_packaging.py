@@ -1,5 +1,6 @@
 """What makes a checkout installable: the lock, the dependencies and the check for system tools."""
 
+import os
 import re
 import stat
 import subprocess
@@ -46,7 +47,8 @@ def test_every_dependency_is_locked_within_its_range():
 def check_tools(path: Path, python: str, *more: str) -> tuple[int, str]:
     """Exit status and standard error of the check with ``path`` as the only folder of programs."""
     command = ["/bin/sh", str(ROOT / "scripts" / "check_tools.sh"), python, *more]
-    done = subprocess.run(command, env={"PATH": str(path)}, capture_output=True, text=True, timeout=60)
+    environment = {"PATH": str(path), "ESKIN_NO_APT": os.environ.get("ESKIN_NO_APT", "")}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
     assert done.stdout == ""
     return done.returncode, done.stderr
 
@@ -117,3 +119,30 @@ def test_a_python_that_lacks_something_is_named(tools, trait, package):
     program(tools, "python3", f'asked="$*"\n{read_all}\ncase "$asked" in *{trait}*) exit 1;; esac')
     status, said = check_tools(tools, "python3")
     assert status == 1 and said.count("\n") == 1 and f"apt-get install {package}" in said
+
+
+@pytest.mark.parametrize("root", [True, False])
+def test_root_installs_what_is_missing_unless_it_is_forbidden(tools, root, monkeypatch):
+    """An apt-get that installs what it is asked for; a package that is not to be had is named in the end."""
+    for name in ("iverilog", "perl"):
+        (tools / name).unlink()
+    program(tools, "id", f"echo {0 if root else 1000}")
+    install = f'for word in "$@"; do case $word in perl|iverilog) echo "#!/bin/sh" > {tools}/$word; /bin/chmod +x {tools}/$word;; esac; done'
+    program(tools, "apt-get", f'echo "$*" >> {tools}/asked; {install}')
+    status, said = check_tools(tools, "python3", "test")
+    if not root:
+        assert status == 1 and said.count("\n") == 2 and not (tools / "asked").exists()
+        return
+    assert status == 0 and said.count("\n") == 1 and "ESKIN_NO_APT=1" in said and "perl iverilog" in said, (
+        said
+    )
+    assert "opensta" in (tools / "asked").read_text() and "update" in (tools / "asked").read_text()
+    (tools / "perl").unlink()
+    (tools / "asked").unlink()
+    monkeypatch.setenv("ESKIN_NO_APT", "1")
+    status, said = check_tools(tools, "python3")
+    assert status == 1 and "apt-get install perl" in said and not (tools / "asked").exists()
+    monkeypatch.delenv("ESKIN_NO_APT")
+    program(tools, "apt-get", "exit 100")
+    status, said = check_tools(tools, "python3")
+    assert status == 1 and "apt-get install perl" in said

@@ -40,13 +40,13 @@ def test_a_drawn_design_is_taught_as_the_stream_is(tmp_path_factory, part, desig
     event(f"taught {both.taught > 0}, refused {both.refused > 0}, decided {both.decisions > 0}")
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("title", FAILED)
 def test_a_design_that_once_failed(tmp_path, title):
     assert not differences(Design.of(FAILED[title]), tmp_path)
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 def test_a_broken_design_is_seen(tmp_path, monkeypatch):
     """The threshold's upper bits ignored, as they once were."""
     right = moving_sums.exceeds

@@ -10,37 +10,37 @@ ROWS = 12
 
 
 def front_end_words(row: Record) -> str:
-    """A row of the record in words."""
+    """A front end's fields (`eskin.choose.candidate.front_end_fields`) in words."""
     levels = {"none": "no rest level", "initial": "initial rest level", "tracked": "tracked rest level"}[
         row["rest"]
     ]
     gate = {"immediate": "open at once", "band": "onset by band"}.get(
         row["onset"], f"onset at {row.get('onset_threshold')} codes"
     )
+    preset = f"preset {row['name']}: " if row["name"] in PRESETS else ""
+    scale = "one scale" if row["feature_scale"] == "array" else "a scale a taxel"
+    return f"{preset}{levels}, {gate}, {_windows(row)}, {scale}"
+
+
+def _windows(row: Record) -> str:
     activity = (
         f" (|{row['activity_rule']}| of {row['activity_block']} frames)" if "activity_rule" in row else ""
     )
-    preset = f"preset {row['name']}: " if row["name"] in PRESETS else ""
-    scale = "one scale" if row["feature_scale"] == "array" else "a scale a taxel"
-    windows = f"{row['steps']} windows of {row['window']} every {row['hop']}"
-    return f"{preset}{levels}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}"
+    kinds = "+".join(row["feature_kinds"])
+    return f"{row['steps']} windows of {row['window']} every {row['hop']}, {kinds}{activity}"
 
 
 def front_end_brief(row: Record) -> str:
-    """Windows and kinds of feature of a row of ``candidates``, out of its ``front_end``."""
-    return ", ".join(row["front_end"].split(", ")[2:4])
+    """Windows and kinds of feature of a row of ``candidates``."""
+    return _windows(row["front_end"])
 
 
 def windows_brief(row: Record) -> str:
     """The same for a narrow column: ``10 x 192/96 m+a`` is 10 windows of 192 frames every 96, mean and
     activity."""
-    steps, _, _, window, _, hop = row["front_end"].split(", ")[2].split()
-    return f"{steps} x {window}/{hop} {'+'.join(kind[0] for kind in kinds_of(row).split('+'))}"
-
-
-def kinds_of(row: Record) -> str:
-    """The kinds of feature of a row of ``candidates``."""
-    return row["front_end"].split(", ")[3].partition(" ")[0]
+    fields = row["front_end"]
+    kinds = "+".join(kind[0] for kind in fields["feature_kinds"])
+    return f"{fields['steps']} x {fields['window']}/{fields['hop']} {kinds}"
 
 
 def front_end_table(record: Record) -> list[Record]:

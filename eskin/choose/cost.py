@@ -7,15 +7,13 @@ so they are counted only where they decide. Golden knows no hardware: the figure
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, get_args
 
 from eskin.golden.core.config import AcceleratorConfig
 
 Prefer = Literal["energy", "cells", "latency"]
 """What is to be least among candidates that are level in accuracy."""
 PREFERENCES: tuple[Prefer, ...] = get_args(Prefer)
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,11 +53,6 @@ class Market:
     def is_candidate(self, config: AcceleratorConfig) -> bool:
         """False where a board was named that does not hold it."""
         return not self.named or self.fits(config)
-
-    def cheapest(self, level: Sequence[T], config_of: Callable[[T], AcceleratorConfig]) -> T:
-        """The first of the cheapest that fits the board; of all, where none does."""
-        ordered = sorted(level, key=lambda candidate: self.price(config_of(candidate)))
-        return next((candidate for candidate in ordered if self.fits(config_of(candidate))), ordered[0])
 
     def row(self, config: AcceleratorConfig) -> dict[str, Any]:
         """The keys of a candidate in training.json."""

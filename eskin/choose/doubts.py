@@ -1,5 +1,9 @@
-"""Sentences for a result that looks good and may not be: each says what was seen and the one action that
-helps."""
+"""Doubts about a result that looks good and may not be: each says what was seen and the one action that
+helps.
+
+A doubt is a record {code, text}, with {groups} where it is about one split. ``code`` is the name of the
+function below that gives it, or ``wrong_rate`` or ``seen_in_training``.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,6 +12,7 @@ import numpy as np
 
 from eskin.choose.choice_table import left_out, unseen
 from eskin.choose.yardsticks import neighbours_alike
+from eskin.golden.core import Record
 from eskin.golden.data import Recordings
 
 MOST_MISSED = 0.02
@@ -19,34 +24,44 @@ SIZES = (4, 8, 12, 16, 24, 32)
 LOST = 0.005
 """Accuracy that integers may lose without a word."""
 
-LUCK = 0.05
-"""Share of shuffled labellings that may do as well as the right one without a word."""
-
 
 def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
+def doubt(code: str, text: str, split: Mapping[str, Any] | None = None) -> Record:
+    """A doubt; with ``split``, about its groups, which the sentence then begins with."""
+    if split is None:
+        return {"code": code, "text": text}
+    groups = list(split["groups"])
+    return {"code": code, "text": f"leaving out {left_out(groups)}, {text}", "groups": groups}
+
+
+def sentences(found: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Of doubts, as ``warnings`` has them."""
+    return [one["text"] for one in found]
+
+
 def below_baselines(
     split: Mapping[str, Any],
     baselines: Sequence[Mapping[str, Any]],
+    network: Mapping[str, Any],
     *,
     chosen: bool,
-    cell: str = "gru",
-    hidden: int = 0,
-) -> list[str]:
-    """A sentence where the best baseline of a split's groups is more than its standard error above the
+) -> list[Record]:
+    """A doubt where the best baseline of a split's groups is more than its standard error above the
     network.
 
     Parameters
     ----------
     split:
         A record of the cross-validation.
+    network:
+        Its cell and hidden units: the advice is the next larger one.
     chosen:
         The network was chosen among several sizes.
-    cell, hidden:
-        The network: the advice is the next larger one.
     """
+    cell, hidden = network["cell"], network["hidden"]
     rivals = [row for row in baselines if list(row["groups"]) == list(split["groups"])]
     if not rivals:
         return []
@@ -54,7 +69,7 @@ def below_baselines(
     short = best["accuracy"] - split["integer_accuracy"]
     if short <= best["standard_error"]:
         return []
-    if best["name"].endswith("whole recordings"):
+    if best.get("whole"):
         fix = "look at onset and windows with 'eskin inspect', or give a front end of your own with --config"
     else:
         sizes = [size for size in SIZES if size > (hidden if cell != "linear" else 0)]
@@ -63,39 +78,33 @@ def below_baselines(
             fix = larger or "record more" if chosen else "try --cell auto"
         else:
             fix = f"no hardware for it here; {larger or 'no larger network is there'}"
-    return [
-        f"leaving out {left_out(split['groups'])}, the {best['name']} decides {percent(best['accuracy'])} "
-        "rightly and the network "
+    text = (
+        f"the {best['name']} decides {percent(best['accuracy'])} rightly and the network "
         f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less: {fix}"
-    ]
+    )
+    return [doubt("below_baselines", text, split)]
 
 
-def by_choice(split: Mapping[str, Any]) -> list[str]:
-    """Sentences where the choice of front end and network flatters its own folds, and where shuffled labels
-    do as well as right ones."""
-    nested, sentences = split["nested"], []
-    flattered = split["integer_accuracy"] - nested["integer_accuracy"]
-    if flattered > 2 * nested["standard_error"]:
-        sentences.append(
-            f"leaving out {left_out(split['groups'])}, the network taken decides "
-            f"{percent(split['integer_accuracy'])} rightly on the folds "
-            "it was chosen on, and one chosen without them, by a cheaper choice, "
-            f"{percent(nested['integer_accuracy'])}: expect less than "
-            "the first, or record more"
-        )
-    shuffled = nested["shuffled"]
-    if shuffled and shuffled["as_good"] > LUCK:
-        sentences.append(
-            f"leaving out {left_out(split['groups'])}, shuffled labels are decided rightly up to "
-            f"{percent(shuffled['largest'])} "
-            f"({percent(shuffled['mean'])} on average), the right ones {percent(shuffled['right'])}: that "
-            "may be luck, so record more"
-        )
-    return sentences
+def by_choice(split: Mapping[str, Any]) -> list[Record]:
+    """A doubt where the choice of front end and network flatters its own folds."""
+    nested = split["nested"]
+    if split["integer_accuracy"] - nested["integer_accuracy"] <= 2 * nested["standard_error"]:
+        return []
+    text = (
+        f"the network taken decides {percent(split['integer_accuracy'])} rightly on the folds it was chosen "
+        f"on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: expect "
+        "less than the first, or record more"
+    )
+    return [doubt("by_choice", text, split)]
 
 
-def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[str]:
-    """Sentences where integers decide LOST worse than floats, with the stage that loses most and its fix.
+def no_unseen_figure(split: Mapping[str, Any], why: str) -> Record:
+    """The choice could not be made again inside the folds of a split."""
+    return doubt("no_unseen_figure", f"there is no figure of folds that chose nothing: {why}", split)
+
+
+def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[Record]:
+    """Doubts where integers decide LOST worse than floats, with the stage that loses most and its fix.
 
     Parameters
     ----------
@@ -108,26 +117,40 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
     fixes = {"features": "--feature-bits 16", "accumulators": "--weight-bits 10", "gates": "--gate-bits 14"}
     fix = fixes.get(stage, "--state-bits 16")
     return [
-        f"leaving out {left_out(split['groups'])}, the integer network decides "
-        f"{percent(split['integer_accuracy'])} rightly and the float one {percent(split['float_accuracy'])}: most is "
-        f"lost in the {stage}; try 'eskin quantise MODEL {fix}'"
+        doubt(
+            "lost_in_integers",
+            f"the integer network decides {percent(split['integer_accuracy'])} rightly and the float one "
+            f"{percent(split['float_accuracy'])}: most is lost in the {stage}; try 'eskin quantise MODEL {fix}'",
+            split,
+        )
         for split in map(unseen, map(dict, splits))
         if split["float_accuracy"] - split["integer_accuracy"] > LOST and stage
     ]
 
 
-def missed_onsets(touched: int, count: int) -> list[str]:
-    """A sentence where more than MOST_MISSED of the recordings show no onset."""
+def leaks(recordings: int, accuracy: float, limit: float) -> list[Record]:
+    """A doubt where a network knows the class of recordings whose touch was taken out: ``accuracy`` above
+    ``limit``."""
+    if accuracy <= limit:
+        return []
+    text = (
+        f"the network decides {percent(accuracy)} of {recordings} recordings rightly whose touch was taken out: "
+        "it knows the class from the rest level, the onset's time or the length, so record the classes in turn, "
+        "under one condition"
+    )
+    return [doubt("leaks", text)]
+
+
+def missed_onsets(touched: int, count: int) -> list[Record]:
+    """A doubt where more than MOST_MISSED of the recordings show no onset."""
     if count - touched <= MOST_MISSED * count:
         return []
-    return [
-        f"{count - touched} of {count} recordings show no touch, and count as wrong: look at them with "
-        "'eskin inspect'"
-    ]
+    text = f"{count - touched} of {count} recordings show no touch, and count as wrong: look at them with "
+    return [doubt("missed_onsets", f"{text}'eskin inspect'")]
 
 
-def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[str]:
-    """A sentence where classes are found no more often than by guessing."""
+def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[Record]:
+    """A doubt where classes are found no more often than by guessing."""
     table = np.array(split["confusion"], dtype=float)
     shares = np.diag(table) / np.maximum(table.sum(axis=1), 1)
     lost = [
@@ -141,16 +164,16 @@ def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[s
     decided_as = (*class_names, "nothing")[
         int(np.argmax(np.where(np.arange(table.shape[1]) == worst, -1, table[worst])))
     ]
-    return [
-        f"leaving out {left_out(split['groups'])}, {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} "
-        "found no more often than by "
-        f"guessing ({lost[0]} is mostly taken for {decided_as}): record more of "
-        f"{'it' if len(lost) == 1 else 'them'}, or join the classes"
-    ]
+    text = (
+        f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} found no more often than by guessing ({lost[0]} "
+        f"is mostly taken for {decided_as}): record more of {'it' if len(lost) == 1 else 'them'}, or join the "
+        "classes"
+    )
+    return [doubt("lost_classes", text, split)]
 
 
-def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> list[str]:
-    """A sentence where no group is left out and neighbours in the archive help each other to be decided."""
+def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> list[Record]:
+    """A doubt where no group is left out and neighbours in the archive help each other to be decided."""
     if groups or folds < 2 or np.bincount(recordings.labels).min() < folds:
         return []
     single, blocked, error = neighbours_alike(recordings, folds)
@@ -161,9 +184,9 @@ def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> lis
         if recordings.groups
         else "an array in the archive that names the session of each"
     )
-    return [
-        f"no group was given and neighbouring recordings look alike ({percent(single)} of whole recordings "
-        "are decided rightly when their "
-        f"neighbours are known, {percent(blocked)} when not), so the accuracy may be that of known "
-        f"sessions: give {fix}"
-    ]
+    text = (
+        f"no group was given and neighbouring recordings look alike ({percent(single)} of whole recordings are "
+        f"decided rightly when their neighbours are known, {percent(blocked)} when not), so the accuracy may be "
+        f"that of known sessions: give {fix}"
+    )
+    return [doubt("look_alike", text)]

@@ -2,17 +2,17 @@
 configurations are read."""
 
 import functools
+import inspect
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, get_type_hints
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
-from eskin.choose.cost import Prefer
 from eskin.golden.core import InputError, Progress, Record, check_target, write_json
 from eskin.pages.views import Rows, parts, words
 from eskin.verbs.milestones import Milestones
@@ -32,43 +32,36 @@ again."""
 PANELS = {
     "The whole job": ("run", "report"),
     "Recordings": ("inspect", "convert", "watch"),
-    "Networks": (
-        "train",
-        "import_",
-        "enrol",
-        "quantise",
-        "evaluate",
-        "compare",
-        "sweep",
-        "baselines",
-        "leak_check",
-    ),
+    "Networks": ("train", "import_", "enrol", "quantise", "evaluate", "compare", "sweep", "baselines"),
     "Hardware": ("generate", "export", "cosim", "build", "replay", "asic", "schedule", "energy", "stability"),
 }
 """Verbs as the help groups them."""
 
 
 class Application(typer.Typer):
-    """Every verb refuses an output that would destroy one of its inputs, before it begins. What a verb
-    returns is its result: written to --json, and a check of it that did not hold (``passed``) is status 1."""
+    """Every verb is a function of its request, whose fields are the options. It refuses an output that would
+    destroy one of its inputs, before it begins. What a verb returns is its result: written to --json, and a
+    check of it that did not hold (``passed``) is status 1."""
 
-    def command(self, *names: Any, **options: Any) -> Callable[..., Any]:
-        def add(verb: Callable[..., Any]) -> Any:
+    def command(self, *names: Any, **settings: Any) -> Callable[..., Any]:
+        def add(verb: Callable[[Any], Any]) -> Any:
             panel = next((panel for panel, verbs in PANELS.items() if verb.__name__ in verbs), None)
-            register = super(Application, self).command(*names, rich_help_panel=panel, **options)
+            register = super(Application, self).command(*names, rich_help_panel=panel, **settings)
+            asked = get_type_hints(verb)["asked"]
 
             @functools.wraps(verb)
             def checked(**options: Any) -> Any:
                 check_outputs(verb.__name__, options)
                 target = options.get("json")
                 check_target(target)
-                result = verb(**options)
+                result = verb(asked(**options))
                 if target and result is not None:
                     write_json(target, result)
-                records = result if isinstance(result, list) else [result or {}]
-                if not all(record.get("passed", True) for record in records):
+                if not (result or {}).get("passed", True):
                     raise typer.Exit(1)
 
+            checked.__annotations__ = get_type_hints(asked, include_extras=True)
+            checked.__signature__ = inspect.signature(asked)  # type: ignore[attr-defined]
             return register(checked)
 
         return add
@@ -87,7 +80,7 @@ def check_outputs(verb: str, options: Record) -> None:
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
     outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
-    words = (*PRESETS, "synthetic", "synthetic-easy", "default", "bits")
+    words = (*PRESETS, "synthetic", "default", "bits")
     inputs: list[Path] = []
     for name, value in options.items():
         if name not in OUTPUTS:
@@ -137,46 +130,6 @@ if not console.is_terminal:  # a file or a pipe has no width: tables are not bro
     console = Console(width=max(console.width, 160))
 
 messages = Console(stderr=True)
-
-DATA = (
-    "An .npz archive, a folder of .csv, .parquet, .lvm or .png files or logs (one sub-folder a class), a long "
-    ".csv or .parquet table, a .mat or .h5 file, or the word synthetic (synthetic-easy)."
-)
-
-SEED_MAX = 2**31 - 1
-
-CONFIG = "A preset (thesis, synthetic, pvdf, fabric) or a JSON file; without it one is derived from the data."
-
-
-def option(help: str, *names: str, **settings: Any) -> Any:
-    """An option of a verb; ``names`` where it is not the parameter's, ``settings`` as `typer.Option` takes
-    them."""
-    return typer.Option(*names, help=help, **settings)
-
-
-def argument(help: str, **settings: Any) -> Any:
-    """An argument of a verb."""
-    return typer.Argument(help=help, **settings)
-
-
-ModelArgument = Annotated[Path, argument("A quantised model folder.")]
-DataOption = Annotated[str, option(DATA)]
-ConfigOption = Annotated[str | None, option(CONFIG)]
-JsonOption = Annotated[Path | None, option("Also write the result as JSON.")]
-SplitOption = Annotated[
-    str | None, option("Group arrays A[,B..] of one split; default: the configuration's splits.")
-]
-FoldsOption = Annotated[int, option("Folds of each split.", min=2)]
-SeedOption = Annotated[int, option("First seed.", min=0, max=SEED_MAX)]
-LanesOption = Annotated[int | None, option("Multipliers that work at once; default 4.")]
-JobsOption = Annotated[int | None, option("Processes at a time; default: one a core.", min=1, metavar="N")]
-
-DaskOption = Annotated[
-    str | None,
-    option(
-        "A dask scheduler, tcp://HOST:PORT, whose workers do it; default: processes here.", metavar="ADDRESS"
-    ),
-]
 
 
 def stop(sentence: str, status: int) -> None:
@@ -240,30 +193,22 @@ def show_text(text: str) -> None:
             say(part)
 
 
-def fitting_config(
-    recordings, user_config, groups=None, folds: int = 5, *, nested: bool = False, prices=None
-):
+def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, prices=None):
     """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are
     printed."""
+    from eskin.choose.choice import configure
     from eskin.choose.choice_table import front_end_table, front_end_words
-    from eskin.choose.choose_front_end import configure
     from eskin.verbs.cost import market
 
     with progress_bars() as report:
         front_end = configure(
-            recordings,
-            user_config,
-            prices or market(),
-            groups=groups,
-            folds=folds,
-            nested=nested,
-            progress=report,
+            recordings, user_config, prices or market(), groups=groups, folds=folds, progress=report
         )
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")
-    if front_end.record:
-        rows = [row | {"words": front_end_words(row)} for row in front_end_table(front_end.record)]
-        show("front_ends", **front_end.record, rows=rows)
+    if record := front_end.record():
+        rows = [row | {"words": front_end_words(row)} for row in front_end_table(record)]
+        show("front_ends", **record, rows=rows)
     return front_end
 
 
@@ -284,53 +229,6 @@ def recordings_for(data: str, config):
         recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
     check_fit(recordings, config)
     return recordings
-
-
-CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
-"""Cells, networks for images, and auto: the smallest network that is enough."""
-
-
-CellOption = Annotated[
-    CellChoice | None,
-    option(
-        "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is "
-        "enough. Default: auto without --config and --hidden, else the configuration's."
-    ),
-]
-HiddenOption = Annotated[int | None, option("Hidden units.")]
-PreferOption = Annotated[
-    Prefer,
-    option(
-        "What is to be least in the candidate taken, of those level with the best: energy of a touch, logic "
-        "cells, or latency from the last sample to the decision."
-    ),
-]
-FitsOption = Annotated[
-    str | None,
-    option(
-        "The board that has to hold the design; what does not fit it is no candidate. Default: the "
-        "icebreaker, where anything level with the best fits it.",
-        metavar="BOARD",
-    ),
-]
-GroupOption = Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")]
-TrainingSeeds = Annotated[
-    int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)
-]
-CountOption = Annotated[
-    str, option("How many, the same every time, spread over the classes.", metavar="N|all")
-]
-
-
-LaneType = Literal["plain", "dsp"]
-"""Lanes of one design."""
-
-
-ClassPins = Literal["each", "binary", "none"]
-"""How a board shows the class."""
-
-
-LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks.")]
 
 
 def how_many(text: str) -> int | None:

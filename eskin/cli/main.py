@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eskin.cli import baselines, chip, data, hardware, job, learn, live, studies
+from eskin.cli import INTERRUPTED, STOPPED, baselines, chip, data, hardware, job, learn, live, studies
 from eskin.cli.common import PANELS, app, stop
 from eskin.golden.core import InputError, SimulationError
 from eskin.golden.core.errors import without_extra
@@ -50,8 +50,8 @@ def main() -> None:
             raise
         stop(sentence, 2)
     except SystemExit as end:
-        if end.code == 130:
-            stop("stopped by the user; files that were being written are as they were before", 130)
+        if end.code == INTERRUPTED:
+            stop(STOPPED, INTERRUPTED)
         raise
 
 

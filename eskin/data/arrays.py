@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from itertools import pairwise
@@ -120,17 +120,20 @@ class _Arrays:
     refuse: Refuse
 
     def table(self, part: np.ndarray, where: str, above: tuple[str, ...], attributes: dict[str, Any],
-              clock: np.ndarray | None = None, **more: Any) -> Table:  # fmt: skip
-        """A table of an array (frames, taxels), and of its clock behind them."""
+              clocks: Mapping[str, np.ndarray] = {}, **more: Any) -> Table:  # fmt: skip
+        """A table of an array (frames, taxels), and of its clock, if it has one, behind them."""
         import pandas as pd
 
         frame = pd.DataFrame(part.reshape(len(part), -1))
         taxels = frame.shape[1]
-        if clock is not None:
+        units: tuple[str, ...] = ()
+        for name, clock in clocks.items():
             frame[taxels] = clock
+            of_name = TIME.match(name)
+            units = (*[""] * taxels, (of_name and of_name[1]) or ("s" if name.lower() == "seconds" else ""))
         lines = np.arange(1, len(part) + 1)
         return Table(frame, (), lines, (f"'{self.path}', {where}",), paths=(above,), attributes=(attributes,),
-                     clock=None if clock is None else taxels, row_is="row", **more)  # fmt: skip
+                     units=units, clock=taxels if clocks else None, row_is="row", **more)  # fmt: skip
 
     # ------------------------------------------------------------------ an array of all recordings
     def of_one_array(self, name: str, label: str, from_one: bool) -> Opened:
@@ -244,11 +247,11 @@ class _Arrays:
         chosen = [name for name in arrays if TIME.match(name) or self.asked("/".join((*above, name)))]
         tables = {name: arrays[name] for name in chosen if name not in vectors and arrays[name].ndim == 2}
         if tables:
-            clock = self.clock(tables, vectors, group, above)
+            clocks = self.clock(tables, vectors, group, above)
             for name, array in tables.items():
                 path = (*above, name)
                 own = known | group.of_arrays.get(name, {})
-                yield self.table(array, f"dataset {'/'.join(path)}", path, own, clock)
+                yield self.table(array, f"dataset {'/'.join(path)}", path, own, clocks)
         columns = [name for name in vectors if name in chosen]
         if (
             not tables
@@ -271,7 +274,7 @@ class _Arrays:
         return any(fnmatchcase(each, asked) for each in ends) or f"/{plain}/".find(f"/{asked}/") >= 0
 
     def clock(self, tables: dict[str, np.ndarray], vectors: dict[str, np.ndarray], group: Group,
-              above: tuple[str, ...]) -> np.ndarray | None:  # fmt: skip
+              above: tuple[str, ...]) -> dict[str, np.ndarray]:  # fmt: skip
         """The time of a group's tables, where a vector is called like it. Several sensors are refused: tables
         of one length that are not called alike, or a vector beside a table that is no clock."""
         lengths, widths = ({array.shape[axis] for array in tables.values()} for axis in (0, 1))
@@ -293,12 +296,12 @@ class _Arrays:
             self.refuse(
                 f"{why}; name that of the samples with --samples, or all, where each is one, by a pattern with *"
             )
-        clock = next((vectors[name] for name in clocks if {len(vectors[name])} == lengths), None)
-        if clocks and clock is None:
+        fitting = [name for name in clocks if {len(vectors[name])} == lengths]
+        if clocks and not fitting:
             self.refuse(
                 f"{where} a time of another length than the samples: {group.listed()}; write it again"
             )
-        return clock
+        return {name: vectors[name] for name in fitting[:1]}
 
 
 def _vector(array: np.ndarray) -> np.ndarray | None:

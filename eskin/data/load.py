@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from eskin.data import frames
 from eskin.data.arrays import Group, Opened, tables_of
 from eskin.data.hdf5 import read_hdf5
 from eskin.data.logs import is_log, read_log
 from eskin.data.matlab import read_matlab
 from eskin.data.meaning import understand
 from eskin.data.pictures import is_picture_folder, load_picture_folder
-from eskin.data.scene import scene_of, synthetic_recordings
+from eskin.data.scene import scene_of
 from eskin.data.table import Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
 from eskin.data.turns import turn_recordings
@@ -40,8 +39,8 @@ FORMS = (
     "logs), a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"
 )
 
-SCENES = {"synthetic": turn_recordings, "synthetic-easy": synthetic_recordings}
-"""Words for made-up scenes."""
+SCENE = "synthetic"
+"""The word for a made-up scene."""
 
 
 def load_recordings(
@@ -50,7 +49,7 @@ def load_recordings(
     config: AcceleratorConfig | None = None,
     reading: Reading | None = None,
 ) -> Recordings:
-    """The recordings that ``--data`` names (docs/recordings.md), or a word of SCENES.
+    """The recordings that ``--data`` names (docs/recordings.md), or the word SCENE.
 
     Parameters
     ----------
@@ -74,8 +73,8 @@ def load_recordings(
         raise InputError(
             f"recordings: are of type {type(data).__name__}; give {FORMS}, or a pandas DataFrame"
         )
-    if str(data) in SCENES:
-        return SCENES[str(data)]() if config is None else scene_of(config, easy=str(data) != "synthetic")
+    if str(data) == SCENE:
+        return turn_recordings() if config is None else scene_of(config)
     path = Path(data)
     for option, given in (("--labels", reading.labels is not None), ("--clock", reading.clock != "log")):
         if given and not is_log(path):
@@ -98,8 +97,6 @@ def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Rec
         raise InputError(f"recordings '{path}': is not there; give {FORMS}")
     if path.is_dir() and not is_log(path):
         return load_picture_folder(path) if is_picture_folder(path) else _folder(path, reading, config)
-    if path.suffix == frames.SUFFIX:
-        return frames.load_frames(path)
     if path.suffix == ".npz":
         return load_archive(path, reading.scale or (config.sensor.volt_per_code or None if config else None))
     if _kind(path) is None:
@@ -158,16 +155,23 @@ def _npy(path: Path, refuse: Refuse) -> Group:
 
 
 def _parquet(path: Path, refuse: Refuse) -> Table:
-    import pandas as pd
     from pyarrow import parquet
 
     check_regular(path, refuse)
     try:
         with parquet.ParquetFile(path) as file:
             groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
-            cells = file.metadata.num_rows * file.metadata.num_columns
+            cells, schema = file.metadata.num_rows * file.metadata.num_columns, file.schema_arrow
         check_unpacked(path, max(8 * cells, sum(group.total_byte_size for group in groups)), refuse)
-        return table_of(pd.read_parquet(path), f"'{path}'")
+        texts = [
+            each.name for each in schema if str(each.type).removeprefix("large_") in ("string", "binary")
+        ]
+        columns = parquet.read_table(path, read_dictionary=texts)
+        for name in texts:  # a long text that a dictionary holds once
+            for part in columns[name].chunks:
+                longest = max(map(len, filter(None, part.dictionary.to_pylist())), default=0)
+                check_unpacked(path, longest * len(part), refuse)
+        return table_of(columns.to_pandas(), f"'{path}'")
     except InputError:
         raise
     except Exception as error:  # a damaged file can fail anywhere inside the library

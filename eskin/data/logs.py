@@ -15,6 +15,7 @@ import struct
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
@@ -77,7 +78,11 @@ def read_log(path: Path, reading: Reading) -> Table:
         topic = _topic(log, reading, refuse)
         stamps, rows = _frames(log, topic, refuse)
         times = _clock(stamps, topic, reading, refuse)
-        marks = [] if reading.label is None else _marks(log, reading, refuse)
+        labels = None
+        if reading.labels is not None:
+            labels = _intervals(reading.labels, times)
+        elif reading.label is not None:
+            labels = _marks(log, reading, refuse)
     except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # a damaged log can fail anywhere inside the libraries
@@ -86,16 +91,20 @@ def read_log(path: Path, reading: Reading) -> Table:
         refuse(f"is damaged or no log ({type(error).__name__}); record it again, or try its own tools")
     frame = pd.DataFrame(rows, columns=[f"t{column}" for column in range(rows.shape[1])])
     frame.insert(0, "time", (times - times[0]) / 1e9)
-    if reading.labels is not None:
-        frame = _between(frame, times, _intervals(reading.labels), refuse)
-    elif reading.label is not None:
-        begins = np.array([when for when, _ in marks])
-        number = np.searchsorted(begins, times, side="right") - 1
-        frame.insert(0, "class", [marks[mark][1] if mark >= 0 else "" for mark in number])
-        frame.insert(0, "recording", number)
-        frame = frame[frame["class"] != ""].reset_index(drop=True)
-        if not len(frame):
-            refuse(f"no frame follows a label of topic {reading.label}")
+    if labels is not None:
+        number = np.searchsorted(labels["start"], times, side="right") - 1
+        ends, names = labels["end"].to_numpy(), labels["class"].astype(str).to_numpy()
+        inside = (number >= 0) & (times < ends[number]) & (names[number] != "")
+        empty = np.setdiff1d(np.arange(len(labels)), number[inside])
+        if not inside.any() or (len(empty) and reading.labels is not None):
+            row = labels.iloc[empty[0]] if len(empty) else None
+            which = (
+                "" if row is None else f" of '{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
+            )
+            refuse(f"no frame lies in the label{which}; give seconds from its first frame, or of its clock")
+        told = labels.drop(columns=["start", "end"]).iloc[number[inside]].reset_index(drop=True)
+        told.insert(0, "recording", number[inside])
+        frame = pd.concat([told, frame[inside].reset_index(drop=True)], axis=1)
     return table_of(frame, f"'{path}'", row_is="message", notes=tuple(_of_clocks(stamps, topic, reading)))
 
 
@@ -173,58 +182,52 @@ def _of_clocks(times: _Times, topic: str, reading: Reading) -> list[str]:
     return notes
 
 
-def _marks(log: _Log, reading: Reading, refuse: Refuse) -> list[tuple[int, str]]:
-    """When a label begins (ns), and it; an empty one ends the recording before."""
+def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
+    """Start, end (ns) and class of the labels of a topic: each lasts until the next, and an empty one is none."""
+    import pandas as pd
+
     topic = str(reading.label)
-    read = [(when, _stamp(message), str(message.data).strip()) for when, message in log.read(topic)]
+    read = [
+        (when, _stamp(message), str(getattr(message, "data", None)).strip())
+        for when, message in log.read(topic)
+    ]
+    if any(label == "None" for *_, label in read):
+        refuse(f"--class {topic}: a message has no data, so no label; name another topic, or give --labels")
     if not read:
         refuse(f"--class {topic}: has no message, so no label")
-    times = _clock(_Times(*np.array([each[:2] for each in read], dtype=np.int64).T), topic, reading, refuse)
-    return sorted(zip(times.tolist(), [label for *_, label in read], strict=True))
+    starts = _clock(_Times(*np.array([each[:2] for each in read], dtype=np.int64).T), topic, reading, refuse)
+    marks = pd.DataFrame({"start": starts, "class": [label for *_, label in read]}).sort_values(
+        "start", kind="stable"
+    )
+    return marks.assign(end=[*marks["start"].iloc[1:], np.iinfo(np.int64).max]).reset_index(drop=True)
 
 
 # ---------------------------------------------------------------------- a table of times
-def _intervals(path: Path) -> pd.DataFrame:
-    """The rows of a table of times: start, end and class, then its other columns."""
+def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
+    """The rows of a table of times in order: start, end (ns) and class, then its other columns. Seconds count
+    from the first frame, or as the clock of ``times`` where they begin after its last."""
     table = read_text(path, Reading())
     names = [name.lower() for name in table.names]
-    frame = table.frame.set_axis(names or range(table.frame.shape[1]), axis=1)
+    places = {}
     for what, words in (("start", _START), ("end", _END), ("class", _CLASS)):
-        name = next((word for word in words if word in names), None)
-        if name is None:
+        place = next((names.index(word) for word in words if word in names), None)
+        if place is None:
             why = f"has no column {what} ({', '.join(words)})"
             table.refuse(f"{why}; give start, end and class, a row a recording", 0)
-        frame = frame.rename(columns={name: what})
-    bounds = table.numbers([[*frame.columns].index("start"), [*frame.columns].index("end")])
-    wrong = np.flatnonzero(bounds[:, 1] <= bounds[:, 0])
+        places[what] = place
+        names[place] = what
+    seconds = table.numbers([places["start"], places["end"]])
+    wrong = np.flatnonzero(seconds[:, 1] <= seconds[:, 0])
     if len(wrong):
         table.refuse("ends before it starts; correct the line", int(wrong[0]))
-    order = np.argsort(bounds[:, 0], kind="stable")
-    for before, row in zip(order[:-1].tolist(), order[1:].tolist(), strict=True):
-        if bounds[row, 0] < bounds[before, 1]:
-            why = f"begins at {bounds[row, 0]:g} s, before line {table.lines[before]} ends at {bounds[before, 1]:g} s"
+    order = np.argsort(seconds[:, 0], kind="stable")
+    for before, row in pairwise(order.tolist()):
+        if seconds[row, 0] < seconds[before, 1]:
+            why = f"begins at {seconds[row, 0]:g} s, before line {table.lines[before]} ends at {seconds[before, 1]:g} s"
             table.refuse(f"{why}: rows overlap; a frame has one label, so correct one of them", row)
-    return frame.assign(start=bounds[:, 0], end=bounds[:, 1])
-
-
-def _between(frame: pd.DataFrame, times: np.ndarray, intervals: pd.DataFrame, refuse: Refuse) -> pd.DataFrame:
-    """The frames of each interval, with its columns. Seconds count from the first frame, or as the log's
-    clock where they begin after its first frame."""
-    import pandas as pd
-
-    seconds = times / 1e9 if intervals["start"].min() > frame["time"].iloc[-1] else frame["time"].to_numpy()
-    parts = []
-    for number, row in enumerate(intervals.itertuples(index=False)):
-        part = frame[(seconds >= row.start) & (seconds < row.end)].copy()
-        if not len(part):
-            why = f"no frame lies between {row.start:g} and {row.end:g} s"
-            refuse(f"{why}; give seconds from its first frame, or of its clock")
-        more = intervals.drop(columns=["start", "end"]).iloc[number]
-        for name in reversed(more.index):
-            part.insert(0, name, more[name])
-        part.insert(0, "recording", number)
-        parts.append(part)
-    return pd.concat(parts, ignore_index=True)
+    begin = 0 if seconds.min() * 1e9 > times[-1] - times[0] else times[0]
+    start, end = (np.rint(np.clip(seconds * 1e9, -4e18, 4e18)).astype(np.int64) + begin).T
+    return table.frame.set_axis(names, axis=1).assign(start=start, end=end).iloc[order].reset_index(drop=True)
 
 
 # ---------------------------------------------------------------------- what a log unpacks to

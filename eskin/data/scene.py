@@ -1,4 +1,4 @@
-"""The easy synthetic scene, ``synthetic-easy``: brush, roll and slide on an n x m piezoelectric array, with
+"""The scene of the presets thesis and synthetic: brush, roll and slide on an n x m piezoelectric array, with
 no more physics than separates the three.
 
 With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense. More classes
@@ -82,17 +82,15 @@ def kinds(classes: int) -> tuple[Kind, ...]:
     )
 
 
-def scene_of(
-    config: AcceleratorConfig, *, easy: bool = False, progress: Callable[[int, int], None] | None = None
-) -> Recordings:
+def scene_of(config: AcceleratorConfig, progress: Callable[[int, int], None] | None = None) -> Recordings:
     """The scene that belongs to a configuration: what ``--data synthetic`` means beside ``--config`` or a
     model.
 
-    It is the one whose classes the configuration names: those of `eskin.data.turns`, unless it has to
-    be ``easy``, or this module's (``kinds``). Its array is the most square one of ``taxels``, no more rows
+    It is the one whose classes the configuration names: those of `eskin.data.turns`
+    or this module's (``kinds``). Its array is the most square one of ``taxels``, no more rows
     than columns; its rate is sample_rate_hz. Persons and trials are those of the scene as long as that makes
     no more than CODES samples, else 2 trials or 1, then fewer persons, 2 at least. The presets thesis and
-    synthetic give the default easy scene.
+    synthetic give this module's default.
 
     Raises
     ------
@@ -114,12 +112,11 @@ def scene_of(
             f"has {SIDES[0]} to {SIDES[1]} rows and as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
         )
     names, named = tuple(kind.name for kind in kinds(config.classes)), config.network.class_names
-    turning = named == turns.CLASSES and not easy
+    turning = named == turns.CLASSES
     if not turning and named != names:
-        hint = "" if easy else f", and the synthetic scene {', '.join(turns.CLASSES)}"
         raise InputError(
-            f"configuration '{config.name}', field class_names: is {', '.join(named)}; the synthetic-easy "
-            f"scene of {config.classes} classes has {', '.join(names)}{hint}"
+            f"configuration '{config.name}', field class_names: is {', '.join(named)}; the synthetic scene of "
+            f"{config.classes} classes has {', '.join(names)}, or {', '.join(turns.CLASSES)}"
         )
     persons, most = (turns.PERSONS, turns.TRIALS) if turning else (PERSONS, TRIALS)
     make = turns.turn_recordings if turning else partial(synthetic_recordings, classes=config.classes)
@@ -175,7 +172,7 @@ def synthetic_recordings(
     InputError
         A count, a size or the rate is out of range.
     """
-    check_sizes("synthetic-easy scene", persons, trials, rows, columns, classes, sample_rate_hz)
+    check_sizes("synthetic scene", persons, trials, rows, columns, classes, sample_rate_hz)
     array = PiezoArray(seed, rows, columns, sample_rate_hz)
     of_class = kinds(classes)
 
@@ -184,7 +181,7 @@ def synthetic_recordings(
         return lambda label, trial: _contact(of_class[label], rng, habit, trial % 2, array.grid, array.time)
 
     names = tuple(kind.name for kind in of_class)
-    recordings = array.recorded(person_of, persons, trials, names, "synthetic-easy scene", progress)
+    recordings = array.recorded(person_of, persons, trials, names, "synthetic scene", progress)
     heading = np.array([-1 if kind.quarter is None else kind.quarter % 2 for kind in of_class])
     direction, trial = heading[recordings.labels], recordings.groups["trial"]
     direction = np.where(direction < 0, trial % 2, direction)

@@ -201,7 +201,7 @@ class Table:
 
 
 TIME = re.compile(
-    r"^(?:time|t|timestamp|elapsed|seconds|zeit|x_value)(?:[ _]*[(\[]?(s|sec|seconds|ms|msec|us|µs|ns)[)\]]?)?$",
+    r"^(?:times?|t|timestamps?|elapsed|seconds|zeit|x_value)(?:[ _]*[(\[]?(s|sec|seconds|ms|msec|us|µs|ns)[)\]]?)?$",
     re.I,
 )
 """How columns of time are called, and their unit."""

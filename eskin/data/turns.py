@@ -15,7 +15,7 @@ headings, speeds and pressures apart.
 
 **What tells nothing.** A class has no say in a touch's length, in its strokes' shares of it, the pause
 between, pressure, place, lead-in or heading of the first stroke; recordings are equally long and rest levels
-are the taxels' own. tests/eskin/data/test_turns.py and ``eskin leak-check`` look.
+are the taxels' own. tests/eskin/data/test_turns.py looks.
 
 The scene's figures were chosen so that networks of several sizes differ. Accuracies on it say how the product
 works, nothing of a sensor.

@@ -27,7 +27,7 @@ def there() -> bool:
 
 
 def compile_for(core: str, source: Path, out: Path, *options: str) -> None:
-    """``source`` to an object, or with other ``options`` than ``-c`` to a program, optimised for size.
+    """``source`` to an object, optimised for size.
 
     Raises
     ------
@@ -36,16 +36,7 @@ def compile_for(core: str, source: Path, out: Path, *options: str) -> None:
     """
     target, cpu = CORES[core]
     clang = (sys.executable, "-m", "ziglang", "cc", "-target", target, f"-mcpu={cpu}", "-ffreestanding")
-    command = [
-        *clang,
-        *WARNINGS,
-        "-Os",
-        "-fno-sanitize=all",
-        *(options or ("-c",)),
-        str(source),
-        "-o",
-        str(out),
-    ]
+    command = [*clang, *WARNINGS, "-Os", "-fno-sanitize=all", "-c", *options, str(source), "-o", str(out)]
     finished = subprocess.run(command, capture_output=True, text=True, cwd=source.parent)
     if finished.returncode:
         raise SimulationError(f"{source.name}: does not compile for {core}: {finished.stderr[:400]}")
@@ -59,18 +50,6 @@ def sections(elf: bytes) -> dict[str, int]:
     return {elf[text + head[0] : elf.index(b"\0", text + head[0])].decode(): head[5] for head in heads}
 
 
-def symbols(elf: bytes) -> dict[str, int]:
-    """Addresses of the functions and variables of a program, by name."""
-    table, entry, count = *struct.unpack_from("<I", elf, 32), *struct.unpack_from("<HH", elf, 46)
-    heads = [struct.unpack_from("<10I", elf, table + entry * number) for number in range(count)]
-    head = next(head for head in heads if head[1] == 2)
-    text, sizes = heads[head[6]][4], {}
-    for at in range(head[4], head[4] + head[5], 16):
-        name, address = struct.unpack_from("<II", elf, at)
-        sizes[elf[text + name : elf.index(b"\0", text + name)].decode()] = address
-    return sizes
-
-
 def sizes(folder: Path, core: str, image: bool, prefix: str = PREFIX) -> dict[str, int]:
     """Bytes of ``code``, ``tables`` and ``state`` of a model exported with ``prefix`` on a core."""
     with tempfile.TemporaryDirectory() as work:
@@ -81,7 +60,7 @@ def sizes(folder: Path, core: str, image: bool, prefix: str = PREFIX) -> dict[st
         if not image:
             source = Path(work) / "state.c"
             source.write_text(prefixed(STATE, prefix))
-            compile_for(core, source, state, "-c", f"-I{folder.absolute()}")
+            compile_for(core, source, state, f"-I{folder.absolute()}")
             writable = sections(state.read_bytes())
     total = lambda table, *starts: sum(size for name, size in table.items() if name.startswith(starts))
     return {

@@ -1,5 +1,5 @@
-"""What a source tells as it happens: frames, and every stage that the frames bring. Plain data, so that page,
-terminal and tests read it.
+"""What a source tells as it happens: frames, and every stage that the frames bring. Plain data, so that page
+and tests read it.
 
 Frames are numbered from 1 in their recording, touches and steps from 0, as in docs/specification.md.
 """
@@ -159,10 +159,10 @@ Event = Begin | Frames | Onset | Where | Step | Decided | Hardware | Differs | T
 
 @dataclass
 class Tally:
-    """What has been played: counted by the player, shown by page and terminal.
+    """What has been played: counted by the player, shown by the page.
 
     recordings: played to their end. correct, undecided: of those with a label. compared, mismatches: values
-    of hardware. recorded: frames in the file. behind_s: how much later than asked the source is.
+    of hardware. behind_s: how much later than asked the source is.
     """
 
     frames: int = 0
@@ -173,7 +173,6 @@ class Tally:
     touches: int = 0
     compared: int = 0
     mismatches: int = 0
-    recorded: int = 0
     behind_s: float = 0.0
     frames_per_s: float = 0.0
     said: list[str] = field(default_factory=list)

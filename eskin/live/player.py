@@ -1,8 +1,7 @@
 """Plays recordings through a source at their own pace, under the control of whoever watches; the one place
 that keeps time and counts.
 
-The player's thread goes: frames to the recorder, frames to the source, events to the hub. None of these waits
-for a viewer.
+The player's thread goes: frames to the source, events to the hub. Neither waits for a viewer.
 """
 
 import math
@@ -18,7 +17,6 @@ from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
 from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Tally
 from eskin.live.hub import Hub
-from eskin.live.recorder import Recorder
 from eskin.live.sources import NO_SINCE, Listener, Source
 
 TICK_S = 1 / 30
@@ -33,7 +31,6 @@ LEVEL_FRAMES = 64
 SAID_MAX = 20
 LESSONS = 8
 """Touches to be taught or forgotten that wait for the player, at most; older ones are not heard."""
-SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, math.inf)
 
 
 class Controls:
@@ -122,13 +119,12 @@ class Player:
         hub: Hub,
         controls: Controls,
         *,
-        recorder: Recorder | None = None,
         once: bool = False,
         apart_s: float = 0.0,
     ) -> None:
         self._source, self._recordings, self._numbers = source, recordings, list(numbers)
         self._hub, self.controls = hub, controls
-        self._recorder, self._once, self._apart_s = recorder, once, apart_s
+        self._once, self._apart_s = once, apart_s
         self.tally = Tally()
         self.decisions: dict[int, int] = {}
         """Recording -> the model's decision, of those played to their end."""
@@ -148,8 +144,6 @@ class Player:
             self.error = error
         finally:
             try:
-                if self._recorder:
-                    self._recorder.end(self._source.decision)
                 self._source.close()
                 self._tell(now=True)
                 self._ended = True
@@ -194,8 +188,6 @@ class Player:
         wrong_before, self._first_s = self.tally.mismatches, NO_SINCE
         head = np.asarray(samples[: max(1, min(LEVEL_FRAMES, length // 8))])
         self._hub.publish(Begin(number, label, length, np.median(head, axis=0)))
-        if self._recorder:
-            self._recorder.begin(label)
         self._events(source.arm())
         self._state()
         at, speed = 0, controls.speed
@@ -206,9 +198,6 @@ class Player:
                 break
             count = FASTEST_FRAMES if math.isinf(speed) else max(1, round(rate * speed * TICK_S))
             part = np.asarray(samples[at : at + count])
-            if self._recorder:
-                self._recorder.frames(part)
-                self.tally.recorded = self._recorder.frames_written
             events = source.take(part)
             self._hub.publish(Frames(at + 1, part))
             self._events(events)
@@ -227,8 +216,6 @@ class Player:
         controls.skip = False
         whole = at >= length
         self._events(source.finish())
-        if self._recorder:
-            self._recorder.end(source.decision)
         self._hub.publish(End(source.decision, whole))
         if whole:
             self._count(number, label, source.decision)

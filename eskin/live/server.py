@@ -8,10 +8,8 @@ is found out by a ping.
 import asyncio
 import contextlib
 import http
-import ipaddress
 import json
 import math
-import socket
 import threading
 from collections.abc import Callable
 from urllib.parse import urlsplit
@@ -26,7 +24,8 @@ from eskin.live.hub import Hub, Viewer
 from eskin.live.player import Controls
 
 SOCKET = "/events"
-LOCAL = ("127.0.0.1", "localhost", "::1")
+HOST, LOCAL = "127.0.0.1", ("127.0.0.1", "localhost", "::1")
+"""The interface that serves the page, and its names."""
 BATCH_S = 1 / 40
 """A viewer gets what waits for him at most so often."""
 PING_S = 10.0
@@ -41,7 +40,7 @@ POLICY = (
 
 
 class PageServer:
-    """Serves ``page`` on ``host``:``port`` until ``close``.
+    """Serves ``page`` to this machine on ``port`` until ``close``.
 
     Parameters
     ----------
@@ -51,12 +50,12 @@ class PageServer:
     Raises
     ------
     InputError
-        The port is taken, or the interface is not there.
+        The port is taken, or may not be opened.
     """
 
-    def __init__(self, page: bytes, hub: Hub, controls: Controls, *, host: str, port: int) -> None:
+    def __init__(self, page: bytes, hub: Hub, controls: Controls, *, port: int) -> None:
         self._page, self._hub, self._controls = page, hub, controls
-        self.host, self.port = host, port
+        self.port = port
         self._started: threading.Event = threading.Event()
         self._failed: OSError | None = None
         self._loop = asyncio.new_event_loop()
@@ -72,15 +71,13 @@ class PageServer:
                 )
             reason = self._failed.strerror or self._failed
             raise InputError(
-                f"--host {host}, --host-port {port}: cannot be opened ({reason}); give an address of this "
-                "machine"
+                f"--host-port {port}: cannot be opened ({reason}); give another one, or 0 for any that is free"
             )
 
     @property
     def address(self) -> str:
         """Where the page is."""
-        host = "127.0.0.1" if self.host in ("0.0.0.0", "::") else self.host
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
+        return f"http://{HOST}:{self.port}"
 
     def close(self) -> None:
         """Take leave of every viewer and give the port back."""
@@ -101,7 +98,7 @@ class PageServer:
         try:
             server = await serve(
                 self._viewer,
-                self.host,
+                HOST,
                 self.port,
                 process_request=self._answer,
                 ping_interval=PING_S,
@@ -130,8 +127,8 @@ class PageServer:
             return connection.respond(
                 http.HTTPStatus.BAD_REQUEST, "Host or Origin is missing, there twice, or damaged\n"
             )
-        if "@" in host or not port or not self._is_ours(named):
-            sentence = f"this page is not at {host!r:.80}; open it by an address of this machine\n"
+        if "@" in host or not port or named not in LOCAL:  # another site's name may lead here
+            sentence = f"this page is not at {host!r:.80}; open it as {self.address}\n"
             return connection.respond(http.HTTPStatus.FORBIDDEN, sentence)
         if path == SOCKET:
             if site not in (None, host):
@@ -142,18 +139,6 @@ class PageServer:
         if path == "/favicon.ico":
             return _response(204, "No Content", "image/x-icon", b"")
         return connection.respond(http.HTTPStatus.NOT_FOUND, "there is one page here: /\n")
-
-    def _is_ours(self, name: str) -> bool:
-        """Whether ``name`` is this machine's: another site's name may lead here, and its page would then read
-        ours."""
-        machine = socket.gethostname().lower()
-        if name in ("localhost", machine, f"{machine}.local", self.host.lower()):
-            return True
-        try:
-            address = ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return self.host not in LOCAL or address.is_loopback
 
     async def _viewer(self, connection: ServerConnection) -> None:
         waiting, loop = asyncio.Event(), asyncio.get_running_loop()

@@ -117,7 +117,6 @@ def render(result: Record) -> str:
         result=result,
         rows=rows,
         chips=chips,
-        software=result.get("microcontrollers", ()),
         charts=charts,
         parts=parts,
         thing=thing,

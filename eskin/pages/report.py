@@ -37,7 +37,6 @@ from eskin.choose.choice_table import (
     front_end_brief,
     front_end_table,
     front_end_words,
-    kinds_of,
     network_name,
     unseen,
     windows_brief,
@@ -516,8 +515,8 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 zorder=3 if row["chosen"] else 2,
             )
             if (row["chosen"] or index in front) and place not in named:
-                kinds = kinds_of(row)  # the table below has the recipe and every kind
-                brief = f"{kinds.count('+') + 1} kinds" if "+" in kinds else kinds
+                kinds = row["front_end"]["feature_kinds"]  # the table below has the recipe and every kind
+                brief = f"{len(kinds)} kinds" if len(kinds) > 1 else kinds[0]
                 text = network_name(row).partition(" (")[0] + f", {brief}" + ": taken" * row["chosen"]
                 weight = "bold" if row["chosen"] else "normal"
                 names.append(
@@ -608,9 +607,9 @@ def _values(result: Result) -> Record:
 
 
 def _candidates(run: Record) -> list[Record]:
-    """The candidates; none where an earlier version judged them, which did not ask what they cost."""
+    """The candidates; none where an earlier version judged them, which had other rows."""
     rows = run.get("candidates") or []
-    return rows if run.get("images") or all("energy_touch_j" in row for row in rows) else []
+    return rows if run.get("images") or all(isinstance(row.get("front_end"), dict) for row in rows) else []
 
 
 def _render(result: Result) -> str:

@@ -153,7 +153,7 @@ def accuracy_chart(result: Record) -> Figure:
         "energy_j": ("energy of a touch, waiting included (µJ; estimate, clock stops when idle)", 1e6),
     }
     if images:
-        judged = f"{result['judged_images']} images left out, {result['parts']} of {result['folds']} folds"
+        judged = f"{result['judged_images']} images left out, {result['folds']} folds"
         title = f"networks for images, integers, {judged}, {len(result['seeds'])} seed(s)"
         note, label = NOTE_IMAGES, "accuracy on images left out (%)"
         costs = {

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
-from markupsafe import Markup
 from rich.markup import escape
 from rich.table import Column, Table
 
@@ -164,15 +163,6 @@ def page(name: str, /, **values: Any) -> str:
 def words(name: str, /, **values: Any) -> str:
     """The Markdown of a result."""
     return _environment(_cell).get_template(f"{name}.txt.j2").render(values)
-
-
-def screen(part: str, /, **values: Any) -> str:
-    """A part of the live view in a terminal, in rich's markup."""
-    return _environment(_marked).get_template("screen.markup.j2").render(values, part=part).rstrip("\n")
-
-
-def _marked(value: Any) -> str:
-    return value if isinstance(value, Markup) else escape(str(value))
 
 
 def write_text(path: Path, text: str) -> None:

@@ -148,47 +148,6 @@ PUBLISHED = tuple(
 """Published figures for one decision, with what they include. None of them includes waiting for the touch."""
 
 
-@dataclass(frozen=True)
-class Microcontroller:
-    """A part that runs the exported C. core: as `eskin.exchange.compiled` calls it. cycle_j: joule a
-    clock cycle, all of the part. asleep_w: between frames. band, rests_on: as of `Part`."""
-
-    name: str
-    core: str
-    cycle_j: float
-    asleep_w: float
-    band: float
-    rests_on: str
-
-
-MICROCONTROLLER = Microcontroller(
-    name="MSPM0L1106",
-    core="Cortex-M0+",
-    cycle_j=71e-12 * 3.3,
-    asleep_w=1.0e-6 * 3.3,
-    band=1.5,
-    rests_on="its data sheet: 71 uA/MHz running CoreMark, 1.0 uA in standby, here at 3.3 V; cycles of its "
-    "instructions by the core's manual, memory without wait states. Waking up and reading the sensor are left out.",
-)
-
-
-def run_in_software(part: Microcontroller, cycles: dict[str, float], config: AcceleratorConfig) -> Record:
-    """Energy of the exported C: per_step_j (the step alone), preprocessing_per_touch_j (all frames of a
-    touch), per_touch_j (both), idle_w (frames come in, nothing touches; asleep between them), band, rests_on.
-
-    ``cycles``: quiet, frame, step, touch, of `eskin.exchange.emulated.play`.
-    """
-    steps = config.windows.steps
-    return {
-        "per_step_j": cycles["step"] * part.cycle_j,
-        "preprocessing_per_touch_j": (cycles["touch"] - steps * cycles["step"]) * part.cycle_j,
-        "per_touch_j": cycles["touch"] * part.cycle_j,
-        "idle_w": cycles["quiet"] * config.sensor.sample_rate_hz * part.cycle_j + part.asleep_w,
-        "band": part.band,
-        "rests_on": part.rests_on,
-    }
-
-
 @dataclass(frozen=True, kw_only=True)
 class Activity:
     """What the hardware does, averages of co-simulated recordings.

@@ -241,12 +241,10 @@ def _of_size(recordings: Recordings, height: int, width: int) -> Recordings:
 class ImageSweepRequest(Request):
     """A sweep over networks for images.
 
-    group: of the one split; none: random folds, new ones for every seed. parts: how many of the folds are
-    judged, from the first; None: all.
+    group: of the one split; none: random folds, new ones for every seed.
     """
 
     group: Sequence[str] = ()
-    parts: int | None = None
     seeds: Sequence[int] = (0,)
     recipe: ImageRecipe = field(default_factory=ImageRecipe)
 
@@ -256,17 +254,14 @@ class ImageSweepRequest(Request):
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[Record], Record]:
         """The outcome of each point, in the keys of `eskin.study.sweep.judge`, and what sweep.json
-        holds of images alone: parts, judged_images (of a seed), judged_split, baselines (none). What is kept
+        holds of images alone: judged_images (of a seed), judged_split, baselines (none). What is kept
         is named by its images and code, not by ``version``."""
         group, seeds = list(self.group), list(map(int, self.seeds))
         tuned = {point.trained for point in self.points if point.aware}
         pieces = {
-            config: [
-                of_seed[: self.parts]
-                for of_seed in pieces_of(
-                    recordings, config, group, self.folds, seeds, self.recipe, 4 if config in tuned else 0
-                )
-            ]
+            config: pieces_of(
+                recordings, config, group, self.folds, seeds, self.recipe, 4 if config in tuned else 0
+            )
             for config in dict.fromkeys(point.trained for point in self.points)
         }
         images = {
@@ -282,15 +277,8 @@ class ImageSweepRequest(Request):
         for point in self.points:
             of_point = pieces[point.trained], judged[point.trained], seeds, "tuned" if point.aware else "w8"
             split = split_figures(split_of(recordings, point.trained, group, *of_point))
-            step = split["per_step"][0]
-            step["accuracy"] = split["accuracy"]  # of the images that were judged, which need not be all
-            split["decision_time_s"] = step["time_s"]
+            split["decision_time_s"] = split["per_step"][0]["time_s"]
             outcomes.append({"splits": [split]})
         judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
-        header = {
-            "baselines": [],
-            "judged_split": group,
-            "parts": self.parts or self.folds,
-            "judged_images": judged_images,
-        }
+        header = {"baselines": [], "judged_split": group, "judged_images": judged_images}
         return outcomes, header | {"images": True, "classes": len(recordings.class_names)}

@@ -22,7 +22,7 @@ from eskin.golden.core import AcceleratorConfig, InputError, Jobs, Memo, Record,
 from eskin.golden.core.groups import Network
 from eskin.golden.data import Recordings
 from eskin.golden.model import with_network
-from eskin.study.baselines.rows import judge_baseline
+from eskin.study.baselines import judge_baseline
 from eskin.training.crossval import cross_validate
 from eskin.training.quantise import COVERED_FEATURE, choose_formats
 

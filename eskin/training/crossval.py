@@ -4,7 +4,6 @@ seeds at once."""
 from __future__ import annotations
 
 import dataclasses
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel, decide_touches, stage_errors, step_times
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches, step_times
 from eskin.golden.model.pipeline import by_recording
 from eskin.training.datasets import Dataset, Datasets, find_dataset, touch_rows
 from eskin.training.fit import fine_tune, fit_networks, post_training
@@ -159,15 +158,6 @@ class Folds:
         """A record for each split, as ``cross_validate`` returns them."""
         return self.records_of(self.decided(models, integers))
 
-    def loses_in(self, models: list[FloatModel], integers: list[IntegerModel]) -> str | None:
-        """The stage that moves the logits of left out recordings most when it alone is in integers."""
-        moved: dict[str, float] = defaultdict(float)
-        for model, integer, test in zip(models, integers, self.tests, strict=True):
-            rows = self.data.index[test]
-            for error in stage_errors(model, integer, self.data.touches.take(rows[rows >= 0])):
-                moved[error.stage] += error.logit_mean
-        return max(moved, key=moved.__getitem__, default=None)
-
     def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[FoldDecisions]:
         """What each network decided on the recordings it has not seen (``tests``)."""
         runs = [
@@ -204,10 +194,9 @@ class Folds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Terms:
-    """On what networks are judged.
+    """What all networks of a choice are judged on.
 
-    groups: what is left out. seeds: of the networks of a fold. widths: bits, as
-    ``eskin.training.quantise.choose_formats`` takes them.
+    groups: what is left out. seeds: of the networks of a fold.
     """
 
     recordings: Recordings
@@ -215,8 +204,6 @@ class Terms:
     datasets: Datasets
     seeds: Sequence[int] = (0, 1, 2)
     folds: int = 5
-    protocol: str = "default"
-    widths: Record = dataclasses.field(default_factory=dict)
     progress: Progress | None = None
 
     def called(self, name: str) -> Progress | None:
@@ -243,7 +230,7 @@ class Piece:
 
 
 def judge_pieces(
-    datasets: Datasets, pieces: Sequence[Piece], seed: int, widths: Record, progress: Progress | None = None
+    datasets: Datasets, pieces: Sequence[Piece], seed: int, progress: Progress | None = None
 ) -> list[FoldDecisions]:
     """The decisions of each network on its test.
 
@@ -256,15 +243,19 @@ def judge_pieces(
         kinds.setdefault((piece.config, piece.recipe), []).append(number)
     for (config, recipe), numbers in kinds.items():
         data = datasets.of(config, recipe)
-        parts = {pieces[number].key: touch_rows(data, pieces[number].train) for number in numbers}
-        report = named(progress, "networks judged inside folds")
-        models = dict(
-            zip(parts, fit_networks(data, config, recipe, list(parts.values()), seed, report), strict=True)
-        )
-        integers = {key: post_training(models[key], data, rows, widths) for key, rows in parts.items()}
+        first = {pieces[number].key: pieces[number] for number in reversed(numbers)}
+        keys = list(dict.fromkeys(pieces[number].key for number in numbers))
+        parts = [touch_rows(data, first[key].train) for key in keys]
+        curves = LossCurves(data, config, recipe, [touch_rows(data, first[key].test) for key in keys])
+        report = named(progress, "cross-validation")
+        models = fit_networks(data, config, recipe, parts, seed, report, curves)
+        integers = [post_training(model, data, rows, {}) for model, rows in zip(models, parts, strict=True)]
         for number in numbers:
-            key = pieces[number].key
-            outcomes[number] = _judge(models[key], integers[key], data, pieces[number].test)
+            at = keys.index(pieces[number].key)
+            run = _judge(models[at], integers[at], data, pieces[number].test)
+            if curves.updates:
+                run = dataclasses.replace(run, updates=tuple(curves.updates), losses=curves.losses[:, at])
+            outcomes[number] = run
     return [outcomes[number] for number in range(len(pieces))]
 
 
@@ -272,12 +263,12 @@ def named(progress: Progress | None, activity: str) -> Callable[[int, int], None
     return (lambda done, total: progress(activity, done, total)) if progress else (lambda done, total: None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FoldDecisions:
     """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the
     step (r) after which the integer global one was given, -1 none; how far integer logits are from float ones
-    (values of completed steps); its losses (points, 2) in training after so many updates (``LossCurves``),
-    none of a linear cell."""
+    (values of completed steps); the configuration with its formats; its losses (points, 2) in training after
+    so many updates (``LossCurves``), none of a linear cell."""
 
     float_global: np.ndarray
     float_local: np.ndarray
@@ -285,8 +276,15 @@ class FoldDecisions:
     integer_local: np.ndarray
     integer_step: np.ndarray
     logit_error: np.ndarray
+    config: AcceleratorConfig
     updates: tuple[int, ...] = ()
     losses: np.ndarray | None = None
+
+    @classmethod
+    def of_images(cls, ideal: np.ndarray, whole: np.ndarray, config: AcceleratorConfig) -> FoldDecisions:
+        """Float and integer decisions on images, each made in one step."""
+        step, error = np.zeros_like(whole), np.zeros(0)
+        return cls(ideal, ideal[:, None], whole, whole[:, None], step, error, config)
 
 
 def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.ndarray) -> FoldDecisions:
@@ -303,6 +301,7 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
         by_recording(exact.local, placed),
         by_recording(exact.step, placed),
         np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[complete].ravel(),
+        integer.config,
     )
 
 
@@ -337,7 +336,7 @@ def share_right(labels: np.ndarray, tests: Sequence[np.ndarray], runs: Sequence[
     for test, run in zip(tests, runs, strict=True):
         right[test] += run.integer_global == labels[test]
         judged[test] += 1
-    return right / judged
+    return right / np.maximum(judged, 1)
 
 
 def split_record(groups, names, tests, decided, recordings, seeds, times) -> Record:

@@ -1,6 +1,6 @@
 """A first guess at a configuration from an archive, quick and by rules, with the reasons in words.
 
-``inspect`` shows the onsets it finds; ``eskin.choose.choose_front_end``, which ``train`` and ``run``
+``inspect`` shows the onsets it finds; ``eskin.choose.choice``, which ``train`` and ``run``
 ask without ``--config``, starts from what is measured here and judges it. A preset is taken when taxels, rate
 and code format are its own and its onset rule and windows suit the recordings. Otherwise, from at most 64
 recordings spread evenly over the classes:

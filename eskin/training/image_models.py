@@ -1,9 +1,8 @@
 """Model folders of networks for images: cross-validated and trained, made integers, judged. What `eskin
 train`, `quantise` and `evaluate` do with an archive of images.
 
-``auto`` trains three networks of NETWORKS on the same folds and takes the one with the fewest multiplies
-whose accuracy lies within one standard error of the best one's, as the choice among cells does
-(`eskin.choose.choose_network`).
+``auto`` trains three networks of NETWORKS on the same folds and takes, of those level with the best
+(`eskin.training.level`), the one with the fewest multiplies.
 """
 
 import dataclasses
@@ -24,6 +23,7 @@ from eskin.golden.model.image_network import image_seconds
 from eskin.training.crossval import FoldDecisions, Progress, named, split_record
 from eskin.training.fit import one_thread
 from eskin.training.image_formats import check_weight_bits, profile_images
+from eskin.training.level import is_level
 from eskin.training.splits import split_folds
 from eskin.training.train_images import (
     CODE,
@@ -169,6 +169,7 @@ def train_image_model(
         "widths": {"weight_bits": bits},
         "cross_validation": [records[chosen]] if records else [],
         "baselines": [],
+        "doubts": [],
         "warnings": [],
         "reasons": list(recordings.notes),
         "wall_s": time.perf_counter() - begin,
@@ -282,13 +283,7 @@ def split_of(
         for test, result in zip(tests, outcomes, strict=True):
             ideal, whole = np.array(result["float"]), np.array(result[integers])
             correct[test] += (whole == recordings.labels[test]) / len(seeds)
-            decided.append(
-                [
-                    FoldDecisions(
-                        ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([])
-                    )
-                ]
-            )
+            decided.append([FoldDecisions.of_images(ideal, whole, config)])
         names = [f"part {number + 1}" for number in range(len(tests))]
         records.append(
             split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)])
@@ -343,17 +338,14 @@ def _candidate_rows(
     correct: Sequence[np.ndarray],
     seeds: int,
 ) -> list[Record]:
-    """What training.json says of each network; the one with the fewest multiplies within one standard error
-    of the best is chosen.
+    """What training.json says of each network; of those level with the best the one with the fewest
+    multiplies is chosen.
 
     correct: of each network the share of seeds that were right, for each image.
     """
     accuracies = [float(shares.mean()) for shares in correct]
-    errors = [float(shares.std(ddof=1) / np.sqrt(len(shares))) for shares in correct]
-    best = int(np.argmax(accuracies))
-    enough = [
-        index for index, accuracy in enumerate(accuracies) if accuracy >= accuracies[best] - errors[best]
-    ]
+    best = correct[int(np.argmax(accuracies))]
+    enough = [index for index, shares in enumerate(correct) if is_level(best, shares)]
     cheapest = min(enough, key=lambda index: candidates[index].multiplies)
     return [
         {
@@ -361,7 +353,7 @@ def _candidate_rows(
             "hidden": 0,
             "recipe": "images",
             "accuracy": accuracies[index],
-            "standard_error": errors[index],
+            "standard_error": float(correct[index].std(ddof=1) / np.sqrt(len(correct[index]))),
             "float_accuracy": record["float_accuracy"],
             "agreement": record["agreement"],
             "multiplies_touch": config.multiplies,

@@ -267,8 +267,9 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report("synthesis", 1, 1)
     placements: list[Implementation] = []
     not_taken: dict[str, str] = {}  # seed: why
+    failures = max(FAILURES_MAX, request.seeds)
     try:
-        while len(placements) < request.seeds and len(not_taken) < FAILURES_MAX:
+        while len(placements) < request.seeds and len(not_taken) < failures:
             report("placements", len(placements), request.seeds)
             seed = request.seed + len(placements) + len(not_taken)  # a failed seed is replaced by the next
             try:
@@ -288,8 +289,8 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report("placements", request.seeds, request.seeds)
     if not placements:
         raise BuildError(
-            f"no seed from {request.seed} to {request.seed + FAILURES_MAX - 1} gives a placement that works (seed "
-            f"{request.seed}: {not_taken[str(request.seed)]}); --seed {request.seed + FAILURES_MAX} tries others"
+            f"no seed from {request.seed} to {request.seed + failures - 1} gives a placement that works (seed "
+            f"{request.seed}: {not_taken[str(request.seed)]}); --seeds {2 * failures} tries more"
         )
     best = max(placements, key=lambda placement: placement.fmax_hz)
     by, tried = "asked" if request.lanes_asked else "fit", request.misfit
@@ -325,46 +326,42 @@ def real_baud(clock_hz: float, baud: float | None) -> float:
     return clock_hz / uart_divisor(clock_hz, baud or default_baud(clock_hz))
 
 
-def only_build() -> Path:
-    """The folder of the one build in `BOARDS`.
+def board_of(model: Path) -> tuple[int, int, Any]:
+    """(bits a second, lanes, lane type) of the board that runs ``model``: of the one build in the model's
+    folder, else beside it, else in `BOARDS`.
 
     Raises
     ------
     InputError
-        There is none, or more than one.
+        There is none, or more than one; or it is one without the link.
     """
-    builds = sorted(path.parent for path in BOARDS.glob(f"*/{MARK}"))
+    builds: list[Path] = []
+    for folder in (model, model.resolve().parent, BOARDS):
+        builds = builds or sorted(folder.glob(f"*/{MARK}"))
     if len(builds) != 1:
-        existing = f"{BOARDS} has {', '.join(path.name for path in builds) or 'none'}"
-        raise InputError(
-            "--build: is missing; name the folder of 'eskin build' whose bitstream the board runs "
-            f"({existing}), or give --baud"
+        found = (
+            f"of {', '.join(str(path.parent) for path in builds)} it may be each"
+            if builds
+            else "there is none"
         )
-    return builds[0]
-
-
-def link_of(folder: Path) -> tuple[int, int, Any]:
-    """(bits a second, lanes, lane type) of the bitstream that was built into ``folder``.
-
-    Raises
-    ------
-    InputError
-        No build, or one without the link.
-    """
+        raise InputError(
+            f"--port: the board's rate and lanes are told by its build, and {found}; "
+            f"run eskin build {model} --target NAME --out {model}/board"
+        )
     try:
-        result = json.loads((folder / MARK).read_text())
-        with_link, lanes = result["link"], (result["lanes"], result["lane_type"])
+        result = json.loads(builds[0].read_text())
+        with_link, lanes, lane_type = result["link"], int(result["lanes"]), result["lane_type"]
         rate = round(result["baud"]) if with_link else 0
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(
-            f"--build {folder}: holds no {MARK} of 'eskin build'; give the folder that it wrote"
+            f"--port: {builds[0]} is no record of 'eskin build'; build the board again"
         ) from None
     if not with_link:
         raise InputError(
-            f"--build {folder}: was built with --no-link, so no host can talk to it; build it "
-            "anew without that option"
+            f"--port: {builds[0].parent} was built with --no-link, so no host can talk to it; build it again "
+            "without that option"
         )
-    return rate, *lanes
+    return rate, lanes, lane_type
 
 
 FLASH_IMAGE = "flash.bin"

@@ -7,7 +7,6 @@ and at a slower one. Both runs must be bit-exact.
 """
 
 import dataclasses
-import importlib.util
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -18,7 +17,6 @@ import numpy as np
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.latency import needed_clock
-from eskin.exchange import compiled, emulated
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
@@ -33,7 +31,6 @@ from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.study import energy
 from eskin.verbs.build_job import suited_lane_type
 from eskin.verbs.chip_energy import chip_row, with_touches
-from eskin.verbs.export_job import export_c
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
@@ -164,20 +161,6 @@ def _images(recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]
     return numbers, recordings.subset(numbers)
 
 
-def in_software(model: IntegerModel, recordings: Recordings, work: Path) -> list[Record]:
-    """The same model as plain C, a row a microcontroller: name, core, instructions and cycles of
-    `eskin.exchange.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images
-    and prototypes, which C does not have, and where compiler (ziglang) or emulator (unicorn) is not installed."""
-    available = compiled.there() and importlib.util.find_spec("unicorn")
-    if model.config.is_image or model.config.has_prototypes or not available:
-        return []
-    export_c(model, work, recordings=recordings.subset([0]))
-    part = energy.MICROCONTROLLER
-    played = emulated.play(model, recordings, part.core, work)
-    spent = energy.run_in_software(part, played["cycles"], model.config)
-    return [{"name": part.name, "bit_exact": not played["different"]} | played | spent]
-
-
 def job(
     model: IntegerModel,
     recordings: Recordings,
@@ -201,8 +184,7 @@ def job(
     Returns
     -------
     dict
-        configurations (of `measure`), chips (of eskin.verbs.chip_energy.chip_row), microcontrollers (of
-        `in_software`), least_touch, least_average
+        configurations (of `measure`), chips (of eskin.verbs.chip_energy.chip_row), least_touch, least_average
         (their names; bit-exact ones only), checks, published, battery_j, passed (all bit-exact).
     """
     beside = [chip_row(path) for path in chips]
@@ -235,7 +217,7 @@ def job(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )
     result = energy.compare(rows, what="image" if config.is_image else "touch")
-    result |= {"chips": beside, "microcontrollers": in_software(model, chosen, work / "c")}
+    result["chips"] = beside
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, result)
     write_text(out / PAGE, render(result))

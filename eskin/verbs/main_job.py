@@ -24,10 +24,11 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 
-from eskin.choose import choose_network, doubts, yardsticks
+from eskin.choose import choice, doubts, yardsticks
+from eskin.choose.choice import Plan, configure
 from eskin.choose.choice_table import left_out, unseen
-from eskin.choose.choose_front_end import Plan, configure
 from eskin.choose.cost import Market, Prefer
+from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
 from eskin.golden.core import (
@@ -50,6 +51,7 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
+from eskin.study.leak import known_without_touch
 from eskin.training import LEARNING, evaluate, quantise
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
@@ -101,7 +103,7 @@ def run(
     data:
         An archive, a folder of .lvm files, or ``synthetic``.
     config:
-        A preset or a JSON file; None: the front end is chosen (``eskin.choose.choose_front_end``).
+        A preset or a JSON file; None: the front end is chosen (``eskin.choose.choice``).
     recordings:
         How many are co-simulated at full pace, spread evenly over the classes; None: all of a small set, else
         PER_CLASS of each class.
@@ -112,7 +114,7 @@ def run(
     group:
         Groups that stay on one side of a split; None: ``choose_split`` and the splits of the sensor's preset.
     cell, hidden:
-        The network; None: chosen too where ``config`` is None (``eskin.choose.choose_network``).
+        The network; None: chosen too where ``config`` is None (``eskin.choose.choice``).
     seeds:
         How many the cross-validation takes, from ``seed`` on; None: 3, of images 1.
     prefer, fits:
@@ -153,7 +155,7 @@ def run(
     with _bars(console) as stages:
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=user_config)
-            choose_network.check_units(cell, hidden)
+            check_units(cell, hidden)
             prices = market(prefer, fits)
         with stages("configuration") as notify:  # what does not work is refused here
             held = load_recordings(test, config=user_config) if test else None
@@ -167,7 +169,7 @@ def run(
             plan = (
                 None
                 if loaded.image_shape
-                else configure(loaded, user_config, prices, groups=group, nested=True, progress=notify)
+                else configure(loaded, user_config, prices, groups=group, progress=notify)
             )
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
@@ -307,12 +309,14 @@ class _Steps:
             outcomes.setdefault("cosim_lowest", None)
         judged = json.loads((evaluated / "evaluate.json").read_text())
         checks = _checks(judged, outcomes)
+        found = self._doubts(training, baselines, tested, judged, model)
         record = {
             "name": self.name,
             "data": self._data(),
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
             "baselines": baselines,
-            "warnings": self._warnings(training, baselines, tested, judged),
+            "doubts": found,
+            "warnings": doubts.sentences(found),
             "test": tested,
             "cosimulated": [int(number) for number in numbers],
             "checks": checks,
@@ -367,7 +371,7 @@ class _Steps:
 
     def _train(self, folder: Path, notify: Progress) -> None:
         options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, **self.network}
-        choose_network.train_chosen(
+        choice.train_chosen(
             self.recordings,
             self.user_config,
             self.prices,
@@ -403,32 +407,34 @@ class _Steps:
                 quantised / "model", self.held
             )
 
-    def _warnings(
-        self, training: Record, baselines: list[Record], tested: Record | None, evaluated: Record
-    ) -> list[str]:
+    def _doubts(
+        self,
+        training: Record,
+        baselines: list[Record],
+        tested: Record | None,
+        evaluated: Record,
+        model: IntegerModel,
+    ) -> list[Record]:
         """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
-        sentences, things = list(training.get("warnings", [])), "recordings"
+        found, things = list(training.get("doubts", [])), "recordings"
         if self.config.is_image:
             things = "images"
         else:
             first, chosen = training["cross_validation"][0], training.get("candidates") is not None
-            network: Record = {"cell": self.config.network.cell, "hidden": self.config.network.hidden}
-            behind = doubts.below_baselines(first, baselines, chosen=chosen, **network)
-            # The best of all baselines speaks for the split. The training knew fewer of them: its own
-            # sentence names a weaker one and goes.
-            weaker = (
-                doubts.below_baselines(first, training.get("baselines", []), chosen=chosen, **network)
-                if behind
-                else []
-            )
-            sentences = behind + [sentence for sentence in sentences if sentence not in weaker]
+            network = {"cell": self.config.network.cell, "hidden": self.config.network.hidden}
+            behind = doubts.below_baselines(first, baselines, network, chosen=chosen)
+            # the best of all baselines speaks for the split, and the training knew fewer of them
+            replaced = {(one["code"], *one["groups"]) for one in behind}
+            found = behind + [one for one in found if (one["code"], *one.get("groups", [])) not in replaced]
         if tested and tested["seen_in_training"]:
-            sentences.append(
+            text = (
                 f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are in the "
-                "training data too, so their "
-                f"figure says little: give --test {things} that are not in --data"
+                f"training data too, so their figure says little: give --test {things} that are not in --data"
             )
-        return sentences + doubts.lost_in_integers(training["cross_validation"], evaluated)
+            found.append(doubts.doubt("seen_in_training", text))
+        leak = None if self.config.is_image else known_without_touch(model, self.recordings)
+        found += doubts.leaks(**vars(leak)) if leak else []
+        return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
     def _generate(self, model: IntegerModel, folder: Path) -> None:
         """Verilog with a testbench that plays the drawn recording, and that recording's stages for the

@@ -35,6 +35,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, find_touches, load_config
 from eskin.golden.model import run as run_golden
 from eskin.pages.stability_page import PAGE, write_page
+from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Register
@@ -66,17 +67,11 @@ AROUND = range(-9, 3)
 
 
 def run(
-    model_dir: Path,
+    asked: StabilityRequest,
     recordings: Recordings,
     *,
-    out: Path,
-    names: Sequence[str] | None = None,
-    cosim: bool = True,
-    compare: bool = True,
-    few: int = 100,
     seeds: int = 3,
     workers: int | None = None,
-    dask: str | None = None,
     cache: Path = CACHE,
     progress: Progress | None = None,
     **bench_options: Any,
@@ -84,22 +79,17 @@ def run(
     """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the
     recommended defences).
 
+    With ``asked.cosim`` the weakest golden cases are confirmed in co-simulation, modes that need the hardware
+    run, and each defence is costed. Defences are compared by cross-validation, where no mode was named.
+
     Parameters
     ----------
-    names:
-        Only these modes; None: all.
-    cosim:
-        Confirm the weakest golden cases in co-simulation, and run the modes that need the hardware.
-    compare:
-        Train and judge the defences by cross-validation, which networks for images have none of; with
-        ``cosim``, what each costs in hardware too (``hardware`` of its record).
-    few, bench_options:
-        As for ``eskin.study.stability.core.Bench``, or `eskin.study.stability.images.ImageBench`.
     seeds:
-        Seeds of the comparison of defences.
-    workers, dask:
-        As for ``eskin.golden.core.jobs.Jobs``: where modes, confirmations and defences are judged. Modes that
-        need the hardware run here.
+        Of the comparison of defences.
+    workers:
+        Processes; modes that need the hardware run here.
+    bench_options:
+        As for ``eskin.study.stability.core.Bench``, or `eskin.study.stability.images.ImageBench`.
 
     Returns
     -------
@@ -111,6 +101,8 @@ def run(
     InputError
         A folder that is no quantised model, an unknown mode, recordings without a touch.
     """
+    out, model_dir, few = asked.out, asked.model, asked.few
+    compare = not asked.mode if asked.defences is None else asked.defences
     begin = time.perf_counter()
     for name in (RESULT, RECOMMENDED, PAGE):
         check_target(out / name)
@@ -125,11 +117,11 @@ def run(
     content = content_key(
         bench.model, recordings, code_version(*LEARNING), [few, bench.flips, bench.seed], *own
     )
-    keep = _Records(cache, content, Jobs(workers=workers, dask=dask, progress=progress, version=CODE))
-    hardware = _Hardware(bench, keep, progress) if cosim else None
+    keep = _Records(cache, content, Jobs(workers=workers, dask=asked.dask, progress=progress, version=CODE))
+    hardware = _Hardware(bench, keep, progress) if asked.cosim else None
     judged = stability.run_modes(
         bench,
-        names=names,
+        names=asked.mode or None,
         judged=lambda modes: keep.results(judge_mode, {name: name for name in modes}, bench, "modes judged"),
         simulated=hardware.record if hardware else None,
         progress=progress,

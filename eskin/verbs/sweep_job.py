@@ -21,11 +21,12 @@ from eskin.golden.core import (
 )
 from eskin.golden.data import Recordings
 from eskin.pages import sweep_charts
+from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.schedule_view import save_figure, write_csv
 from eskin.study import sweep as sweeping
-from eskin.study.baselines.rows import SWEPT
+from eskin.study.baselines import SWEPT
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.training import LEARNING
 from eskin.training.image_models import KEPT
@@ -64,55 +65,31 @@ def cost_of(config: AcceleratorConfig) -> dict[str, float]:
 
 
 def request_of(
-    recordings: Recordings,
-    config: AcceleratorConfig | None,
-    *,
-    grid: str | Path = "default",
-    group: Sequence[str] | None = None,
-    seed: int = 0,
-    seeds: int | None = None,
-    folds: int = 5,
-    parts: int | None = None,
-    bounds: sweeping.Bounds | None = None,
-    baselines: bool = True,
+    recordings: Recordings, config: AcceleratorConfig | None, asked: SweepRequest
 ) -> sweeping.Request:
-    """The request of a command line.
+    """The points, splits and seeds that a sweep of ``asked`` has; ``config``: sensor, windows, clock, and what
+    the grid leaves open; of images None.
 
-    Parameters
-    ----------
-    config:
-        Sensor, windows, clock, and what the grid leaves open; of images None.
-    grid:
-        A name (``eskin.study.sweep.GRIDS``) or a JSON file
-        (``eskin.study.sweep.read_grid``).
-    group:
-        Group names of the one split; None: every split the configuration names, judged by the first, and
-        random folds of images.
-    seed, seeds, folds:
-        First seed, number of seeds (None: 3, of images 1), folds of each split.
-    parts:
-        Of images: how many of the folds are judged; None: all.
-    baselines:
-        Judge the baselines too.
+    Without groups every split that the configuration names is judged, by the first of them, and images by
+    random folds.
 
     Raises
     ------
     InputError
-        A grid, group or number of parts that cannot be used, or lanes that the hardware does not have.
+        A grid or group that cannot be used, or lanes that the hardware does not have.
     """
-    source = f"grid '{grid}'"
-    splits = default_splits(recordings, config) if group is None and config else [list(group or [])]
+    grid, source = asked.grid, f"grid '{asked.grid}'"
+    splits = default_splits(recordings, config) if asked.groups is None and config else [asked.groups or []]
     for groups in splits:
-        check_split(recordings, groups, folds)
-    common: Record = {"folds": folds, "bounds": bounds or sweeping.Bounds()}
+        check_split(recordings, groups, asked.folds)
+    bounds = {name: getattr(asked, name) for name in ("accuracy_floor", "latency_budget", "energy_budget")}
+    common: Record = {"folds": asked.folds, "bounds": sweeping.Bounds(**bounds)}
     if config is not None:
         points: Sequence[Any] = sweeping.make_points(
-            config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), source
+            config, sweeping.GRIDS.get(grid) or sweeping.read_grid(grid), source
         )
-        common |= {"base": config, "splits": splits, "baselines": list(SWEPT) if baselines else []}
-        return sweeping.SweepRequest(points=points, seeds=range(seed, seed + (seeds or 3)), **common)
-    if parts is not None and parts > folds:
-        raise InputError(f"--parts {parts}: there are {folds} folds; give at most as many")
+        common |= {"base": config, "splits": splits, "baselines": list(SWEPT)}
+        return sweeping.SweepRequest(points=points, seeds=range(asked.seeds or 3), **common)
     if grid == "bits":
         raise InputError(
             "--grid bits: is for recordings; the default grid for images has weights of 8 and of 4 bits"
@@ -122,32 +99,25 @@ def request_of(
     points = make_image_points(recordings, grids, source)
     for point in points:
         refuse_hardware(point.config)
-    return ImageSweepRequest(
-        points=points, seeds=range(seed, seed + (seeds or 1)), group=splits[0], parts=parts, **common
-    )
+    return ImageSweepRequest(points=points, seeds=range(asked.seeds or 1), group=splits[0], **common)
 
 
 def run(
+    asked: SweepRequest,
     recordings: Recordings,
-    request: sweeping.Request,
+    config: AcceleratorConfig | None,
     *,
-    out: Path,
-    dask: str | None = None,
-    workers: int | None = None,
-    cache: Path | None = None,
     progress: Progress | None = None,
 ) -> Record:
     """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and
-    charts into ``out``.
-
-    ``dask``, ``workers`` and ``progress`` are those of ``eskin.golden.core.jobs.Jobs``. Returns the result,
-    as in sweep.json.
+    charts. ``config`` as for `request_of`. Returns the result, as in sweep.json.
 
     Raises
     ------
     InputError
         A folder that cannot be used; before anything is trained.
     """
+    out, request = asked.out, request_of(recordings, config, asked)
     for name in (RESULT, TABLE, CONFIG):
         check_target(out / name)
     images = isinstance(request, ImageSweepRequest)
@@ -156,8 +126,8 @@ def run(
         recordings,
         request,
         cost_of=cost_of,
-        jobs=Jobs(workers=workers, dask=dask, progress=progress, version=code),
-        keep=Memo(cache or (KEPT if images else CACHE)),
+        jobs=Jobs(dask=asked.dask, progress=progress, version=code),
+        keep=Memo(KEPT if images else CACHE),
         version=json.dumps([recordings.content, code()]),
     )
     result["data"] = str(recordings.source)

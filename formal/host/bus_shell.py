@@ -54,6 +54,8 @@ def _is(request, register, write):
             "frame.valid.eq(acts & feeds & ~refusing)",
             "frame.valid.eq(acts & feeds)",
         ),
+        Bug("a decision that is read ends a refusal", "m.If(asked | arming)", "m.If(queue.asked | arming)"),
+        Bug("a refusal ends unseen", "asked = request.valid & done &", "asked = acts &"),
         Bug("a CPU waits for itself", "refusing | stuck | (taken", "refusing | (taken"),
         Bug("ARM leaves the taxel", "m.d.sync += taxel.eq(0)", "m.d.sync += taxel.eq(taxel)"),
     ),
@@ -82,7 +84,8 @@ def answered_once(m: Module) -> None:
     taxel, refused = Signal(range(LAST + 1), name="taxel_due"), Signal(name="refused")
     single, pair = _is(request, ShellRegister.SAMPLE, 1), _is(request, ShellRegister.SAMPLE_PAIR, 1)
     stuck = frame.valid & ~frame.ready & dut.decision.valid & ~dut.decision.ready
-    reads = request.valid & ~request.done & _is(request, ShellRegister.DECISION, 0)
+    reads = request.done & _is(request, ShellRegister.NEXT_TAXEL, 0)
+    prove(~reads | (request.r_data == (taxel | refused << 31)), "NEXT_TAXEL")
     m.d.sync += [
         taxel.eq(Mux(arm, 0, Mux(taken, Mux(taxel == LAST, 0, taxel + 1), taxel))),
         refused.eq((refused | stuck) & ~arm & ~reads),

@@ -54,15 +54,30 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     check_target(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    # not by tempfile: its mode 0600 would stay when the file takes its final name
-    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    with _parents(path):
+        try:
+            # not by tempfile: its mode 0600 would stay when the file takes its final name
+            os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+            yield temporary
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+@contextlib.contextmanager
+def _parents(path: Path) -> Iterator[None]:
+    """The folders above ``path`` are there within the block; those that were missing are gone again after an
+    error."""
+    missing = [folder for folder in path.absolute().parents if not folder.exists()]
     try:
-        yield temporary
-        os.replace(temporary, path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
     except BaseException:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # others may have put something there
+            for folder in missing:
+                folder.rmdir()
         raise
 
 
@@ -80,15 +95,15 @@ def replacing_folder(folder: str | Path, check: Callable[[], None] = lambda: Non
         It cannot be written; ``folder`` is as it was.
     """
     folder = Path(folder)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    fresh, old = work / "new", work / "old"
-    try:
-        fresh.mkdir()
-        yield fresh
-        exchange(fresh, folder, old, check)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    with _parents(folder):
+        work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        fresh, old = work / "new", work / "old"
+        try:
+            fresh.mkdir()
+            yield fresh
+            exchange(fresh, folder, old, check)
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
 
 
 def exchange(fresh: Path, folder: Path, old: Path, check: Callable[[], None] = lambda: None) -> None:

@@ -99,7 +99,7 @@ def check_teachable(config: AcceleratorConfig) -> None:
         )
 
 
-def teach(model: IntegerModel, codes: np.ndarray, label: int) -> IntegerModel:
+def teach(model: IntegerModel, codes: np.ndarray, label: int | str) -> IntegerModel:
     """The model with one touch more of class ``label``, in the class's next place; when all are in use, in
     that of the oldest.
 
@@ -114,7 +114,7 @@ def teach(model: IntegerModel, codes: np.ndarray, label: int) -> IntegerModel:
         As `check_teachable`; a class that is not there.
     """
     check_teachable(model.config)
-    check_class(model.config, label)
+    label = class_index(model.config, label)
     places = model.config.readout_rule.taught
     taught, counts = model.arrays["taught"].copy(), model.arrays["taught_count"].copy()
     taught[label, counts[label] % places] = codes
@@ -126,7 +126,7 @@ def teach(model: IntegerModel, codes: np.ndarray, label: int) -> IntegerModel:
     )
 
 
-def forget(model: IntegerModel, label: int | None = None) -> IntegerModel:
+def forget(model: IntegerModel, label: int | str | None = None) -> IntegerModel:
     """The model without the touches that class ``label`` was taught; None: without any.
 
     Raises
@@ -136,19 +136,27 @@ def forget(model: IntegerModel, label: int | None = None) -> IntegerModel:
     """
     check_teachable(model.config)
     counts = model.arrays["taught_count"].copy()
-    if label is not None:
-        check_class(model.config, label)
-    counts[slice(None) if label is None else label] = 0
+    counts[slice(None) if label is None else class_index(model.config, label)] = 0
     return IntegerModel(model.config, {**model.arrays, "taught_count": counts}, model.source)
 
 
-def check_class(config: AcceleratorConfig, label: int) -> None:
-    """Refuse (InputError) an index of no class."""
-    if not 0 <= label < config.classes:
-        names = ", ".join(config.network.class_names)
-        raise InputError(
-            f"class {label}: is none of the model's; give 0 to {config.classes - 1}, for {names}"
-        )
+def class_index(config: AcceleratorConfig, label: object) -> int:
+    """The index of a class that is given by its index or its name.
+
+    Raises
+    ------
+    InputError
+        It is no class.
+    """
+    names = config.network.class_names
+    if isinstance(label, str) and label in names:
+        return names.index(label)
+    number = isinstance(label, (int, float, np.integer, np.floating)) and not isinstance(label, bool)
+    if number and label in range(len(names)):
+        return int(label)  # type: ignore[call-overload]
+    raise InputError(
+        f"class {label!r:.60}: is none of the model's; give 0 to {len(names) - 1}, or a name of {', '.join(names)}"
+    )
 
 
 # ---------------------------------------------------------------------- a file of what was taught

@@ -14,7 +14,7 @@ from eskin.golden.core import AcceleratorConfig, Arrays, InputError, array_of
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
 from eskin.golden.model.preprocess import Touches, TouchFinder, window_values
-from eskin.golden.model.prototypes import check_class, check_teachable, forget, teach, trajectory_codes
+from eskin.golden.model.prototypes import check_teachable, class_index, forget, teach, trajectory_codes
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class Stream:
             return []
         return [self._global(touch, decided, self.frame, partial=True)]
 
-    def teach(self, label: int, *, following: bool = False) -> None:
+    def teach(self, label: int | str, *, following: bool = False) -> None:
         """The touch that ended last (``following``: the next one that ends) is of class ``label``: from now
         on it is a prototype of it. `model` is the model with it.
 
@@ -193,7 +193,7 @@ class Stream:
             ``following`` touch that is cut short teaches nothing.
         """
         check_teachable(self._integer().config)
-        check_class(self.config, label)
+        label = class_index(self.config, label)
         if self._touch:
             raise InputError("teach: a touch is under way; wait until it ends")
         if following:
@@ -203,7 +203,7 @@ class Stream:
         else:
             self.model, self._following = teach(self._integer(), self._last, label), None
 
-    def forget(self, label: int | None = None) -> None:
+    def forget(self, label: int | str | None = None) -> None:
         """Forget what class ``label`` was taught; None: every class.
 
         Raises

@@ -9,6 +9,7 @@ from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError
 from eskin.rtl.common.collisions import without_contents
+from eskin.rtl.fpga.readable import ports_named, readable
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.board_top import BoardTop
@@ -99,7 +100,7 @@ writes."""
 
 
 def _verilog(component: wiring.Component, name: str) -> str:
-    text = rtlil.convert(component, name=name, emit_src=False)
+    text = ports_named(rtlil.convert(component, name=name, emit_src=False))
     if "begins_as_anything" in text:
         text = without_contents(text)
     with tempfile.TemporaryDirectory() as folder:
@@ -108,7 +109,7 @@ def _verilog(component: wiring.Component, name: str) -> str:
         (Path(folder) / WIDE_LOGIC_NOT.name).write_text(WIDE_LOGIC_NOT.read_text())
         (Path(folder) / "passes.ys").write_text(PASSES)
         run_tool("yosys", ["-q", "passes.ys"], Path(folder))
-        verilog = target.read_text().partition("\n")[2]  # without the line that names Yosys' build
+        verilog = readable(target.read_text().partition("\n")[2])  # without the line that names Yosys' build
     # an initial value beside processes that assign is a warning where it stands in the declaration
     return re.sub(
         r"^( *)(reg .*?(\\\S+ |\w+)) = (.*;)$", r"\1\2;\n\1initial \3 = \4", verilog, flags=re.MULTILINE

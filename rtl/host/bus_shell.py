@@ -119,7 +119,9 @@ class BusShell(wiring.Component):
                 m.d.sync += refusing.eq(1)
             with m.If(stuck | ~request.valid):  # or given up
                 m.d.sync += second.eq(0)
-            with m.If(queue.asked | arming):
+            # not when a decision is read: an interrupt routine may do that, and the CPU then goes on within its frame
+            asked = request.valid & done & reads & own & (place == ShellRegister.NEXT_TAXEL - FIRST)
+            with m.If(asked | arming):
                 m.d.sync += refusing.eq(0)
             with m.If(arming):
                 m.d.sync += taxel.eq(0)

@@ -242,9 +242,10 @@ class ShellRegister(Described):
     NEXT_TAXEL = (
         0x42,
         "ro",
-        "The taxel expected next; REFUSED: samples are refused until DECISION is read, so neither that taxel "
-        "nor one after it is in",
+        "The taxel expected next; REFUSED: samples were refused, so neither that taxel nor one after it is in",
         {"TAXEL": (0, 15), "REFUSED": (31, 31)},
+        0,
+        "Samples are taken again",
     )
     DECISION = (
         0x44,

@@ -58,13 +58,13 @@ class Entry:
     @property
     def sentence(self) -> str:
         """What it holds, and what an access does."""
-        verb = "reading" if self.access == "ro" else "writing"
-        return f"{self.text}. On {verb}: {self.effect}." if self.effect else f"{self.text}."
+        verb = {"ro": "On reading: ", "wo": "On writing: ", "rw": ""}[self.access]
+        return f"{self.text}. {verb}{self.effect}." if self.effect else f"{self.text}."
 
     @property
     def read_acts(self) -> bool:
         """Reading it changes something."""
-        return self.access == "ro" and bool(self.effect)
+        return self.access != "wo" and bool(self.effect)
 
 
 def entry(register: Described, count: int = 1, reset: int | None = None) -> Entry:

@@ -252,7 +252,7 @@ def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("converter", ["ads7953", "mcp3208x2", "ad7476", "ddc232", "spi"])
 @pytest.mark.parametrize("preset", ["pvdf", "thesis"])
 def test_five_recordings_at_the_declared_pace(preset, converter, shared_data, tmp_path):

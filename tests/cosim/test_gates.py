@@ -36,7 +36,7 @@ def module():
     return {"cells": cells, "ports": ports}
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(1800)
 def test_states_gates_and_what_changes_cost(tmp_path):
     cells = read(file(tmp_path, "cells.lib", CELLS + GATE)).cells
     chip = Chip(module(), cells, expression, seed=3, builds=tmp_path)

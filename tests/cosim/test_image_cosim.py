@@ -72,15 +72,15 @@ def test_the_generated_testbench_passes_by_itself_and_sees_a_wrong_weight(small,
         "testbench.sv",
         "accelerator.sv",
     ]
-    subprocess.run(command, cwd=folder, check=True, timeout=120)
+    subprocess.run(command, cwd=folder, check=True, timeout=600)
     run = subprocess.run(
-        ["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=300
+        ["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=600
     )
     assert run.returncode == 0 and "PASSED" in run.stdout, run.stdout
     boot = (folder / "load.hex").read_text().split("\n")
     (folder / "load.hex").write_text("\n".join([boot[0], f"{int(boot[1], 16) ^ 0x40:06x}", *boot[2:]]))
     run = subprocess.run(
-        ["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=300
+        ["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=600
     )
     assert run.returncode != 0 and "FAILED" in run.stdout and "stage" in run.stdout
 
@@ -149,7 +149,7 @@ def test_images_over_the_serial_pins_of_the_board_with_damaged_packets(small, tm
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("target, lane_type", [("icebreaker", "dsp"), ("ulx3s", "plain")])
 def test_the_netlist_is_bit_exact_in_the_part_s_own_memories(target, lane_type, tmp_path):
     model = model_of(6, 7, ["conv 3 9", "pool", "conv 3 5", "dense 4"], 8, lane_type)

@@ -128,7 +128,7 @@ def test_every_kind_of_damage_once_or_twice(board):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_a_thousand_corruptions(board):
     count = 1000
     # A few are aimed at a packet that their recording does not come to.
@@ -144,7 +144,7 @@ def test_a_model_of_someone_elses_at_the_pins(board):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(("preset", "folder"), [("pvdf", "pvdf_indent"), ("fabric", "fabric_slide")])
 def test_five_real_recordings(shared_data, tmp_path, preset, folder):
     model = random_integer_model(PRESETS[preset], 3)

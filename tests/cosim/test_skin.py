@@ -139,7 +139,7 @@ def breaks_into_off(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("level", ["rtl", "netlist"])
 def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
     board = target("icebreaker")
@@ -280,7 +280,7 @@ def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     """The link and the converter together: a host writes the model and an amplitude above its limit, arms,
     hears each decision on frames from the converter's pins, and reads registers at the end; the stimulator

@@ -159,7 +159,7 @@ def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, 
     return both
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @each_row(("cell", "taught_shift"), [("gru", 1), ("linear", 0)])
 def test_what_is_taught_in_hardware_is_what_the_stream_is_taught(cell, taught_shift):
     model = forget(taught_model(cell, taught_shift=taught_shift))
@@ -315,7 +315,7 @@ def board_of(model: IntegerModel) -> PinPort:
     return PinPort(device, CLOCKS_PER_BIT)
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_a_damaged_place_is_flagged_and_what_is_taught_stays_equal_with_a_checksum():
     plain = forget(taught_model("gru"))
     model = IntegerModel(plain.config.replace(checksum=True, watchdog=True), plain.arrays, plain.source)
@@ -339,7 +339,7 @@ def test_a_damaged_place_is_flagged_and_what_is_taught_stays_equal_with_a_checks
     assert both.device.read(Register.FAULTS) & Fault.CHECKSUM
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_a_board_is_taught_over_its_serial_line():
     """As `eskin watch` does it, on the simulated board: every decision is the model's, and so is what is read out."""
     model, recordings = forget(taught_model("gru")), scene(10, seed=8)
@@ -362,7 +362,7 @@ def test_a_board_is_taught_over_its_serial_line():
         assert (came["taught"][label, :used] == held.arrays["taught"][label, :used]).all()
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
     """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
     model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"

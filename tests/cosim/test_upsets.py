@@ -72,7 +72,7 @@ class Upsets:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_the_checksum_flags_a_changed_constant_before_the_decision_of_its_touch():
     """Weights, tables and means, each walked through once more before the first step."""
     for checksum in (True, False):
@@ -95,7 +95,7 @@ def test_the_checksum_flags_a_changed_constant_before_the_decision_of_its_touch(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_the_watchdog_ends_every_hang():
     outcomes = {}
     for watchdog in (True, False):

@@ -27,7 +27,7 @@ def compare(folder, lines):
     (folder / "simulation.f").write_text("-GFRAMES=2\n-GPERIOD=4000\n")
     (folder / "said.txt").write_text("\n".join(["ready", *lines]) + "\n")
     call = [sys.executable, "build.py", "compare", str(folder / "said.txt"), "--out", str(folder)]
-    done = subprocess.run(call, cwd=EXAMPLE, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(call, cwd=EXAMPLE, capture_output=True, text=True, timeout=600)
     return done.returncode, done.stdout + done.stderr
 
 

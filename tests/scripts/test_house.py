@@ -28,7 +28,7 @@ fields = 900
 
 def budget(folder: Path, *options: str) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "scripts.house", str(folder), *options]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
 
 
 @pytest.fixture

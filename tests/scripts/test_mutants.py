@@ -97,7 +97,7 @@ def run(project: Path, *words: str) -> tuple[int, str, dict]:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
     result = out / "mutants.json"
     return (

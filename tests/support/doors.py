@@ -1,6 +1,8 @@
 """Recordings written as other people's tools write them, each with the format's own library."""
 
 import json
+import random
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from eskin.data import Reading
 from eskin.golden.data import Recordings
 
 STORE, STORE1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
@@ -26,6 +29,106 @@ for store in (STORE, STORE1):
     )
 PAUSE_S = 1.0
 """Between two recordings of a log."""
+
+
+def lvm(segments: list[np.ndarray], clocks: str = "One", step: str | None = None, comma: bool = False,
+        runs_on: bool = False, hz: int = 100) -> str:  # fmt: skip
+    """A file of LabVIEW with a head a segment, of ``hz``. clocks: its ``X_Columns``; step: ``Delta_X``.
+    runs_on: the clock of a segment goes on from the one before."""
+    count, begin, step = segments[0].shape[1], 0, f"{1 / hz:g}" if step is None else step
+    lines = ["LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", f"Decimal_Separator\t{',' if comma else '.'}",
+             f"Multi_Headings\t{'Yes' if len(segments) > 1 else 'No'}", f"X_Columns\t{clocks}", "***End_of_Header***\t", ""]  # fmt: skip
+    for segment in segments:
+        each = lambda text: "\t".join([text] * count)
+        lines += [f"Channels\t{count}", f"Samples\t{each(str(len(segment)))}", f"Y_Unit_Label\t{each('Volts')}",
+                  f"X0\t{each(f'{begin / hz:.4f}')}", *([f"Delta_X\t{each(step)}"] if step else []),
+                  f"***End_of_Header***\t{each('')}"]  # fmt: skip
+        names = each("X_Value\tVoltage") if clocks == "Multi" else f"X_Value\t{each('Voltage')}"
+        lines.append(f"{names}\tComment")
+        for k, row in enumerate(segment.tolist(), begin):
+            time = "" if clocks == "No" else f"{k / hz:.4f}"
+            cells = [
+                cell
+                for value in row
+                for cell in ([time, f"{value:.4f}"] if clocks == "Multi" else [f"{value:.4f}"])
+            ]
+            lines.append("\t".join(cells if clocks == "Multi" else [time, *cells]))
+        lines.append("")
+        begin += len(segment) if runs_on else 0
+    text = "\r\n".join(lines)
+    return re.sub(r"(?<=\d)\.(?=\d)", ",", text) if comma else text
+
+
+def write_trials(signals: list[np.ndarray], labels: list[str], path: Path, inside: str = "trial{n}",
+                 clock: bool = True, rate: float | None = None, **more: Any) -> Path:  # fmt: skip
+    """HDF5 with a group a recording, at ``inside``, of a table and a clock at 100 Hz. rate: of the file. more: what else stands in
+    the group, as a dataset, or as an attribute where its name begins with on__; functions get the number."""
+    with h5py.File(path, "w") as file:
+        for n, (signal, label) in enumerate(zip(signals, labels, strict=True)):
+            trial = file.create_group(inside.format(n=n, label=label))
+            file.attrs.update({} if rate is None else {"fs": rate})
+            trial["skin"] = signal
+            if clock:
+                trial["time"] = np.arange(len(signal)) / 100
+            for name, value in more.items():
+                holder = trial.attrs if name.startswith("on__") else trial
+                holder[name.removeprefix("on__")] = value(n) if callable(value) else value
+    return path
+
+
+def write_touches(signals: list[np.ndarray], labels: list[str], path: Path, off: float = 0.0, zero: int = 0,
+                  stamp: tuple[str, str] = ("sec", "nanosec"), stamped_labels: bool = False) -> Path:  # fmt: skip
+    """MCAP of JSON at 100 Hz without pauses, labels by the topic /touched. off: of the header's clock, s; of the
+    first ``zero`` messages its stamp is 0."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        schema = writer.register_schema("TactileState", "jsonschema", b"{}")
+        skin, touched = (writer.register_channel(name, "json", schema) for name in ("/skin", "/touched"))
+        frame = 0
+        for signal, label in zip(signals, labels, strict=True):
+            for k, row in enumerate(signal.tolist()):
+                at = 10**18 + frame * 10**7
+                when = 0 if frame < zero else at + int(off * 1e9)
+                header = {"header": {"stamp": dict(zip(stamp, divmod(when, 10**9), strict=True))}}
+                if k == 0:
+                    told = {"data": label} | (header if stamped_labels else {})
+                    writer.add_message(touched, at, json.dumps(told).encode(), at)
+                writer.add_message(skin, at, json.dumps(header | {"sensors": [{"values": row}]}).encode(), at)
+                frame += 1
+        writer.finish()
+    return path
+
+
+def drawn_form(
+    signals: list[np.ndarray], labels: list[str], folder: Path, rng: random.Random
+) -> tuple[Path, Reading]:
+    """Recordings (frames, taxels) at 100 Hz in a form that a recorder may write, .lvm, nested HDF5 or a log with
+    two clocks, and what a user says of it."""
+    form = rng.choice(("lvm", "hdf5", "log"))
+    if form == "lvm":
+        of_file = dict(
+            clocks=rng.choice(("One", "No", "Multi")), comma=rng.random() < 0.5, runs_on=rng.random() < 0.5
+        )
+        for n, (signal, label) in enumerate(zip(signals, labels, strict=True)):
+            path = folder / "lvm" / label / f"r{n}.lvm"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(lvm(np.array_split(signal, rng.choice((1, 1, 2, 3))), **of_file))
+        last = signals[0].shape[1] + 1
+        columns = (f"2-{last}",) if rng.random() < 0.5 and of_file["clocks"] != "Multi" else ()
+        return folder / "lvm", Reading(columns=columns, scale=rng.choice((None, 1e-3)))
+    if form == "hdf5":
+        inside = rng.choice(("{label}/trial{n}", "trial{n}", "{label}/day{n}/a"))
+        said = {rng.choice(("label", "on__label")): lambda n: labels[n]} if rng.random() < 0.5 else {}
+        said |= {"imu": lambda n: np.zeros((len(signals[n]), 6))} if rng.random() < 0.3 else {}
+        rate, clock = rng.choice((None, 100.0)), rng.random() < 0.5
+        said |= {} if clock or rate else {"on__fs": 100.0}
+        path = write_trials(signals, labels, folder / "a.h5", inside, clock, rate, **said)
+        return path, Reading(samples=rng.choice((None, "skin")))
+    off, zero, stamped = rng.choice((0.0, -0.4, 0.03, 5.0)), rng.choice((0, 0, 3)), rng.random() < 0.5
+    path = write_touches(signals, labels, folder / "a.mcap", off, zero, rng.choice((("sec", "nanosec"), ("secs", "nsecs"))),
+                         stamped)  # fmt: skip
+    return path, Reading(label="/touched", samples="/skin", clock=rng.choice(("log", "header")))
 
 
 def write_hdf5(recordings: Recordings, path: Path) -> None:

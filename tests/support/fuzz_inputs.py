@@ -135,6 +135,12 @@ def make_corpus(folder: Path) -> Path:
     )
     doors.write_hdf5(few, folder / "r.h5")
     doors.write_hdf5_by_dataset(few, folder / "sets.h5")
+    signals, labels = (
+        [few.recording(index) for index in range(4)],
+        [few.class_names[each] for each in few.labels],
+    )
+    doors.write_trials(signals, labels, folder / "nested.h5", "{label}/trial{n}", on__person=lambda n: n // 2)
+    doors.write_touches(signals, labels, folder / "clocks.mcap", off=-1.5, zero=3)
     doors.long_table(few).to_parquet(folder / "table.parquet")
     for plugin in StoragePlugin:
         doors.write_bag(few, folder / "bag", "tactile_msgs/msg/TactileState", plugin)
@@ -188,22 +194,18 @@ def _tables(folder: Path, loaded: Recordings) -> None:
     cells, long = np.empty((1, 4), dtype=object), ["recording,person,class,time,a,b,c,d"]
     for index in range(4):
         samples, name = loaded.recording(index)[:60], loaded.class_names[loaded.labels[index]]
-        volts = [
-            f"{frame / 500:.4f}\t" + "\t".join(f"{code / 1000:.6f}" for code in row)
-            for frame, row in enumerate(samples)
-        ]
         rows = [
             f"{frame / 500:.4f}," + ",".join(str(code / 7 if index > 1 else code) for code in row)
             for frame, row in enumerate(samples)
         ]
-        headers = {
-            "lvm": "LabVIEW Measurement\n***End_of_Header***\nX_Value\tV0\tV1\tV2\tV3",
-            "csv": "time,a,b,c,d",
+        texts = {
+            "lvm": doors.lvm(np.split(samples / 1000, 2), runs_on=True, hz=500).replace("\r", ""),
+            "csv": "\n".join(["time,a,b,c,d", *rows]) + "\n",
         }
-        for kind, lines in (("lvm", volts), ("csv", rows)):
+        for kind, text in texts.items():
             path = folder / kind / name / f"p{index}_t1.{kind}"
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text("\n".join([headers[kind], *lines]) + "\n")
+            path.write_text(text)
         long += [f"{index},{index // 2},{name},{row}" for row in rows]
         cells[0, index] = samples.astype(float)
     (folder / "table.csv").write_text("\n".join(long) + "\n")
@@ -524,7 +526,6 @@ evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @ --out page
 cosim ../in/model --data @
 sweep --data @ --folds 2 --seeds 1
-leak-check --data @
 baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
@@ -533,22 +534,23 @@ enrol ../in/prototypes --teach @ --out taught
 evaluate ../in/prototypes --data @
 quantise model --data @ --readout prototypes
 quantise model --data @ --readout prototypes --group person --unknown # --spare-classes #
-enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1 --jobs 1
+enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1
 run --data @ --config ../in/config.json
 energy ../in/model --data @
-watch ../in/model --data @ --terminal --speed max --recordings #
+watch ../in/model --data @ --host-port #
 import ../in/model/float.npz --out made --config ../in/config.json --data @
 """
 CONVERTED = f"""{RECORDED}convert @ --out made.npz --rate 100
-convert @ --out made.npz --time # --columns #
-convert @ --out deep/made.npz --columns a,b,c,d --group $ --class $
-convert @ --out keep --recording $ --group person --delimiter $
+convert @ --out made.npz --columns #
+convert @ --out deep/made.npz --columns a,b,c,d --class $
+convert @ --out keep --recording $ --delimiter $
 convert @ --out made.npz --samples $ --scale # --class labels
 """
 LOG = """convert @ --out made.npz --class /touched
 convert @ --out made.npz --class /touched --samples /skin --rate 500
 convert @ --out made.npz --labels ../in/times.csv --columns $
 convert @ --out made.npz --class $ --samples $
+convert @ --out made.npz --class /touched --samples /skin --clock header
 inspect @
 """
 MODEL = """evaluate @ --data ../in/recordings.npz
@@ -565,8 +567,8 @@ build @ --target icebreaker
 build @ --target # --converter $ --standalone
 build @ --target icebreaker --converter ads7953 --standalone --flash
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib
-replay @ --port /dev/null --baud 2000000 --data ../in/recordings.npz
-watch @ --data ../in/recordings.npz --terminal --speed # --shape $
+replay @ --port /dev/null --data ../in/recordings.npz
+watch @ --data ../in/recordings.npz
 quantise model
 quantise model --data ../in/recordings.npz
 quantise model --weight-bits #
@@ -576,7 +578,6 @@ train --data ../in/recordings.npz --out made --config @
 sweep --data ../in/recordings.npz --config @
 import ../in/keras.npz --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
-leak-check --data ../in/recordings.npz --config @
 inspect synthetic --config @
 """
 IMAGES = """inspect @ --json look.json
@@ -590,8 +591,8 @@ compare ../in/image_model --data @ --out page
 stability ../in/image_model --data @ --out stable
 cosim ../in/image_model --data @
 run --data @
-watch ../in/image_model --data @ --terminal --speed max
-replay ../in/image_model --port /dev/null --baud 2000000 --data @
+watch ../in/image_model --data @
+replay ../in/image_model --port /dev/null --data @
 """
 READERS = {
     "recordings.npz": RECORDED,
@@ -601,16 +602,18 @@ READERS = {
     "r.mat": CONVERTED,
     "r.h5": CONVERTED,
     "sets.h5": CONVERTED,
+    "nested.h5": CONVERTED,
+    "clocks.mcap": LOG,
     "table.parquet": CONVERTED,
     "log.mcap": LOG,
     "log.db3": LOG,
     "log.bag": LOG,
     "bag": LOG,
-    "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --group $",
+    "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --columns $",
     "model": MODEL,
     "prototypes": f"{MODEL}enrol @ --teach ../in/recordings.npz --out taught",
-    "taught.npz": "replay ../in/prototypes --port /dev/null --baud 2000000 --data ../in/recordings.npz --save-taught @\n"
-    "replay ../in/prototypes --port /dev/null --baud 2000000 --data ../in/recordings.npz --save-taught @ --teach $",
+    "taught.npz": "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @\n"
+    "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @ --teach $",
     "config.json": CONFIGURED,
     "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
     "--config ../in/config.json",

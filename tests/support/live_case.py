@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from eskin.golden.data import Recordings
 from eskin.live.hub import Hub
 from eskin.live.player import Controls, Player, hello
-from eskin.live.recorder import Recorder
 from eskin.live.sources import Listener, Source
 
 
@@ -24,7 +23,6 @@ class Stage:
         recordings: Recordings | None,
         numbers: Sequence[int] | None = None,
         *,
-        recorder: Recorder | None = None,
         once: bool = True,
         speed: float = math.inf,
         shape: Sequence[int] | None = None,
@@ -40,16 +38,7 @@ class Stage:
         self.messages: list[dict] = []
         self._texts: list[str] = []
         self.viewer = self.hub.attach(self._take)
-        self.player = Player(
-            source,
-            recordings,
-            numbers,
-            self.hub,
-            self.controls,
-            recorder=recorder,
-            once=once,
-            apart_s=apart_s,
-        )
+        self.player = Player(source, recordings, numbers, self.hub, self.controls, once=once, apart_s=apart_s)
         self.thread = threading.Thread(target=self.player.run, daemon=True)
         self.viewer.take()
 

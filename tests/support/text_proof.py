@@ -14,6 +14,7 @@ from amaranth.back import rtlil
 from amaranth.lib import wiring
 
 from eskin.rtl.common.collisions import without_contents
+from eskin.rtl.fpga.readable import ports_named
 from eskin.rtl.fpga.tools import run_tool
 
 PROVED: set[tuple[str, str]] = set()
@@ -63,7 +64,7 @@ def prove(component: wiring.Component, top: str, text: str, folder: Path, only: 
     Raises ToolError where a block is not proved.
     """
     folder.mkdir(exist_ok=True)
-    design = without_contents(rtlil.convert(component, name=top, emit_src=False))
+    design = without_contents(ports_named(rtlil.convert(component, name=top, emit_src=False)))
     (folder / "gold.il").write_text(design)
     (folder / "gate.sv").write_text(text)
     gold, gate = _modules(design), _modules(text)

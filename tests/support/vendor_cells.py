@@ -52,7 +52,7 @@ def run_bench(folder: Path, *designs: str) -> str:
     options = ["-g2012", "-DNO_ICE40_DEFAULT_ASSIGNMENTS", "-s", "bench", "-o", "bench.vvp"]
     build = ["iverilog", *options, "bench.v", *designs, str(CELLS)]
     for command in (build, ["vvp", "-n", "bench.vvp"]):
-        done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=120)
+        done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=600)
     return done.stdout
 
 

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, NoReturn
 import torch
 from matplotlib.figure import Figure
 
-from eskin.choose.choose_front_end import Judge
+from eskin.choose.front_ends import Judge
 from eskin.cli import main as command_line
 from eskin.study.stability import suite as stability
 

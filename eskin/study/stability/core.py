@@ -164,9 +164,11 @@ class Bench:
         """Accuracy on the undisturbed recordings."""
         return self.accuracy(self.clean)
 
-    @property
+    @cached_property
     def sigma(self) -> float:
         """Standard deviation of the window means in training, codes."""
+        if self.origin:
+            return self.origin.sigma
         if self.config.constants == 1 and self.config.features.feature_kinds == ("mean",):
             return float(self.real.arrays["sigma"])
         plain = sums_alone(self.config)

@@ -7,10 +7,13 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
+from eskin.golden.model import Touches
+from eskin.study.leak import Leak, known_without_touch
 from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, disturbed, rebuilt
 from eskin.study.stability.shapes import Whole
 
 RATE_ERRORS = (0.02, 0.05, 0.1, 0.2, 0.4)
+LEFT_IN = (0.0, 0.05, 0.1, 0.25, 0.5, 1.0)
 
 
 # ---------------------------------------------------------------------- disturbances of whole streams
@@ -225,6 +228,27 @@ def two_touches(bench: Bench) -> Outcome:
     return Outcome(
         (compared - len(differing)) / max(compared, 1), words, curve, Case(pair.subset(differing[:2] or [0]))
     )
+
+
+def leak_of(bench: Bench, left_in: float = 0.0) -> Leak:
+    """What the model under test knows of the recordings without their touches, but for the share ``left_in``
+    of their frames; where none has a lead-in, nothing."""
+
+    def decide(touches: Touches) -> np.ndarray:
+        logits = bench.forward(bench.features(touches))[1]
+        return bench.parts.decide(bench.config, logits, touches.completed)[2]
+
+    frames = round(left_in * bench.config.last_frame)
+    leak = known_without_touch(bench.model, bench.clean, bench.parts.find_touches, decide, frames)
+    return leak or Leak(0, 0.0, 1.0)
+
+
+def without_touch(bench: Bench) -> Outcome:
+    """Every touch is replaced by the quiet frames before it, repeated, and the gate opens where it did."""
+    leak, shares = bench.remember("leak", lambda: leak_of(bench)), bench.thin(LEFT_IN)
+    known = [leak_of(bench.sample, share).accuracy for share in shares]
+    curve = Curve("share of the touch left in", "share of recordings known", shares, {"known": known})
+    return Outcome(leak.accuracy, f"{leak.recordings} recordings have a quiet lead-in long enough", curve)
 
 
 def wrong_rate(bench: Bench) -> Outcome:

@@ -131,6 +131,9 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         at_least=harmless),
     Mode("stream", "wrong sample rate", stream.wrong_rate, ACCURACY,
         "an oscillator without a crystal is off by 5 %", at_least=harmless),
+    Mode("stream", "class without the touch", stream.without_touch, "share of recordings known",
+        "what knows the class without the touch knows it from the rest level, the onset's time or the length",
+        at_most=lambda bench: bench.remember("leak", lambda: stream.leak_of(bench)).limit, needs=("onset",)),
     # sensor: taxels
     Mode("sensor", "one dead taxel, mean", DEAD.averaged, ACCURACY,
         "one of many taxels fails sooner or later; the array must go on",

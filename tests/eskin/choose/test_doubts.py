@@ -24,6 +24,7 @@ def baseline(
     name: str = "linear classifier on the same features",
     hardware: bool = True,
     groups=("person",),
+    whole: bool = False,
 ) -> dict:
     return {
         "groups": list(groups),
@@ -31,61 +32,53 @@ def baseline(
         "accuracy": accuracy,
         "standard_error": 0.02,
         "hardware": hardware,
+        "whole": whole,
     }
 
 
-def test_a_network_below_its_best_baseline():
-    assert doubts.below_baselines(split(), [], chosen=False) == []
-    assert (
-        doubts.below_baselines(split(), [baseline(0.915), baseline(0.99, groups=("speed",))], chosen=False)
-        == []
-    )
-    (sentence,) = doubts.below_baselines(split(), [baseline(0.925), baseline(0.91)], chosen=False)
-    assert "92.5 %" in sentence
-    assert "90.0 %" in sentence
-    assert "2.5 points" in sentence
-    assert "--cell auto" in sentence
-    (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True, hidden=8)
-    assert "--cell gru --hidden 12" in sentence and "--cell auto" not in sentence
-    (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True, cell="linear", hidden=12)
-    assert "--cell gru --hidden 4" in sentence
-    (sentence,) = doubts.below_baselines(
-        split(), [baseline(0.93, "RBF-SVM on the same features", False)], chosen=True
-    )
-    assert "no hardware for it" in sentence
-    (sentence,) = doubts.below_baselines(
-        split(), [baseline(0.93, "linear classifier on whole recordings", False)], chosen=True
-    )
-    assert "eskin inspect" in sentence
+GRU, LINEAR = {"cell": "gru", "hidden": 8}, {"cell": "linear", "hidden": 0}
+VECTORS, WHOLE = "RBF-SVM on the same features", "linear classifier on whole recordings"
 
 
-def test_a_choice_that_flatters_and_labels_that_may_be_luck():
-    def nested(accuracy: float, as_good: float = 0.0, shuffled: bool = True) -> dict:
-        luck = {"count": 20, "mean": 0.5, "largest": 0.7, "right": accuracy, "as_good": as_good}
-        return {"integer_accuracy": accuracy, "standard_error": 0.02, "shuffled": luck if shuffled else None}
+@each_row(
+    ("rows", "network", "chosen", "parts"),
+    [
+        ([], GRU, False, None),
+        ([baseline(0.915), baseline(0.99, groups=("speed",))], GRU, False, None),
+        ([baseline(0.925), baseline(0.91)], GRU, False, ["92.5 %", "90.0 %", "2.5 points", "--cell auto"]),
+        ([baseline(0.93)], GRU, True, ["--cell gru --hidden 12"]),
+        ([baseline(0.93)], LINEAR, True, ["--cell gru --hidden 4"]),
+        ([baseline(0.93, VECTORS, False)], GRU, True, ["no hardware for it"]),
+        ([baseline(0.93, WHOLE, False, whole=True)], GRU, True, ["eskin inspect"]),
+    ],
+)
+def test_a_network_below_its_best_baseline(rows, network, chosen, parts):
+    found = doubts.below_baselines(split(), rows, network, chosen=chosen)
+    assert [one["code"] for one in found] == ["below_baselines"] * (parts is not None)
+    for one in found:
+        assert one["groups"] == ["person"] and one["text"].startswith("leaving out person, the ")
+        assert all(part in one["text"] for part in parts)
 
-    assert doubts.by_choice(split() | {"nested": nested(0.87, 1 / 21)}) == []
-    assert doubts.by_choice(split() | {"nested": nested(0.87, shuffled=False)}) == []
-    (sentence,) = doubts.by_choice(split() | {"nested": nested(0.85)})
-    assert (
-        "decides 90.0 % rightly on the folds it was chosen on, and one chosen without them, by a cheaper "
-        "choice, 85.0 %" in sentence
-    )
-    (sentence,) = doubts.by_choice(split() | {"nested": nested(0.9, 2 / 21)})
-    assert "shuffled labels are decided rightly up to 70.0 % (50.0 % on average)" in sentence
+
+def test_a_choice_that_flatters():
+    nested = {"integer_accuracy": 0.87, "standard_error": 0.02}
+    assert doubts.by_choice(split() | {"nested": nested}) == []
+    (one,) = doubts.by_choice(split() | {"nested": nested | {"integer_accuracy": 0.85}})
+    assert one["code"] == "by_choice" and "90.0 % rightly on the folds it was chosen on" in one["text"]
+    assert "85.0 %" in one["text"] and doubts.sentences([one]) == [one["text"]]
 
 
 def test_missed_onsets():
     assert doubts.missed_onsets(98, 100) == []
-    assert "3 of 100 recordings" in doubts.missed_onsets(97, 100)[0]
+    assert "3 of 100 recordings" in doubts.missed_onsets(97, 100)[0]["text"]
 
 
 def test_a_lost_class():
     assert doubts.lost_classes(split(), NAMES) == []
-    (sentence,) = doubts.lost_classes(split(confusion=((9, 1, 0, 0), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
-    assert "rough is found no more often" in sentence and "taken for smooth" in sentence
-    (sentence,) = doubts.lost_classes(split(confusion=((0, 1, 0, 9), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
-    assert "smooth, rough are found" in sentence and "smooth is mostly taken for nothing" in sentence
+    (one,) = doubts.lost_classes(split(confusion=((9, 1, 0, 0), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
+    assert "rough is found no more often" in one["text"] and "taken for smooth" in one["text"]
+    (one,) = doubts.lost_classes(split(confusion=((0, 1, 0, 9), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
+    assert "smooth, rough are found" in one["text"] and "smooth is mostly taken for nothing" in one["text"]
     # no recording of it
     assert doubts.lost_classes(split(confusion=((9, 1, 0, 0), (0, 0, 0, 0), (1, 0, 9, 0))), NAMES) == []
 
@@ -111,10 +104,10 @@ def sessions(shift: float, groups: dict | None = None, each: int = 30, seed: int
 
 
 def test_neighbours_that_look_alike():
-    (sentence,) = doubts.look_alike(sessions(30.0), [], 5)
-    assert "neighbouring recordings look alike" in sentence and "an array in the archive" in sentence
+    (one,) = doubts.look_alike(sessions(30.0), [], 5)
+    assert "neighbouring recordings look alike" in one["text"] and "an array in the archive" in one["text"]
     groups = {"session": np.arange(90) // 6}
-    assert "--group session" in doubts.look_alike(sessions(30.0, groups), [], 5)[0]
+    assert "--group session" in doubts.look_alike(sessions(30.0, groups), [], 5)[0]["text"]
     assert doubts.look_alike(sessions(30.0, groups), ["session"], 5) == []  # a group was left out
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []

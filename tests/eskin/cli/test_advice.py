@@ -21,10 +21,9 @@ def test_every_advice_is_something_that_the_verbs_take(verb, name, hardware, cel
     """The options of the sentence are options of both verbs, and the network is one that there is."""
     options = {opt for parameter in get_command(app).commands[verb].params for opt in parameter.opts}
     for chosen in (True, False):
-        (sentence,) = doubts.below_baselines(
-            split(), [baseline(0.93, name, hardware)], chosen=chosen, cell=cell, hidden=hidden
-        )
-        words = sentence.replace(";", " ").split()
+        network = {"cell": cell, "hidden": hidden}
+        (one,) = doubts.below_baselines(split(), [baseline(0.93, name, hardware)], network, chosen=chosen)
+        words = one["text"].replace(";", " ").split()
         assert {word for word in words if word.startswith("--")} <= options
         if "--hidden" in words:
             advised = int(words[words.index("--hidden") + 1])
@@ -38,11 +37,12 @@ def test_what_integers_lose_names_the_stage_and_an_option_of_quantise():
     options = {opt for parameter in get_command(app).commands["quantise"].params for opt in parameter.opts}
     for stage in STAGES:
         evaluated["logit_error"]["stage"] = stage
-        (sentence,) = doubts.lost_in_integers([split() | {"float_accuracy": 0.95}], evaluated)
+        (one,) = doubts.lost_in_integers([split() | {"float_accuracy": 0.95}], evaluated)
+        sentence = one["text"]
         assert stage in sentence and "95.0 %" in sentence
         assert {word for word in sentence.replace("'", " ").split() if word.startswith("--")} <= options
     anew = split() | {"nested": split() | {"float_accuracy": 0.95}}  # what folds that chose nothing lose
-    assert doubts.lost_in_integers([anew], evaluated) == [sentence]
+    assert doubts.lost_in_integers([anew], evaluated) == [one]
 
 
 def test_every_verb_is_in_one_group_of_the_help():

@@ -7,13 +7,11 @@ from typing import get_args, get_type_hints
 import pytest
 import typer
 
-from eskin.cli.common import CONFIG, DATA, INPUT_WORDS, OUTPUTS, REPLACING, app, check_outputs, how_many
-from eskin.cli.learn import _touch_counts
+from eskin.cli.common import INPUT_WORDS, OUTPUTS, REPLACING, app, check_outputs, how_many
 from eskin.cli.main import VERBS
 from eskin.data import image_size
-from eskin.golden.core import PRESETS, InputError
-from eskin.pages.watch_page import asked_shape
-from eskin.study.baselines.scene import array_shape
+from eskin.golden.core import InputError
+from eskin.requests import CONFIG, DATA, EnrolRequest, lanes_of
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
 
@@ -109,18 +107,7 @@ def test_folders_and_words(verb, given, said):
 
 @each_row("text", ["9" * 5000, "-1", "x", "1_0"])
 def test_numbers_that_are_none_are_one_short_sentence(text):
-    shapes = (
-        image_size,
-        lambda shape: asked_shape(shape, 16),
-        lambda shape: array_shape(PRESETS["thesis"], shape),
-    )
-    for reader in (how_many, _touch_counts, parse_configuration, *shapes):
-        words = (
-            f"{text}x9"
-            if reader in shapes
-            else f"icebreaker:{text}"
-            if reader is parse_configuration
-            else text
-        )
+    for reader in (how_many, lambda k: EnrolRequest(k=k).ks, parse_configuration, image_size, lanes_of):
+        before = {image_size: "9x", parse_configuration: "icebreaker:"}.get(reader, "")
         with pytest.raises(InputError, match="^.{20,250}$"):
-            reader(words)
+            reader(f"{before}{text}")

@@ -1,4 +1,4 @@
-"""The easy synthetic scene: as it was published, and as its name and configuration say."""
+"""The scene of the presets: as it was published, and as its name and configuration say."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_other_arrays(rows, columns):
     ],
 )
 def test_what_cannot_be_made_is_refused(field, value):
-    with pytest.raises(InputError, match=f"synthetic-easy scene, {field}: is {value}; it must lie in"):
+    with pytest.raises(InputError, match=f"synthetic scene, {field}: is {value}; it must lie in"):
         synthetic_recordings(**{field: value})
 
 
@@ -63,7 +63,7 @@ def sized(taxels: int, classes: int, hidden: int = 12, steps: int = 20, **change
 
 def test_the_default_scene_is_what_it_was():
     """Samples, labels, classes and groups, by their check sum: results that were published on it must not move."""
-    assert load_recordings("synthetic-easy").content.startswith("64448ee5d3bf1853")
+    assert synthetic_recordings().content.startswith("64448ee5d3bf1853")
 
 
 @each_row("classes", [2, 3, 4, 12, 13, 32])
@@ -145,8 +145,8 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
         (SYNTHETIC.replace(taxels=160), "field taxels: is 160; the synthetic scene has 2 to 8 rows"),
         (
             PRESETS["pvdf"],
-            "field class_names: is Cube3, .*; the synthetic-easy scene of 5 classes has brush-east-medium, .*, "
-            "and the synthetic scene on, left, back, right",
+            "field class_names: is Cube3, .*; the synthetic scene of 5 classes has brush-east-medium, .*, "
+            "or on, left, back, right",
         ),
         (
             SYNTHETIC.replace(class_names=("slide", "brush")),
@@ -154,7 +154,7 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
         ),
         (
             SYNTHETIC.replace(sample_rate_hz=35.6),
-            "synthetic-easy scene, sample_rate_hz: is 35.6; it must lie in 100..20000",
+            "synthetic scene, sample_rate_hz: is 35.6; it must lie in 100..20000",
         ),
     ],
 )

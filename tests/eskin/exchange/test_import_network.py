@@ -395,7 +395,7 @@ def test_measured_normalisation_is_that_of_training(tmp_path, scene):
     assert record["normalisation"] == {
         "mean": float(model.arrays["mu"]),
         "std": float(model.arrays["sigma"]),
-        "source": "synthetic-easy scene",
+        "source": "synthetic scene",
     }
     touches = find_touches(SLOW, scene)
     features = model.features(real_features(SLOW, touches.sums))[touches.completed == SLOW.windows.steps]

@@ -21,8 +21,8 @@ from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.model import FloatModel, constants_shape, network_shapes
 from eskin.verbs.export_job import export_onnx
-from scripts.export_cost import front_end
-from scripts.export_cost import model_of as model_on
+from tests.support.c_played import front_end
+from tests.support.c_played import model_of as model_on
 from tests.support.fuzz_inputs import damage_onnx
 from tests.support.table import each_row
 

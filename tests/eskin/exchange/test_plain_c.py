@@ -1,5 +1,5 @@
 """The model as plain C against the golden model: every decision of random designs, under both compilers' warnings
-and sanitizers; programs for microcontrollers, run instruction by instruction; and all recordings."""
+and sanitizers; sizes on microcontrollers; and all recordings."""
 
 import json
 import re
@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.data import load_recordings
-from eskin.exchange import compiled, emulated, plain_c
+from eskin.exchange import compiled, plain_c
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, QFormat
 from eskin.golden.model import (
     IntegerModel,
@@ -25,8 +25,8 @@ from eskin.golden.model import (
     run_images,
 )
 from eskin.verbs.export_job import export_c
-from scripts.export_cost import MODELS, differences, front_end, with_failing_taxels
-from scripts.export_cost import model_of as model_on
+from tests.support.c_played import MODELS, differences, front_end, with_failing_taxels
+from tests.support.c_played import model_of as model_on
 from tests.support.image_scenes import random_image_model
 from tests.support.strategies import configurations, examples
 
@@ -137,15 +137,10 @@ def test_clang_agrees(config, tmp_path):
         for number, core in enumerate(compiled.CORES)
     ],
 )
-def test_a_microcontroller_decides_the_same_and_its_instructions_are_counted(core, tmp_path):
+def test_sizes_on_a_microcontroller(core, tmp_path):
     clang()
-    pytest.importorskip("unicorn", reason="unicorn is not installed")
     model = model_of(RING, 5)
-    recordings = random_recordings(model.config, (150, 60), 5)
     export_c(model, tmp_path / "c")
-    result = emulated.play(model, recordings, core, tmp_path / "c")
-    assert result["different"] == 0 and result["decisions"] > 5
-    assert 100 < result["instructions"]["frame"] < result["instructions"]["step"] < 100_000
     sizes = compiled.sizes(tmp_path / "c", core, image=False)
     assert sizes["tables"] >= plain_c.table_bytes(model)
     assert 500 < sizes["code"] < 6000
@@ -222,7 +217,7 @@ CLANG_AVR = (
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("compiler", [CLANG_AVR, AVR], ids=["clang", "gcc"])
 @pytest.mark.parametrize("kind", WITH_16_BIT_INT)
 def test_a_processor_with_an_int_of_16_bits_decides_the_same(kind, compiler, tmp_path):
@@ -367,7 +362,7 @@ def test_all_recordings_decide_the_same(name, kind, shared_data, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_all_images_decide_the_same(shared_data, tmp_path):
     images = load_recordings(str(shared_data / "tactile_images" / "recordings.npz"))
     layers = (*NETWORKS["tactnet"], f"dense {len(images.class_names)}")

@@ -122,7 +122,7 @@ def test_registers_that_do_not_fit_are_seen(model, recordings):
     assert "register TOUCHES reads 77" in said[0] and "FAULTS reads 0x0004" in said[1]
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1800)
 def test_the_simulated_rtl_is_equal_in_lock_step(model, recordings):
     """Several touches, a partial one, none; a fault detector that masks; decisions by vote. Then a word of
     the model is spoilt."""

@@ -83,16 +83,22 @@ def table_row(page: Page, first: str) -> str:
 
 
 def judged(cell: str, hidden: int, accuracy: float, energy_j: float, **changes) -> dict:
-    words = "no rest level, open at once, 6 windows of 32 every 16, mean, one scale"
+    front_end = {"steps": 6, "window": 32, "hop": 16, "feature_kinds": ["mean"]}
     row = {"cell": cell, "hidden": hidden, "recipe": "linear", "accuracy": accuracy, "standard_error": 0.01}
-    row |= {"energy_touch_j": energy_j, "cells": 900, "block_memories": 12, "latency_s": 2e-6}
-    row |= {"fits": "icebreaker", "decision_time_s": 0.25, "front_end": words, "chosen": False}
+    row |= {
+        "float_accuracy": accuracy,
+        "energy_touch_j": energy_j,
+        "cells": 900,
+        "block_memories": 12,
+        "latency_s": 2e-6,
+    }
+    row |= {"fits": "icebreaker", "decision_time_s": 0.25, "front_end": front_end, "chosen": False}
     return row | changes
 
 
 def test_candidates_stand_against_their_cost_on_the_first_screen(result):
     rows = [
-        judged("linear", 0, 0.90, 1e-6, float_accuracy=0.977, loses_in="accumulators"),
+        judged("linear", 0, 0.90, 1e-6, float_accuracy=0.977),
         judged("gru", 4, 0.96, 2e-6, chosen=True),
         judged("gru", 8, 0.95, 3e-6, fits=None, decision_time_s=None),
     ]
@@ -113,7 +119,7 @@ def test_candidates_stand_against_their_cost_on_the_first_screen(result):
     printed = summary(result)
     assert "candidates, integer, cross-validated" in printed
     for words in (text, " ".join(printed.split())):
-        assert "integers lose most in the accumulators" in words and "97.7" in words
+        assert "97.7" in words
     older = [{"cell": "linear", "hidden": 0, "accuracy": 0.9}]  # before cost was asked for
     edit(result / "run.json", candidates=older)
     assert "Accuracy against cost" not in Page(write_report(result)).text
@@ -235,13 +241,11 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
         "agreement": 0.99,
     }
     nested |= {"standard_error": 0.0345, "wall_s": 12.0}
-    nested["shuffled"] = {"count": 20, "mean": 0.51, "largest": 0.63, "right": 0.86, "as_good": 1 / 21}
     first, *others = training["cross_validation"]
     edit(result / "model/training.json", cross_validation=[first | {"nested": nested}, *others])
     words = plain(Page(write_report(result)).text)
     assert (
-        "accuracy, unseen person 87.1 %" in words
-        and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 % 51.0 %, at most 63.0 % of 20" in words
+        "accuracy, unseen person 87.1 %" in words and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 %" in words
     )
     assert "person left out 3 96.4 %" in words and "unseen person 3 96.4 %" not in words
     assert "the network taken, on the folds it was chosen on, 96.4 %" in words

@@ -6,6 +6,7 @@ import pytest
 
 from eskin.golden.core import InputError, Jobs, Memo
 from eskin.pages.sweep_charts import accuracy_chart
+from eskin.requests import SweepRequest
 from eskin.rtl.program.image_passes import plan_of
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
 from eskin.study.sweep import flat_rows, smallest_at, sweep
@@ -93,8 +94,8 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
 
 def test_some_folds_are_enough_when_that_is_asked_for(tmp_path):
     scene = shapes(6, 0, (8, 10))
-    result = swept(scene, tmp_path, parts=1)
-    assert result["parts"] == 1 and result["folds"] == 3 and result["judged_images"] == 6
+    result = swept(scene, tmp_path)
+    assert result["folds"] == 3 and result["judged_images"] == len(scene)
 
 
 @each_row(
@@ -120,10 +121,8 @@ def test_a_grid_that_cannot_be_is_refused_before_any_training(grid, words):
 
 def test_what_the_verb_cannot_do_is_refused(tmp_path):
     scene = shapes(6, 0, (8, 10))
-    with pytest.raises(InputError, match="--parts 4: there are 3 folds"):
-        sweep_job.request_of(scene, None, folds=3, parts=4)
     with pytest.raises(InputError, match="--grid bits: is for recordings"):
-        sweep_job.request_of(scene, None, grid="bits")
+        sweep_job.request_of(scene, None, SweepRequest(data="images.npz", grid="bits"))
     (tmp_path / "g.json").write_text('{"layers": ["conv 3 4"], "lanes": 3}')
     with pytest.raises(InputError, match="runs on 1, 2, 4"):
-        sweep_job.request_of(scene, None, grid=tmp_path / "g.json")
+        sweep_job.request_of(scene, None, SweepRequest(data="images.npz", grid=f"{tmp_path}/g.json"))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.choose.choose_front_end import configure
+from eskin.choose.choice import configure
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, InputError
 from eskin.golden.data import Recordings
@@ -184,7 +184,7 @@ def test_a_preset_takes_the_classes_of_the_recordings_and_a_file_does_not(make_r
     front_end = configure(recordings, PRESETS["pvdf"], priced())
     assert front_end.config == PRESETS["pvdf"].replace(class_names=("class0", "class1"))
     assert "class0, class1" in front_end.reasons[1]
-    assert front_end.record is None
+    assert front_end.record() is None
     own = PRESETS["pvdf"].replace(name="mine")
     with pytest.raises(
         InputError, match="array class_names: is class0, class1 and configuration 'mine' has Cube3"

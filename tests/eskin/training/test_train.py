@@ -25,6 +25,7 @@ from eskin.training import batches as batching
 from eskin.training import crossval, datasets, losses
 from eskin.training import fit as fitting
 from eskin.training import recipe as recipes
+from eskin.training.aware import train_in_integers
 from eskin.training.crossval import cross_validate
 from eskin.training.evaluate import evaluate
 from eskin.training.quantise import IntegerNetwork, profile, quantise
@@ -302,6 +303,16 @@ def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, 
         (after.arrays[name] != tuned.arrays[name]).any() for name in after.arrays
     )
     assert not load_training(tmp_path / "m")["quantisation_aware"]
+    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "later")
+    later = train_in_integers(tmp_path / "later", recordings, weight_bits=4)  # what quantise does
+    assert later.config == tuned.config
+    assert all((later.arrays[name] == tuned.arrays[name]).all() for name in tuned.arrays)
+    kept = load_training(tmp_path / "later")
+    assert (kept["quantisation_aware"], kept["widths"], kept["ranges"]) == (
+        True,
+        {"weight_bits": 4},
+        record["ranges"],
+    )
 
 
 # ---------------------------------------------------------------------- splits

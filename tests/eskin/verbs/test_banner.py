@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 
-from eskin.choose.choose_network import train_chosen
+from eskin.choose.choice import train_chosen
 from eskin.golden.data import Recordings
 from eskin.pages.report import write_report
 from eskin.training import recipe as recipes

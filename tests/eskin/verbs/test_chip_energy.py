@@ -56,7 +56,7 @@ def test_a_step_costs_what_frames_around_its_decision_cost_more():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(("cells", "rom"), [("tiny", True), ("tiny", False), ("real", True)])
 def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_path, monkeypatch, cells, rom):
     paths = liberty_files(cells, tmp_path)

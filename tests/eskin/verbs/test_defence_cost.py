@@ -68,7 +68,7 @@ def test_a_board_has_a_pin_for_unsure_decisions_where_there_is_a_threshold():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_defences_cost_cells_and_no_cycles(recordings, tmp_path):
     plain, defended = (
         defence_cost.hardware_cost(config, recordings, cache=tmp_path) for config in (PVDF, DEFENDED)

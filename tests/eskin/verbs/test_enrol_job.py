@@ -11,7 +11,7 @@ from eskin.golden.data import save_archive
 from eskin.golden.model import IntegerModel
 from eskin.golden.model import run as run_model
 from eskin.rtl.fpga.generate import boot_writes
-from eskin.teach import enrol as enrolling
+from eskin.teach import evaluate as evaluating
 from eskin.training.quantise import quantise
 from eskin.training.train import TrainingRequest, train
 from eskin.verbs import enrol_job, replay_job
@@ -50,7 +50,7 @@ def test_the_board_of_the_old_model_runs_the_new_one(call, files, tmp_path, monk
     )
     assert status == 0 and "same bitstream" in out
     assert all(line.startswith("enrolment: ") for line in errors.splitlines())  # progress, on a slow machine
-    assert json.loads((tmp_path / "enrol.json").read_text())["layers"] == "all"
+    assert json.loads((tmp_path / "enrol.json").read_text())["old_after"] is not None
     old, new = IntegerModel.load(files / "model"), IntegerModel.load(tmp_path / "m2")
     assert new.config == old.config
     few = REST.subset(np.arange(6))
@@ -72,7 +72,7 @@ def test_the_board_of_the_old_model_runs_the_new_one(call, files, tmp_path, monk
 def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
     monkeypatch.setitem(enrol_job.evaluate.__kwdefaults__, "cache", tmp_path / "cache")
     options = ["enrol", "--data", files / "both.npz", "--config", files / "small.json"]
-    options += "--evaluate --group mounting -k 1 --jobs 1".split()
+    options += "--evaluate --group mounting -k 1".split()
     status, out, errors = call(*options, "--seeds", "1", "--json", tmp_path / "one.json")
     assert status == 0 and "mounting" in out and "Traceback" not in errors
     one = json.loads((tmp_path / "one.json").read_text())
@@ -95,7 +95,7 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
 
     judged = []
     monkeypatch.setattr(
-        enrolling, "judge", lambda recordings, question: judged.append(question.seed) or one_seed(one)
+        evaluating, "judge", lambda recordings, question: judged.append(question.seed) or one_seed(one)
     )
 
     def one_seed(result):
@@ -105,8 +105,8 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
 
     assert call(*options, "--seeds", "2", "--json", tmp_path / "two.json")[0] == 0
     assert judged == [1]  # seed 0 is known
-    assert call(*options, "--seeds", "2", "--draw", "first")[0] == 0
-    assert judged == [1, 0, 1]  # another question
+    assert call(*options, "--seeds", "1", "--readout", "prototypes")[0] == 0
+    assert judged == [1, 0]  # another question
 
 
 @each_row(
@@ -130,7 +130,7 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
         (("model", "--out", "m"), "option --data: is missing"),
         (("model", "--teach", "few.npz", "--data", "few.npz", "--out", "m"), "--teach trains nothing"),
         (("--data", "few.npz", "--out", "m"), "MODEL: is missing"),
-        (("model", "--data", "few.npz", "--out", "m", "--hidden", "4"), "option --hidden: needs --evaluate"),
+        (("model", "--data", "few.npz", "--out", "m", "--group", "a"), "option --group: needs --evaluate"),
         (("few.npz", "--data", "few.npz", "--out", "m"), "so it is no model folder"),
         (("model", "--data", "missing.npz", "--out", "m"), "missing.npz"),
     ],

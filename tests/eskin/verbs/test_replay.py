@@ -2,6 +2,7 @@
 everything that can go wrong."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -37,12 +38,11 @@ def replay(call, model, recordings, tmp_path, monkeypatch):
     """``replay(port, *options)``: eskin replay of the model and recordings; (status, output, errors)."""
     model.save(tmp_path / "model")
     save_archive(recordings, tmp_path / "data.npz")
+    built(tmp_path / "model/board")
     monkeypatch.setattr(replay_job, "ANSWER_S", 0.1)
 
     def run(port: str, *options: str) -> tuple[int, str, str]:
-        rate = [] if {"--build", "--baud", "no build"} & set(options) else ["--baud", "2000000"]
-        more = [word for word in (*options, *rate) if word != "no build"]
-        return call("replay", tmp_path / "model", "--port", port, "--data", tmp_path / "data.npz", *more)
+        return call("replay", tmp_path / "model", "--port", port, "--data", tmp_path / "data.npz", *options)
 
     return run
 
@@ -183,15 +183,15 @@ def built(folder, **changes) -> None:
     )
 
 
-@each_row("way", ["named", "the only one"])
-def test_the_rate_and_the_lanes_are_the_builds(replay, model, recordings, tmp_path, monkeypatch, way):
-    """An ulx3s's link runs at 1.923 Mbaud by default; replay spoke at 2, which is 4 % off where 2 % are
-    allowed."""
+@pytest.mark.parametrize("place", ["model/board", "beside", "build/board/ulx3s"])
+def test_the_rate_and_the_lanes_are_the_builds(replay, model, recordings, tmp_path, monkeypatch, place):
+    """The build in the model's folder, else beside it, else of the working folder. An ulx3s's link runs at
+    1.923 Mbaud by default; replay spoke at 2, which is 4 % off where 2 % are allowed."""
     monkeypatch.chdir(tmp_path)
-    built(tmp_path / "build/board/ulx3s")
+    shutil.rmtree(tmp_path / "model/board")
+    built(tmp_path / place)
     with Device(model.config, golden_decisions(model, recordings)) as device:
-        options = ("--build", "build/board/ulx3s") if way == "named" else ("no build",)
-        status, _, errors = replay(device.port, *options, "--json", "replay.json")
+        status, _, errors = replay(device.port, "--json", "replay.json")
     assert (status, errors) == (0, "") and json.loads((tmp_path / "replay.json").read_text())[
         "baud"
     ] == 1923077
@@ -199,21 +199,17 @@ def test_the_rate_and_the_lanes_are_the_builds(replay, model, recordings, tmp_pa
 
 def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert "build/board has none), or give --baud" in replay("port", "no build")[2]
-    built(tmp_path / "build/board/ulx3s")
-    built(tmp_path / "build/board/icebreaker", link=False)
-    (tmp_path / "other").mkdir()
-    said = {
-        ("no build",): "build/board has icebreaker, ulx3s), or give --baud",
-        ("--build", "build/board/icebreaker"): "was built with --no-link",
-        ("--build", "other"): "--build other: holds no build.json",
-        ("--build", "build/board/ulx3s", "--baud", "9600"): "leave out --baud",
-        ("--build", "build/board/ulx3s", "--lanes", "4"): "--lanes: is told by the build",
-        ("no build", "--lane-type", "dsp"): "--lane-type: is told by the build",
-    }
-    for options, sentence in said.items():
-        status, out, errors = replay("port", *options)
-        assert (status, out) == (2, "") and sentence in errors and errors.count("\n") == 1, options
+    said = {"link": "was built with --no-link", "baud": "is no record of 'eskin build'"}
+    for name, sentence in said.items():
+        shutil.rmtree(tmp_path / "model/board")
+        built(tmp_path / "model/board", **{name: None})
+        assert sentence in replay("port")[2]
+    built(tmp_path / "model/other")
+    status, out, errors = replay("port")
+    assert (status, out) == (2, "") and "model/board, " in errors and errors.count("\n") == 1
+    for name in ("board", "other"):
+        shutil.rmtree(tmp_path / "model" / name)
+    assert "told by its build, and there is none" in replay("port")[2]
 
 
 @each_row("name", TARGETS)
@@ -226,8 +222,8 @@ def test_a_build_and_its_replay_speak_at_one_rate(tmp_path, name):
         assert abs(real / wanted - 1) <= RATE_ERROR_MAX and board.clock_hz / real == uart_divisor(
             board.clock_hz, wanted
         )
-        built(tmp_path / f"{asked}", baud=real)
-        assert abs(build_job.link_of(tmp_path / f"{asked}")[0] / real - 1) < 1e-5
+        built(tmp_path / f"{asked}/board", baud=real)
+        assert abs(build_job.board_of(tmp_path / f"{asked}")[0] / real - 1) < 1e-5
 
 
 class Script:

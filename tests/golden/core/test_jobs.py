@@ -81,12 +81,12 @@ def test_an_error_in_a_worker_arrives_and_ends_the_others():
     begin = time.monotonic()
     with pytest.raises(InputError, match="piece bad"):
         Jobs(workers=2).results(slowly, {"a": "bad", "b": 100}, 7)
-    assert time.monotonic() - begin < 60
+    assert time.monotonic() - begin < 900
 
 
 def slowly(shared, piece):
     if piece != "bad":
-        time.sleep(100)
+        time.sleep(1000)
     return times(shared, piece)
 
 
@@ -133,7 +133,7 @@ def alive(pid: int) -> bool:
         return False
 
 
-def wait_until(what, process, said: Path, seconds: float = 100) -> None:
+def wait_until(what, process, said: Path, seconds: float = 600) -> None:
     limit = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < limit and process.poll() is None, said.read_text()
@@ -164,8 +164,8 @@ def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(t
         pids = [int(word) for file in files for word in file.read_text().split()]
         assert len(pids) == 4 and all(map(alive, pids))
         os.killpg(process.pid, number)  # as a terminal does: to the whole group
-        assert process.wait(timeout=30) == (130 if number == signal.SIGINT else -signal.SIGKILL)
-        limit = time.monotonic() + 30
+        assert process.wait(timeout=600) == (130 if number == signal.SIGINT else -signal.SIGKILL)
+        limit = time.monotonic() + 600
         while any(map(alive, pids)) and time.monotonic() < limit:
             time.sleep(0.05)
         assert not any(map(alive, pids)), "workers and what they started end too"

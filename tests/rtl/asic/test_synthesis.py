@@ -42,7 +42,7 @@ class Words(wiring.Component):
         return m
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 @each_row("cells", ["tiny", "real"])
 def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cells):
     process = process_of(
@@ -97,7 +97,7 @@ class Narrow(wiring.Component):
         return m
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 @each_row(("cells", "macros"), [("tiny", 2), ("real", 1)])
 def test_narrow_words_beside_each_other_in_macros(tmp_path, cells, macros):
     process = process_of(

@@ -31,7 +31,7 @@ from eskin.verbs.cost import market
 from tests.support.result_case import CONFIG
 from tests.support.table import each_row
 
-pytestmark = pytest.mark.timeout(600)  # the tools compile themselves at their first use on a machine
+pytestmark = pytest.mark.timeout(1800)  # the tools compile themselves at their first use on a machine
 
 
 # ---------------------------------------------------------------------- a design of a moment

@@ -39,7 +39,7 @@ def test_text_is_deterministic_portable_and_complete():
         env={**os.environ, "PYTHONHASHSEED": "77"},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
     assert other.stdout.strip() == hashlib.sha256(text.encode()).hexdigest(), other.stderr
     assert "always @*" not in text and "always @(*)" not in text, (

@@ -38,7 +38,7 @@ def linted(folder, *waiver):
     verilator, environment = verilator_command()
     call = [verilator, "--lint-only", "-Wall", *waiver, "-f", "filelist.f"]
     done = subprocess.run(
-        call, cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
+        call, cwd=folder, env=environment, capture_output=True, text=True, timeout=600, check=False
     )
     rules = set(re.findall(r"^%(?:Warning|Error)-?(\w*): \S+\.sv", done.stderr, re.MULTILINE))
     assert rules or done.returncode == 0, done.stderr
@@ -86,7 +86,7 @@ def fusesoc(tmp_path_factory):
         call = [sys.executable, "-m", "fusesoc.main", "--config", "fusesoc.conf", "--cores-root", "cores"]
         call += ["run", "--target", target, "eskin:ip:accelerator"]
         done = subprocess.run(
-            call, cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
+            call, cwd=folder, env=environment, capture_output=True, text=True, timeout=600, check=False
         )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout + done.stderr

@@ -11,7 +11,7 @@ from eskin.golden.model import Stream, random_integer_model, random_recordings, 
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.program.memory_map import Control, Event, Fault, Register, Status
+from eskin.rtl.program.memory_map import Control, Event, Fault, Register, ShellRegister, Status
 from eskin.rtl.program.register_files import entries
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.c_driver import STRICT, Driver
@@ -106,6 +106,38 @@ def test_recordings_decide_as_the_model_does(model, design, lazy, pairs):
     length = CONFIG.rest_level.rest_frames + CONFIG.last_frame + 4 * CONFIG.windows.hop
     recordings = random_recordings(model.config, [length, length // 2, length, length], 5)
     assert plays(model, design, recordings, lazy, pairs)[0]
+
+
+@pytest.mark.parametrize("pairs", [False, True], ids=["codes", "pairs"])
+def test_an_interrupt_routine_takes_decisions_within_a_frame(model, design, pairs):
+    """It runs between a sample that was refused and the next write of the same frame."""
+    length = CONFIG.rest_level.rest_frames + CONFIG.last_frame + 4 * CONFIG.windows.hop
+    recordings = random_recordings(model.config, [length, length // 2, length, length], 5)
+    rows, offsets = run(model, recordings).streams["decision"]
+    board, words, within = Board(design, seed=1), [], 0
+    driver, take, write = board.driver, board.driver.decisions, board._access
+    driver.decisions = lambda: words.extend(take()) or []
+
+    def interrupted(offset, word):
+        nonlocal within
+        value = write(offset, word)
+        if word is not None and offset in (4 * ShellRegister.SAMPLE, 4 * ShellRegister.SAMPLE_PAIR):
+            events = write(4 * ShellRegister.EVENTS, None)
+            if events & Event.DECISION and not events & Event.SPACE and board._random.random() < 0.5:
+                within += 1
+                driver.decisions()
+        return value
+
+    assert driver.load()
+    board._access = interrupted
+    for number in range(len(recordings)):
+        samples = recordings.samples[slice(*recordings.offsets[number : number + 2])]
+        words.clear()
+        driver.play(samples, lambda: False, pairs)
+        assert words == [
+            decision_word(model.config, row) for row in rows[slice(*offsets[number : number + 2])]
+        ]
+    assert within > 3 and driver.refused > 3
 
 
 @pytest.mark.slow

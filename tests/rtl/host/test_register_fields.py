@@ -29,7 +29,7 @@ from tests.rtl.host.test_driver import CONFIG
 from tests.support.driver_board import Board
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(1800)
 def test_every_field_does_what_its_description_says(tmp_path):
     """Each field is written and read in simulation, with what else its access does."""
     config = random_integer_model(
@@ -102,7 +102,8 @@ def test_every_field_does_what_its_description_says(tmp_path):
     assert not get(ShellRegister.EVENTS) & (Event.DECISION | Event.GLOBAL | Event.FAULT)
     taken = play(frames)
     assert 0 < taken < len(frames)
-    holds("NEXT_TAXEL.REFUSED", get(ShellRegister.NEXT_TAXEL) >> 31)
+    assert not get(ShellRegister.NEXT_TAXEL) >> 31  # ended by the read that showed it
+    put(ShellRegister.SAMPLE, 0)
     holds("EVENTS.DECISION", get(ShellRegister.EVENTS) & Event.DECISION)
     holds("STATUS.BUSY", get(Register.STATUS) & Status.BUSY)
     holds("STATUS.TOUCH", get(Register.STATUS) & Status.TOUCH and not get(Register.STATUS) & Status.NO_TOUCH)
@@ -122,7 +123,8 @@ def test_every_field_does_what_its_description_says(tmp_path):
     put(Register.CONTROL, Control.CLEAR_FAULTS)
     assert get(Register.FAULTS) == Fault.OVERRUN
     word = get(ShellRegister.DECISION)
-    assert not get(ShellRegister.NEXT_TAXEL) >> 31 and word == expected[0]
+    holds("NEXT_TAXEL.REFUSED", get(ShellRegister.NEXT_TAXEL) >> 31)
+    assert word == expected[0]
 
     # the same with an interrupt; global decisions alone; two measures
     put(ShellRegister.ENABLE, Event.GLOBAL)

@@ -11,6 +11,7 @@ from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.generate import c_header
 from eskin.rtl.program.memory_map import interface_registers, mapped
 from eskin.rtl.program.register_files import entries, markdown, system_rdl
+from tests.golden.model.test_prototypes import taught_model
 
 THESIS = PRESETS["thesis"]
 LARGE = THESIS.replace(
@@ -36,6 +37,21 @@ def rdl_view(config, shell, tmp_path):
             fields[field.inst_name] = (field.low, field.high, access, field.get_property("reset"))
         view[node.inst_name] = (node.raw_absolute_address, (node.array_dimensions or [1])[0], fields)
     return view
+
+
+def test_reads_that_change_something_are_marked(tmp_path):
+    """A debugger or a cache must not read these by itself."""
+    config = taught_model("gru").config
+    path = tmp_path / "eskin.rdl"
+    path.write_text(system_rdl(entries(config, True)))
+    compiler = RDLCompiler()
+    compiler.compile_file(str(path))
+    nodes = list(compiler.elaborate().top.children(unroll=False))
+    marked = {
+        node.inst_name for node in nodes if any(field.get_property("onread") for field in node.fields())
+    }
+    assert marked == {"DECISION", "PLACES", "NEXT_TAXEL"}
+    assert {node.inst_name for node in nodes if node.external} == marked
 
 
 @pytest.mark.parametrize(("config", "shell"), DESIGNS)
@@ -71,6 +87,6 @@ def test_every_file_says_the_same(config, shell, tmp_path):
                 checks.append(f"(ESKIN_{name}_RESET & ESKIN_{name}_{field}_MASK) >> {low} == {reset}u")
     text = header + "".join(f'_Static_assert({check}, "{check}");\n' for check in checks)
     command = ["gcc", "-std=c11", "-Wall", "-Werror", "-fsyntax-only", "-x", "c", "-"]
-    done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[:2000]
     assert {name for name in view if f"| {name} |" not in markdown()} == set()

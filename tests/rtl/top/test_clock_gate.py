@@ -45,14 +45,14 @@ def play(case, folder, name: str, old: str = "", new: str = ""):
     )
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 def test_bit_exact_with_the_clock_stopped_between_frames(case):
     result = play(*case, "gated")
     assert result["bit_exact"] and result["compared_values"] > 100, result["mismatch_list"]
     assert result["registers"]["FAULTS"] == 0
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)
 def test_a_gate_that_stops_a_chain_at_work_is_seen(case):
     text = (case[1] / "design" / "accelerator.sv").read_text()
     line = next(line for line in text.splitlines() if line.startswith("  assign needed ="))
@@ -66,7 +66,7 @@ def test_not_with_lanes_of_an_fpga():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_twenty_recordings_and_how_often_the_clock_runs(shared_data, tmp_path):
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
     recordings = recordings.subset(recordings.evenly(20))

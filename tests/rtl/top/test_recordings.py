@@ -57,7 +57,7 @@ def model_for(recordings, config, seed: int) -> IntegerModel:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("subset", SUBSETS, ids="+".join)
 @pytest.mark.parametrize("name", BLOCKS)
 def test_bit_exact_on_recordings(shared_data, tmp_path, name, subset):

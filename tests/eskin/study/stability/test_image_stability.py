@@ -9,6 +9,7 @@ import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, images_of, run_images
+from eskin.requests import StabilityRequest
 from eskin.study.stability.images import (
     IMAGE_MODES,
     ImageBench,
@@ -155,27 +156,28 @@ def test_a_map_goes_on_to_the_decision_of_the_whole_network(bench):
 def test_the_job_writes_the_page_and_keeps_what_it_judged(bench, tmp_path, monkeypatch):
     bench.model.save(tmp_path / "model")
     names = ["noise on every taxel", "a row lost"]
-    options = {"names": names, "cosim": False, "few": 20, "workers": 1, "cache": tmp_path / "kept"}
-    result = run(tmp_path / "model", bench.recordings, out=tmp_path / "out", **options)
+    asked = StabilityRequest(
+        model=tmp_path / "model", data="made", out=tmp_path / "out", mode=names, cosim=False, few=20
+    )
+    options = {"workers": 1, "cache": tmp_path / "kept"}
+    result = run(asked, bench.recordings, **options)
     assert [mode["name"] for mode in result["modes"]] == names and json.loads(
         (tmp_path / "out/stability.json").read_text()
     ) == result
     page = (tmp_path / "out/stability.html").read_text()
     assert all(name in page for name in names)
     monkeypatch.setattr("eskin.verbs.stability_job.judge_mode", None)
-    assert (
-        run(tmp_path / "model", bench.recordings, out=tmp_path / "out", **options)["modes"] == result["modes"]
-    )
+    assert run(asked, bench.recordings, **options)["modes"] == result["modes"]
     with pytest.raises(
         InputError, match="mode 'taxel dead': is unknown for images; the modes are object moved"
     ):
-        run(tmp_path / "model", bench.recordings, out=tmp_path / "out", names=["taxel dead"])
+        run(dataclasses.replace(asked, mode=["taxel dead"]), bench.recordings)
 
 
 @pytest.mark.slow
 def test_the_weakest_cases_are_confirmed_by_the_hardware(bench, tmp_path):
     bench.model.save(tmp_path / "model")
-    options = {"few": 20, "flips": 20, "workers": 1, "cache": tmp_path / "kept"}
-    result = run(tmp_path / "model", bench.recordings, out=tmp_path / "out", **options)
+    asked = StabilityRequest(model=tmp_path / "model", data="made", out=tmp_path / "out", few=20)
+    result = run(asked, bench.recordings, flips=20, workers=1, cache=tmp_path / "kept")
     played = [mode["rtl"] for mode in result["modes"] if mode["rtl"]]
     assert len(played) == 3 and all(rtl["bit_exact"] and rtl["compared_values"] > 100 for rtl in played)

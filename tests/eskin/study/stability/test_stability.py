@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError, Jobs, QFormat
+from eskin.golden.model import preprocess
 from eskin.pages.stability_page import figure_in_words, write_page
 from eskin.pages.views import words
+from eskin.requests import StabilityRequest
+from eskin.study.stability import sensor
 from eskin.study.stability import suite as stability
 from eskin.study.stability.core import GROUPS, Bench, Curve, Outcome
 from eskin.study.stability.memory import Upset, flipped
@@ -20,7 +23,7 @@ from tests.support import stability_case
 from tests.support.broken_designs import BROKEN_DESIGNS, broken_design
 from tests.support.broken_variants import BROKEN
 
-WITHOUT_COSIM = {"cosim": False, "compare": False}
+WITHOUT_COSIM = {"cosim": False, "defences": False}
 GOLDEN = {name: mode for name, mode in MODES.items() if callable(mode.run)}
 HARDWARE = [mode for mode in MODES.values() if isinstance(mode.run, str)]
 
@@ -217,9 +220,16 @@ def job(tmp_path, **options):
     folder = tmp_path / "model"
     if not folder.exists():
         stability_case.model_folder(folder)
-    options = {"few": 6, "points": 1, "long": 200, "flips": 60, "workers": 1, **WITHOUT_COSIM, **options}
+    asked = {"mode": options.pop("names"), "few": 6, **WITHOUT_COSIM, **options}
+    request = StabilityRequest(model=folder, data="made", out=tmp_path / "out", **asked)
     return stability_job.run(
-        folder, stability_case.recordings(), out=tmp_path / "out", cache=tmp_path / "cache", **options
+        request,
+        stability_case.recordings(),
+        workers=1,
+        cache=tmp_path / "cache",
+        points=1,
+        long=200,
+        flips=60,
     )
 
 
@@ -329,7 +339,7 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
 
     monkeypatch.setattr(stability_job.defences, "compare_defences", compare)
     monkeypatch.setattr(stability_job, "hardware_cost", cost)
-    result = job(tmp_path, names=["state bits"], cosim=True, compare=True)
+    result = job(tmp_path, names=["state bits"], cosim=True, defences=True)
     cells = [record["hardware"]["logic_cells"] for record in result["defences"]]
     assert cells == [1001, 1002, 1002, 1003, 1004, 1005] and result["passed"] == exact
     assert [bool(c.faults.fault_frames) for c in costed] == [False, True, True, True, True]
@@ -366,15 +376,10 @@ def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
     config = defences.recommended(data, PRESETS["pvdf"])
     train.train(data, config, train.TrainingRequest(folds=0, protocol="robust"), out=tmp_path / "model")
     quantise(tmp_path / "model")
-    result = stability_job.run(
-        tmp_path / "model",
-        data,
-        out=tmp_path / "out",
-        cache=tmp_path / "cache",
-        few=30,
-        flips=400,
-        **WITHOUT_COSIM,
+    request = StabilityRequest(
+        model=tmp_path / "model", data="made", out=tmp_path / "out", few=30, **WITHOUT_COSIM
     )
+    result = stability_job.run(request, data, cache=tmp_path / "cache", flips=400)
     assert len(result["modes"]) >= 35
     assert all(mode["passed"] for mode in result["modes"] if mode["group"] in ("numeric", "memory"))
     held = {mode["name"]: mode["passed"] for mode in result["modes"]}
@@ -382,3 +387,15 @@ def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
         held[f"one dead taxel, {which}"] and held[f"one taxel stuck at full scale, masked, {which}"]
         for which in ("mean", "worst")
     )
+
+
+def test_the_spread_of_the_features_is_looked_for_once(monkeypatch):
+    fresh, real, calls = (
+        dataclasses.replace(stability_case.linear_bench(), memo={}),
+        preprocess.find_touches,
+        [],
+    )
+    monkeypatch.setattr(
+        preprocess, "find_touches", lambda *given, **options: calls.append(given) or real(*given, **options)
+    )
+    assert len(sensor.disturbed(fresh, sensor.clipped(fresh, 1.0))) == 24 and len(calls) == 3

@@ -1,0 +1,157 @@
+"""Candidates, how they were judged, and the one rule by which one of them is taken.
+
+A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
+by its decisions on recordings that it has not seen. **The rule** (`choose`): of those that are level with the
+best the cheapest. Level is what `eskin.training.level` says;
+what is cheap says `eskin.choose.cost.Market`. The rule serves front ends alone, which are judged with a
+linear network that is solved in closed form (`eskin.choose.front_ends`), whole networks
+(`eskin.choose.networks`), and both again inside the training part of every fold.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from eskin.choose.cost import Market
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.model import with_network
+from eskin.training.crossval import FoldDecisions
+from eskin.training.level import TIE, behind, is_level, least_error
+from eskin.training.recipe import Recipe
+
+SCREENED = Recipe(name="ridge regression", squares=True)
+"""How front ends alone are judged: in closed form, in float."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A design that may be taken.
+
+    front_end: the configuration that its front end comes from. config: the same with the network, which is
+    built. recipe: how the network is fitted.
+    """
+
+    front_end: AcceleratorConfig
+    config: AcceleratorConfig
+    recipe: Recipe
+
+    @classmethod
+    def screened(cls, front_end: AcceleratorConfig) -> Candidate:
+        """A front end alone: it is priced with a linear cell, or with its own where that has no room for the
+        weights."""
+        try:
+            return cls(front_end, with_network(front_end, cell="linear"), SCREENED)
+        except InputError:
+            return cls(front_end, front_end, SCREENED)
+
+    @property
+    def network(self) -> Record:
+        """Cell, hidden units (0: none) and recipe."""
+        config = self.config
+        return {
+            "cell": config.network.cell,
+            "hidden": config.network.hidden if config.recurrent else 0,
+            "recipe": self.recipe.name,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A candidate and its decisions on recordings that it has not seen.
+
+    correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
+    recordings without a touch or a completed window. runs: what each network decided, seed by seed.
+    """
+
+    candidate: Candidate
+    correct: np.ndarray
+    missed: int = 0
+    runs: tuple[FoldDecisions, ...] = ()
+
+    @property
+    def config(self) -> AcceleratorConfig:
+        """The design."""
+        return self.candidate.config
+
+    @property
+    def accuracy(self) -> float:
+        """Share of recordings decided correctly, mean over networks."""
+        return float(self.correct.mean())
+
+    @property
+    def standard_error(self) -> float:
+        """Of the accuracy, over recordings; no less than ``least_error``."""
+        count = len(self.correct)
+        return max(float(self.correct.std(ddof=1) / np.sqrt(count)), least_error(count)) if count > 1 else 0.0
+
+    @property
+    def settled(self) -> bool:
+        """So near 100 % that no other can be better by more than TIE standard errors."""
+        return self.accuracy >= 1.0 - TIE * least_error(len(self.correct))
+
+    def joined(self, other: Judged) -> Judged:
+        """With the networks of other seeds."""
+        first, more = len(self.runs), len(other.runs)
+        correct = (first * self.correct + more * other.correct) / (first + more)
+        return dataclasses.replace(self, correct=correct, runs=self.runs + other.runs)
+
+
+def most_accurate(judged: Sequence[Judged]) -> Judged:
+    """The first of those with the highest accuracy."""
+    return max(judged, key=lambda one: one.accuracy)
+
+
+def choose(judged: Sequence[Judged], market: Market) -> Judged:
+    """Of those level with the best the cheapest; of equal price the first. A board decides between level
+    ones; one that was named has to hold the best, too.
+
+    Raises
+    ------
+    InputError
+        Nothing fits the named board.
+    """
+    ordered = sorted(judged, key=lambda one: -one.accuracy)
+    best = next((one for one in ordered if market.is_candidate(one.config)), None)
+    if best is None:
+        raise InputError(
+            f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
+            "larger board"
+        )
+    level = sorted(
+        (one for one in judged if is_level(best.correct, one.correct)),
+        key=lambda one: market.price(one.config),
+    )
+    return next((one for one in level if market.fits(one.config)), level[0])
+
+
+def front_end_fields(config: AcceleratorConfig) -> Record:
+    """A front end in plain values, as `eskin.choose.choice_table.front_end_words` says it."""
+    onset, windows, features = config.onset_rule, config.windows, config.features
+    row: Record = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
+    if onset.onset == "baseline":
+        row["onset_threshold"] = onset.onset_threshold
+    row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
+    row["feature_kinds"] = list(features.feature_kinds)
+    if "activity" in features.feature_kinds:
+        row |= {"activity_rule": features.activity_rule, "activity_block": features.activity_block}
+    return row | {"feature_scale": features.feature_scale, "inputs": config.inputs}
+
+
+def screened_row(one: Judged, best: Judged) -> Record:
+    """A row of ``front_end`` in training.json: the fields, accuracy, standard_error, missed, behind (the best,
+    accuracy), behind_error (of the paired difference), level."""
+    shortfall, error = behind(best.correct, one.correct)
+    figures: dict[str, Any] = {
+        "accuracy": one.accuracy,
+        "standard_error": one.standard_error,
+        "missed": one.missed,
+        "behind": shortfall,
+        "behind_error": error,
+        "level": is_level(best.correct, one.correct),
+    }
+    return front_end_fields(one.candidate.front_end) | figures

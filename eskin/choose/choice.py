@@ -1,0 +1,544 @@
+"""Front end and network chosen by evidence: what ``train`` and ``run`` do for what was not asked for.
+
+First front ends are searched with a linear classifier (`eskin.choose.front_ends`), then networks are tried on
+those listed (`eskin.choose.networks`); both times the rule of `eskin.choose.candidate` takes one.
+
+What is cross-validated on the folds it was chosen on looks better than it is: on pure noise of 60 recordings
+and two classes the best of eighty front ends is 60 to 75 % correct. So the choice is made again inside the
+training part of every fold (`unseen`): the same rule after a shorter search, on fewer recordings and with
+fewer networks. The network taken is then trained on the whole training part with the full recipe, and judged on the
+fold. Thresholds and scales of the candidates are measured on all recordings, without a label.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from eskin.choose import doubts
+from eskin.choose.candidate import Candidate, Judged, choose, front_end_fields, screened_row
+from eskin.choose.choice_table import front_end_words, left_out, network_name
+from eskin.choose.cost import Market
+from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
+from eskin.choose.networks import AUTO, INSIDE, Effort, Part, Wish, check_units, network_choice, side_by_side
+from eskin.choose.yardsticks import linear_yardsticks
+from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings, check_fit, no_group
+from eskin.golden.data.rate import wrong_rate
+from eskin.golden.model import check_model_target, step_times
+from eskin.training.crossval import (
+    Piece,
+    Progress,
+    Terms,
+    fold_records,
+    judge_pieces,
+    over_folds,
+    share_right,
+    split_record,
+)
+from eskin.training.datasets import Datasets
+from eskin.training.derive import derive_config, settling_frames
+from eskin.training.fit import one_thread
+from eskin.training.image_models import train_image_model
+from eskin.training.losses import Callback
+from eskin.training.splits import default_splits, held_out, split_folds
+from eskin.training.train import TrainingRequest, train
+
+LEVEL_TELLS = 0.6
+"""Share of the way from chance to 1. When the level of the first frames alone gets that far, a reason says
+so."""
+
+LEAST = {
+    "energy": "takes the least energy a touch ({energy_touch_j:.3g} J)",
+    "cells": "takes the fewest logic cells ({cells})",
+    "latency": "has the shortest way from the last sample to the decision ({latency_s:.3g} s)",
+}
+"""What a preference is, in words."""
+
+
+# ---------------------------------------------------------------------- the front end
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The front end that was asked for or chosen, and the split to choose by.
+
+    config: it. reasons: in words. split, split_from: of ``choose_split``. market: what candidates cost.
+    front_ends: to choose from again inside folds; None where nothing is to be judged. screened: the front ends
+    judged, best first; none where it was asked for. facts: of the judging, for training.json. guessed: too few recordings to choose on.
+    """
+
+    config: AcceleratorConfig
+    reasons: list[str]
+    split: list[str]
+    split_from: str
+    market: Market
+    front_ends: FrontEnds | None = None
+    screened: tuple[Judged, ...] = ()
+    facts: Record = dataclasses.field(default_factory=dict)
+    guessed: bool = False
+
+    @property
+    def listed(self) -> Listed:
+        """Front ends that networks are tried on."""
+        return listed(self.screened, self.market) if self.screened else Listed.alone(self.config)
+
+    def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
+        """``front_end`` of training.json: chosen and rivals (best first), each as ``screened_row`` gives it;
+        split, split_from, folds, recordings_looked_at, recordings, judged_by, tie, level_alone, wall_s. None
+        where none was chosen.
+
+        taken: the front end of the network taken; None: the one chosen.
+        """
+        if not self.screened:
+            return None
+        taken = taken or self.config
+        rows = {one.candidate.front_end: screened_row(one, self.screened[0]) for one in self.screened}
+        rivals = [row for config, row in rows.items() if config != taken]
+        return {"chosen": rows[taken], "rivals": rivals, **self.facts}
+
+
+def configure(
+    recordings: Recordings,
+    requested: AcceleratorConfig | None,
+    market: Market,
+    *,
+    groups: Sequence[str] | None = None,
+    folds: int = 5,
+    progress: Progress | None = None,
+) -> Plan:
+    """The configuration that was asked for, checked against the recordings, or without one the chosen one;
+    and the reasons.
+
+    A preset describes a sensor, so it takes over the recordings' class names; a configuration of one's own
+    must have them.
+
+    Raises
+    ------
+    InputError
+        As ``check_fit`` and ``choose_front_end``.
+    """
+    if recordings.image_shape:
+        derive_config(recordings)  # which refuses images
+    if requested is None:
+        return choose_front_end(recordings, market, groups=groups, folds=folds, progress=progress)
+    reasons = [f"'{requested.name}', as asked for"]
+    if requested == PRESETS.get(requested.name) and requested.network.class_names != recordings.class_names:
+        try:
+            requested = requested.replace(class_names=recordings.class_names)
+        except InputError as error:
+            raise InputError(f"recordings '{recordings.source}', array class_names: {error}") from None
+        reasons.append(f"its classes are those of the recordings: {', '.join(recordings.class_names)}")
+    check_fit(recordings, requested)
+    split, split_from = choose_split(recordings, groups)
+    return Plan(requested, reasons, split, split_from, market)
+
+
+def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[list[str], str]:
+    """The groups that stay together while front end and network are chosen, and where they come from, in
+    words.
+
+    Those asked for; else the archive's first group array of which every class has two values at least
+    (``no_group``: what is none); else none: single recordings.
+    """
+    if groups is not None:
+        return list(groups), "as asked for"
+    for name, values in recordings.groups.items():
+        seen_twice = all(
+            len(np.unique(values[recordings.labels == label])) >= 2 for label in np.unique(recordings.labels)
+        )
+        if seen_twice and not no_group(values, recordings.labels):
+            return [name], "the archive's first group"
+    return [], "the archive has no group that can be left out, so single recordings are"
+
+
+def choose_front_end(
+    recordings: Recordings,
+    market: Market,
+    *,
+    groups: Sequence[str] | None = None,
+    folds: int = 5,
+    progress: Progress | None = None,
+) -> Plan:
+    """Search the front ends and choose one. Where there are too few recordings to judge on, it is the first
+    guess of `eskin.training.derive`, and a reason says so.
+
+    Parameters
+    ----------
+    groups:
+        Names of group arrays that stay together (``label`` is the class); None: ``choose_split``.
+    folds:
+        Folds of the judgement; with no more groups than folds each is left out in turn. Below 2: 5.
+
+    Raises
+    ------
+    InputError
+        Sizes that no accelerator has: the sentence names the field. Unknown groups.
+    """
+    began = time.perf_counter()
+    split, split_from = choose_split(recordings, groups)
+    for name in split:
+        if name != "label" and name not in recordings.groups:
+            split_folds(recordings, split, max(folds, 2), None)  # says which there are
+    front_ends = FrontEnds(recordings, progress)
+    judged_on = front_ends.recordings
+    try:
+        parts = split_folds(judged_on, split, folds if folds >= 2 else 5, None)
+        rests = [judged_on.labels[np.setdiff1d(np.arange(len(judged_on)), part)] for part in parts]
+        enough = all(len(np.unique(labels)) >= 2 for labels in rests)
+    except InputError:
+        enough = False
+    if not enough:
+        guess, why = derive_config(recordings)
+        why = [*why, "too few recordings to judge front ends on, so this is a guess by rules"]
+        return Plan(guess, why, split, split_from, market, guessed=True)
+    with one_thread():
+        screened = search(Judge(front_ends, np.arange(len(judged_on)), parts, talks=True), market)
+    chosen, best = choose(screened, market), screened[0]
+    alone, frames = _level_alone(judged_on, parts)
+    facts: Record = {
+        "split": split,
+        "split_from": split_from,
+        "folds": len(parts),
+        "recordings_looked_at": len(judged_on),
+        "recordings": len(recordings),
+        "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
+        "tie": "shortfall of at most one standard error of the paired difference over recordings; ties go to "
+        f"what is least in {market.prefer}",
+        "level_alone": alone,
+        "wall_s": time.perf_counter() - began,
+    }
+    words = front_end_words(front_end_fields(chosen.candidate.front_end))
+    level = f"; the best, {front_end_words(front_end_fields(best.candidate.front_end))}, has {best.accuracy:.1%} and is level"
+    reasons = [
+        *recordings.notes,
+        *front_ends.reasons,
+        f"front end chosen among {len(screened)} by a linear classifier, leaving out {left_out(split)} "
+        f"({split_from}), on {len(judged_on)} recordings: {words}, {chosen.accuracy:.1%}"
+        f"{'' if best is chosen else level}",
+    ]
+    config = chosen.candidate.front_end
+    classes = len(recordings.class_names)
+    if alone - 1 / classes > LEVEL_TELLS * (1 - 1 / classes):
+        fix = "if so, take the level off (--config with rest 'initial')"
+        if config.rest_level.rest != "none":
+            fix = "the front end takes the level off, but not what else a session leaves: record classes in turn"
+        reasons.append(
+            f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each class "
+            f"was recorded in a session of its own that may be the session; {fix}"
+        )
+    return Plan(config, reasons, split, split_from, market, front_ends, tuple(screened), facts)
+
+
+def _level_alone(recordings: Recordings, folds: Sequence[np.ndarray]) -> tuple[float, int]:
+    """The share of recordings whose class the level of the first frames alone tells, and how many frames."""
+    frames = settling_frames(recordings.sample_rate_hz)
+    levels = np.array([recordings.recording(i)[:frames].mean(axis=0) for i in range(len(recordings))])
+    levels = (levels - levels.mean(axis=0)) / (levels.std(axis=0) + 1e-9)
+    decided = blocked_ridge(levels, recordings.labels, folds, len(recordings.class_names))
+    return float((decided == recordings.labels).mean()), frames
+
+
+# ---------------------------------------------------------------------- the choice again inside folds
+def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -> list[np.ndarray]:
+    """Folds inside a training part: by ``groups`` where they have two values there; else by the group that
+    ``choose_split`` finds there; else of single recordings, which may be near copies of others."""
+    chosen, _ = choose_split(recordings, None)
+    for split, count in ((groups, folds), (chosen, folds), ((), min(folds, len(recordings)))):
+        try:
+            return split_folds(recordings, list(split), count, None)
+        except InputError:
+            continue
+    return [np.arange(len(recordings))]
+
+
+def choose_inside(
+    plan: Plan, terms: Terms, wish: Wish, parts: Sequence[np.ndarray], effort: Effort = INSIDE
+) -> list[Candidate]:
+    """What is chosen on each of ``parts`` (recordings) alone."""
+    recordings, choices, held = terms.recordings, [], []
+    for part in parts:
+        front_ends = Listed.alone(plan.config)
+        if plan.front_ends:
+            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
+        choices.append(network_choice(front_ends, wish, plan.market, effort))
+        held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
+    return [candidate for candidate, _ in side_by_side(choices, held, terms)]
+
+
+def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
+    """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
+    rows = front_ends.part(part)
+    with one_thread():
+        judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
+        return listed(search(judge, market, brief=True), market)
+
+
+def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:
+    """Accuracy when each fold of ``split`` is left out of everything that looks at a label, and how it came
+    about.
+
+    Returns
+    -------
+    {groups, folds, seeds, float_accuracy, integer_accuracy, agreement, standard_error (over recordings),
+    per_fold: [{held_out, recordings, the three shares, front_end, front_end_words, network}], wall_s}.
+    """
+    begin, recordings, seeds = time.perf_counter(), terms.recordings, list(map(int, terms.seeds))
+    tests = split_folds(recordings, list(split), terms.folds, None)
+    parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
+    chosen = choose_inside(plan, terms, wish, parts)
+    pieces = [
+        Piece(candidate.config, candidate.recipe, part, test, copy)
+        for copy in range(len(seeds))
+        for candidate, part, test in zip(chosen, parts, tests, strict=True)
+    ]
+    runs = judge_pieces(terms.datasets, pieces, seeds[0], terms.progress)
+    correct = share_right(recordings.labels, [piece.test for piece in pieces], runs)
+    names = [held_out(recordings, split, test) for test in tests]
+    of_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]
+    per_fold = fold_records(names, tests, of_fold, recordings.labels)
+    for fold, candidate in zip(per_fold, chosen, strict=True):
+        del fold["by_seed"]
+        fields = front_end_fields(candidate.config)
+        fold |= {"front_end": fields, "front_end_words": front_end_words(fields)}
+        fold["network"] = network_name(candidate.network)
+    return {
+        "groups": list(split),
+        "folds": len(tests),
+        "seeds": seeds,
+        **over_folds(per_fold),
+        "standard_error": float(correct.std(ddof=1) / np.sqrt(len(correct))),
+        "per_fold": per_fold,
+        "wall_s": time.perf_counter() - begin,
+    }
+
+
+# ---------------------------------------------------------------------- the network
+def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> Record:
+    """A row of ``candidates`` in training.json. record: its cross-validation."""
+    config, fields = one.config, front_end_fields(one.candidate.front_end)
+    return {
+        **one.candidate.network,
+        "accuracy": one.accuracy,
+        "standard_error": one.standard_error,
+        "float_accuracy": record["float_accuracy"],
+        "agreement": record["agreement"],
+        **market.row(one.runs[0].config),
+        "multiplies_touch": config.windows.steps * config.multiplies,
+        "multiplies_step": config.multiplies,
+        "parameters": config.parameter_count,
+        "seeds": len(record["seeds"]),
+        "decision_time_s": record["decision_time_s"],
+        "front_end": fields,
+        "front_end_words": front_end_words(fields),
+        "chosen": chosen,
+    }
+
+
+def cross_validation_of(one: Judged, terms: Terms, tests: Sequence[np.ndarray]) -> Record:
+    """The record of a candidate's runs, as `eskin.training.crossval.cross_validate` gives it."""
+    recordings, count = terms.recordings, len(tests)
+    data = terms.datasets.of(one.config, one.candidate.recipe)
+    return split_record(
+        list(terms.groups),
+        [held_out(recordings, terms.groups, test) for test in tests],
+        tests,
+        [one.runs[fold::count] for fold in range(count)],
+        recordings,
+        list(map(int, terms.seeds))[: len(one.runs) // count],
+        step_times(one.config, data.touches),
+    )
+
+
+def splits_to_report(
+    recordings: Recordings, config: AcceleratorConfig, groups: Sequence[str]
+) -> list[list[str]]:
+    """What the network taken is cross-validated over: ``default_splits`` and the split it was chosen on."""
+    splits = [split for split in default_splits(recordings, config) if split]
+    return splits if list(groups) in splits else [*splits, list(groups)]
+
+
+# ---------------------------------------------------------------------- training what was chosen
+def train_chosen(
+    recordings: Recordings,
+    asked: AcceleratorConfig | None,
+    market: Market,
+    *,
+    out: str | Path,
+    group: Sequence[str] | None = None,
+    folds: int = 5,
+    seed: int = 0,
+    seeds: int | None = None,
+    protocol: str = "default",
+    cell: str | None = None,
+    hidden: int | None = None,
+    reset: str | None = None,
+    plan: Plan | None = None,
+    progress: Progress | None = None,
+    callback: Callback | None = None,
+    of_images: Record | None = None,
+) -> Record:
+    """Choose what was not asked for, train it, and write the model folder.
+
+    Parameters
+    ----------
+    asked:
+        The configuration that was asked for; None: the front end is chosen (``choose_front_end``).
+    market:
+        What candidates cost, and what is wished of the one that is taken.
+    plan:
+        What ``configure`` gave for these recordings, when it is at hand.
+    seeds:
+        Networks of each fold; None: 3, and 1 of images, which take minutes each.
+    of_images:
+        ``keep`` and ``workers`` of `eskin.training.image_models.train_image_model`; of recordings they
+        say nothing.
+    cell, hidden, reset:
+        ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor ``hidden`` nor
+        ``reset`` was asked for, else the configuration's own (a GRU where there is none).
+
+    All else as for ``eskin.training.train.train``, whose record it returns, with ``front_end`` (where
+    it was chosen), ``candidates`` (where the network was), ``reasons``, ``baselines`` (a linear classifier on
+    the same features, for each split), ``doubts`` (records of `eskin.choose.doubts`) and ``warnings`` (their
+    sentences).
+
+    Raises
+    ------
+    InputError
+        As ``train``; ``hidden`` with a cell that has none or is chosen.
+    """
+    wish = Wish(cell=cell, hidden=hidden, reset=reset, protocol=protocol)
+    check_model_target(out)
+    check_units(cell, hidden)
+    common: Record = {"folds": folds, "seed": seed}
+    if recordings.image_shape:
+        if callback:
+            raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
+        options = common | {"out": out, "cell": cell, "group": group, "seeds": seeds or 1}
+        return _train_on_images(recordings, asked, market, wish, options | (of_images or {}), progress)
+    if cell in NETWORKS:
+        raise InputError(
+            f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
+            "linear or auto"
+        )
+    if cell == AUTO and not folds:
+        raise InputError(
+            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
+            "linear"
+        )
+    plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
+    is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
+    wish = dataclasses.replace(wish, open=bool(is_open and folds))
+    terms = Terms(
+        recordings=recordings,
+        groups=plan.split,
+        datasets=Datasets(recordings),
+        seeds=range(seed, seed + (seeds or 3)),
+        folds=folds,
+        progress=progress,
+    )
+    tests = split_folds(recordings, plan.split, folds, None) if folds else []
+    choice = network_choice(
+        plan.listed if folds else Listed.alone(plan.config), wish, market, Effort(seeds=len(terms.seeds))
+    )
+    ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
+    judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}
+    whole = taken in judged and len(judged[taken]["seeds"]) == len(terms.seeds)
+    rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, market) for one in tried]
+    notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows)]}
+    if plan.screened:
+        notes["front_end"] = plan.record(taken.front_end)
+    if rows:
+        notes["candidates"] = rows
+    splits: list[list[str]] | None = None  # those of the configuration, or of the thesis
+    if group is not None:
+        splits = [list(group)]
+    elif protocol != "thesis" and (asked is None or is_open):
+        splits = splits_to_report(recordings, taken.config, terms.groups)
+    return train(
+        recordings,
+        taken.config,
+        TrainingRequest(
+            **common,
+            splits=splits,
+            seeds=len(terms.seeds),
+            protocol=protocol,
+            recipe=taken.recipe,
+            known=[judged[taken]] if whole else [],
+        ),
+        out=out,
+        datasets=terms.datasets,
+        progress=progress,
+        callback=callback,
+        notes=lambda record: notes | _compared(record, plan, terms, wish, taken),
+    )
+
+
+def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
+    """Why this network, and why on this front end."""
+    reasons = []
+    for row in rows:
+        if row["chosen"]:
+            reasons.append(
+                f"network chosen among {len(rows)}, leaving out {left_out(plan.split)} ({plan.split_from}): "
+                f"{network_name(row)} {LEAST[plan.market.prefer].format(**row)} of those within one standard "
+                "error (of the paired difference over recordings) of the best"
+            )
+    if plan.screened and taken.front_end != plan.config:
+        reasons.append(
+            "the network stands on another front end than the linear classifier's: "
+            f"{front_end_words(front_end_fields(taken.front_end))}"
+        )
+    return reasons
+
+
+def _compared(record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate) -> Record:
+    """What training.json says beside ``train``'s record. A linear classifier on the same integer features and
+    folds stands beside every split; each split gets its ``unseen`` figure, where something was chosen."""
+    recordings, config = terms.recordings, taken.config
+    splits = [split["groups"] for split in record["cross_validation"]]
+    baselines = linear_yardsticks(recordings, config, splits, terms.folds)
+    found: list[Record] = []
+    for split in record["cross_validation"]:
+        found += doubts.below_baselines(split, baselines, taken.network, chosen=wish.open)
+        found += doubts.lost_classes(split, recordings.class_names)
+        if plan.screened or wish.open:
+            split["nested"] = None
+            try:
+                if plan.guessed:
+                    raise InputError("recordings are too few; record more")
+                split["nested"] = unseen(plan, terms, wish, split["groups"])
+                found += doubts.by_choice(split)
+            # a front end that a fold chose has no room for its network, or no touch
+            except InputError as error:
+                found.append(doubts.no_unseen_figure(split, str(error)))
+    found += [doubts.doubt("wrong_rate", sentence) for sentence in wrong_rate(recordings)]
+    found += doubts.missed_onsets(record["touched"], record["recordings"])
+    groups = record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"]
+    found += doubts.look_alike(recordings, groups, terms.folds)
+    return {"baselines": baselines, "doubts": found, "warnings": doubts.sentences(found)}
+
+
+def _train_on_images(
+    recordings: Recordings,
+    requested: AcceleratorConfig | None,
+    market: Market,
+    wish: Wish,
+    options: Record,
+    progress: Progress | None,
+) -> Record:
+    """`eskin.training.image_models.train_image_model`, where nothing was asked for that networks for
+    images do not have."""
+    asked = dataclasses.asdict(wish)
+    asked |= {"fits": market.named or None, "prefer": market.prefer != "energy" or None}
+    asked |= {"protocol": wish.protocol if wish.protocol != "default" else None}
+    for name, value in asked.items():
+        if value is not None and name not in ("cell", "open"):
+            raise InputError(
+                f"--{name.replace('_', '-')}: networks for images have none, and '{recordings.source}' holds "
+                "images; leave it out"
+            )
+    return train_image_model(recordings, requested, progress=progress, **options)

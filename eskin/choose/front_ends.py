@@ -1,0 +1,525 @@
+"""Front ends: the candidates for everything between the samples and the network, and how they are judged.
+
+Candidates come from the recordings (`eskin.training.derive` measures noise, signal and lengths) and from the
+presets of the same sensor. Each is judged by a linear classifier on the features that the INTEGER front end
+gives, normaliser included, on recordings that the classifier has not seen:
+
+- *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once. The
+  penalty of a fold is the one of PENALTIES that does best on the OTHER folds. The normaliser's mean and scale
+  come from all recordings looked at; they know no label.
+- *missed touches*: a recording without an onset, or without a completed window, counts as wrong.
+
+`search` goes by coordinates: every gate with two sets of windows on means, those that are not far behind with
+all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again around the best;
+then, from the one that the rule takes, cheaper neighbours as long as the rule takes one of them. A network may
+need more than that classifier saw, or less: `listed` are the front ends that networks are tried on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve
+
+from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
+from eskin.choose.cost import Market
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
+from eskin.golden.core.groups import Features
+from eskin.golden.data import Recordings
+from eskin.golden.model import first_touches, normalise, normaliser_constants, real_features
+from eskin.golden.model.preprocess import FirstTouches, cut_windows
+from eskin.training.datasets import scaling
+from eskin.training.derive import (
+    CONVERTERS,
+    STEPS,
+    fits_sensor,
+    for_recordings,
+    measure_onset,
+    sensor_sizes,
+    settling_frames,
+)
+from eskin.training.level import is_level
+
+PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
+"""Ridge penalties, as shares of the mean squared length of a touch's feature vector."""
+
+SURVIVORS, FAR_BEHIND = 3, 3.0
+"""Pairs of gate and windows on which kinds of feature are tried; standard errors behind the best from which a
+gate is not tried with further windows."""
+
+DESCENT = 12
+"""Cheaper neighbours that are judged at most."""
+
+RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
+"""Other gates, and front ends in all, that a recurrent network is tried on; how far behind the one taken a
+front end may be for that."""
+
+JUDGED_ON, JUDGED_SAMPLES = 800, 1 << 25
+"""Recordings judged on at most, and samples (frames x taxels) they hold at most: what fits into a minute on
+two cores."""
+
+INSIDE_ON = 400
+"""Recordings that choices inside training parts are made on at most: they are many."""
+
+MEASURED_ON = 64
+"""Recordings from which noise, signal and clip are measured."""
+
+KEPT_BYTES = 3 << 28
+"""Touches of gates that are kept for other windows on them."""
+
+Decide = Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int], np.ndarray]
+"""Of features (n, features), labels (n), folds (rows each) and the number of classes the class (n) that each
+row is given when its fold is left out."""
+
+
+# ---------------------------------------------------------------------- the classifier
+def gram_of(x: np.ndarray) -> np.ndarray:
+    """(n, n): products of the rows of ``x`` (n, features) with a constant 3 appended, the bias."""
+    # 3 and not 1: its weight is smaller for that, so the penalty hardly touches the bias
+    return x @ x.T + 9.0
+
+
+def ridge_decisions(
+    gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int
+) -> np.ndarray:
+    """The class (n) that ridge regression gives each row of ``gram`` (n, n, of ``gram_of``) when the fold it
+    lies in is left out, as the module describes it. Every row lies in one of ``folds``."""
+    n = len(labels)
+    targets = np.eye(classes)[labels]
+    unit = float(np.trace(gram)) / n
+    decided = np.zeros((len(PENALTIES), n), dtype=np.int64)
+    for fold in folds:
+        train = np.setdiff1d(np.arange(n), fold)
+        within, across = gram[np.ix_(train, train)], gram[np.ix_(fold, train)]
+        for row, penalty in enumerate(PENALTIES if len(train) else ()):
+            penalised = within + penalty * unit * np.eye(len(train))
+            weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
+            decided[row, fold] = (across @ weights).argmax(axis=1)
+    right = decided == labels
+    chosen = np.empty_like(labels)
+    for fold in folds:
+        # the penalty of a fold by the other folds alone: its own rows must not choose it
+        chosen[fold] = decided[(right.sum(axis=1) - right[:, fold].sum(axis=1)).argmax(), fold]
+    return chosen
+
+
+def blocked_ridge(x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int) -> np.ndarray:
+    """``ridge_decisions`` on features: a `Decide`."""
+    return ridge_decisions(gram_of(x), labels, folds, classes)
+
+
+def decided_correctly(
+    touched: np.ndarray,
+    labels: np.ndarray,
+    folds: Sequence[np.ndarray],
+    decide: Callable[[np.ndarray, list[np.ndarray]], np.ndarray],
+) -> np.ndarray:
+    """(n) bool: which of n recordings ``decide(labels of the touched, their folds)`` gives their label; those
+    that are not ``touched`` (ascending) count as wrong."""
+    place = np.full(len(labels), -1)
+    place[touched] = np.arange(len(touched))
+    correct = np.zeros(len(labels), dtype=bool)
+    if len(touched) >= 2:
+        parts = [part for part in (place[fold][place[fold] >= 0] for fold in folds) if len(part)]
+        correct[touched] = decide(labels[touched], parts) == labels[touched]
+    return correct
+
+
+def integer_features(config: AcceleratorConfig, touches: Any) -> np.ndarray:
+    """Features (n, K x inputs), real values of the integer front end's codes: the normaliser's constants come
+    from these touches.
+
+    As quantisation does, it takes fraction bits off the feature format where the normaliser's scale would not
+    fit 16 bits.
+    """
+    means = real_features(config, touches.sums)
+    mu, sigma = scaling(config, means, touches.completed)
+    while True:
+        try:
+            filled, mean, scale = normaliser_constants(config, mu, sigma)
+            break
+        except InputError:
+            fmt = config.formats.feature_format
+            if fmt.frac_bits < 2:
+                raise
+            # logits and biases of a linear cell are no finer than features times weights; features do not
+            # depend on them
+            logit, bias = config.formats.logit_format, config.formats.dense_bias_format
+            config = config.replace(
+                feature_format=QFormat(fmt.int_bits, fmt.frac_bits - 1),
+                logit_format=QFormat(logit.int_bits + 1, logit.frac_bits - 1),
+                dense_bias_format=QFormat(bias.int_bits + 1, bias.frac_bits - 1),
+            )
+    codes = normalise(filled, touches.sums, touches.completed, mean, scale)
+    return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
+
+
+class Screen:
+    """Features of front ends on one set of recordings; the touches of a gate are found once."""
+
+    def __init__(self, recordings: Recordings) -> None:
+        self.recordings = recordings
+        self._touches: dict[AcceleratorConfig, FirstTouches] = {}
+
+    def touches(self, config: AcceleratorConfig) -> FirstTouches:
+        """First touches of the candidate's rest level and gate, long enough for any windows."""
+        network = config.network.replace(decision="vote", early_margin=0, early_steps=1)
+        plain = dataclasses.replace(config, features=Features(), network=network)
+        if config.windows.window_mode == "free":
+            hop = int(min(self.recordings.lengths.max(), 65535))
+            plain = plain.replace(hop=hop, window=2 * hop, steps=1, name="gate")
+        touches = self._touches.pop(plain, None)
+        if touches is None or touches.reach < config.last_frame:
+            touches = first_touches(plain, self.recordings)
+            if len(touches):
+                touches = touches.within(max(self._common_length(touches), config.last_frame))
+        for idle in self._touches.values():
+            idle.forget()
+        self._touches[plain] = touches  # the oldest goes first; it is found again where it is asked for
+        while (
+            len(self._touches) > 1
+            and sum(idle.deviations.nbytes for idle in self._touches.values()) > KEPT_BYTES
+        ):
+            del self._touches[next(iter(self._touches))]
+        return touches
+
+    def _common_length(self, touches: FirstTouches) -> int:
+        """Frames after the onset that 95 % of the recordings have: windows reach no further."""
+        lengths = self.recordings.lengths[touches.recording] - touches.onset_frame
+        return int(np.quantile(lengths, 0.05, method="lower"))
+
+    def features(self, config: AcceleratorConfig) -> tuple[np.ndarray, np.ndarray]:
+        """(recordings with a completed window, their features); none where features hardly move: no
+        normaliser makes anything of them."""
+        config = config.replace(feature_shift=(), aligned_means=False)  # what the network's arithmetic adds
+        touches = cut_windows(config, self.touches(config))
+        rows = np.flatnonzero(touches.completed > 0)
+        if len(rows):
+            try:
+                return touches.recording[rows], integer_features(config, touches)[rows]
+            except InputError:
+                pass
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 1))
+
+    def judged(
+        self, config: AcceleratorConfig, folds: Sequence[np.ndarray], decide: Decide = blocked_ridge
+    ) -> Judged:
+        """One front end, leaving out ``folds`` in turn."""
+        touched, x = self.features(config)
+        classes, labels = len(self.recordings.class_names), self.recordings.labels
+        correct = decided_correctly(
+            touched, labels, folds, lambda known, parts: decide(x, known, parts, classes)
+        )
+        return Judged(Candidate.screened(config), correct, len(labels) - len(touched))
+
+    def gates(self, base: Record, progress: Callable[[int, int], None]) -> list[list[AcceleratorConfig]]:
+        """Candidates with means alone: of each gate all windows, the longest touch and the usual pace first;
+        then a preset each. No label is looked at."""
+        recordings, by_gate = self.recordings, list[list[AcceleratorConfig]]()
+        rules = gates(recordings.subset(recordings.evenly(MEASURED_ON)), base)
+        for number, gate in enumerate(rules):
+            progress(number, len(rules))
+            single = for_recordings(AcceleratorConfig(), recordings, **base, **gate, hop=1, window=2, steps=1)
+            touches = self.touches(single)
+            if len(touches) >= 2:
+                length, at_once = self._common_length(touches), gate["onset"] == "immediate"
+                sets = window_sets(length, recordings.sample_rate_hz, at_once)
+                by_gate.append([single.replace(**windows) for windows in sets])
+        names = [name for name in CONVERTERS if fits_sensor(PRESETS[name], recordings)]
+        return by_gate + [[for_recordings(PRESETS[name], recordings, name=name)] for name in names]
+
+    def knee(self, config: AcceleratorConfig) -> int:
+        """Two to this power is an eighth of the median sum of a taxel's deviations over a touch, codes: below
+        it the integral is linear."""
+        touches = self.touches(config)
+        begin = touches.offsets[:-1] + np.maximum(touches.onset_frame - 1, 0)
+        sums = np.abs((touches.running[:, touches.offsets[1:]] - touches.running[:, begin]).astype(np.int64))
+        typical = float(np.median(sums)) if sums.size else 1.0
+        return int(np.clip(round(np.log2(max(typical, 1.0))) - 3, 0, 24))
+
+
+class FrontEnds:
+    """The front ends of an archive, to be searched on all recordings looked at, and again on parts of them.
+
+    recordings: those looked at. looked_at: their numbers in the archive. inside: which of them parts are made
+    of, INSIDE_ON at most.
+
+    Raises
+    ------
+    InputError
+        As ``sensor_sizes``.
+    """
+
+    def __init__(self, recordings: Recordings, progress: Callable[[str, int, int], None] | None = None):
+        self._base, self.reasons = sensor_sizes(recordings)
+        self.looked_at = recordings.evenly(_how_many(recordings))
+        self.recordings = recordings.subset(self.looked_at)
+        self.inside = self.recordings.evenly(INSIDE_ON)
+        self.screen = Screen(self.recordings)
+        self.progress = progress or (lambda what, done, total: None)
+        self._grams: dict[AcceleratorConfig, tuple[np.ndarray, np.ndarray]] = {}
+
+    @cached_property
+    def by_gate(self) -> list[list[AcceleratorConfig]]:
+        """Of `Screen.gates`."""
+        return self.screen.gates(
+            self._base, lambda done, total: self.progress("onset rules looked at", done, total)
+        )
+
+    def part(self, numbers: np.ndarray) -> np.ndarray:
+        """Which of the recordings looked at stand for a part of the archive."""
+        return self.inside[np.isin(self.looked_at[self.inside], numbers)]
+
+    def gram(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(places in ``rows`` of recordings with a completed window, their ``gram_of``). What parts need of
+        it is kept."""
+        touched, gram = self._grams.get(config, (None, None))
+        if touched is None or gram is None or len(rows) > len(self.inside):
+            touched, x = self.screen.features(config)
+            gram = gram_of(x)
+            held = np.isin(touched, self.inside)
+            self._grams[config] = touched[held], gram[np.ix_(held, held)].astype(np.float32)
+        seen = np.isin(touched, rows)
+        return np.searchsorted(rows, touched[seen]), gram[np.ix_(seen, seen)].astype(float)
+
+
+class Judge:
+    """Judges front ends on ``rows`` of the recordings looked at, each once, leaving out ``folds`` of them in
+    turn; ``judged``: all of them so far."""
+
+    def __init__(
+        self, front_ends: FrontEnds, rows: np.ndarray, folds: Sequence[np.ndarray], talks: bool = False
+    ) -> None:
+        self.front_ends, self._rows, self._folds = front_ends, rows, folds
+        self._labels = front_ends.recordings.labels[rows]
+        self._talks = talks
+        self.judged: dict[AcceleratorConfig, Judged] = {}
+
+    def __call__(self, config: AcceleratorConfig) -> Judged:
+        if config not in self.judged:
+            touched, gram = self.front_ends.gram(config, self._rows)
+            classes = len(self.front_ends.recordings.class_names)
+            decide = lambda labels, folds: ridge_decisions(gram, labels, folds, classes)
+            correct = decided_correctly(touched, self._labels, self._folds, decide)
+            self.judged[config] = Judged(Candidate.screened(config), correct, len(correct) - len(touched))
+            if self._talks:
+                done = len(self.judged)
+                self.front_ends.progress("front ends judged", done, max(80, done))
+        return self.judged[config]
+
+    def all(self, configs: Iterable[AcceleratorConfig]) -> list[Judged]:
+        """Each judged, best first."""
+        return sorted(map(self, configs), key=lambda one: -one.accuracy)
+
+
+def _how_many(recordings: Recordings) -> int:
+    """Recordings to judge on: all of a small archive."""
+    of_one = recordings.frames * recordings.taxels / len(recordings)
+    return int(min(len(recordings), JUDGED_ON, max(8 * len(recordings.class_names), JUDGED_SAMPLES / of_one)))
+
+
+# ---------------------------------------------------------------------- the search
+def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
+    """The front ends judged, best first, by the coordinates that the module describes; ``brief``: of every
+    gate three sets of windows, and nothing behind the kinds of feature."""
+    by_gate, screen = judge.front_ends.by_gate, judge.front_ends.screen
+    if brief:
+        by_gate = [list(dict.fromkeys([*configs[:2], configs[-1]])) for configs in by_gate]
+    first = judge.all(config for configs in by_gate for config in configs[:2])
+    close = [
+        configs
+        for configs in by_gate
+        if any(is_level(first[0].correct, judge(config).correct, FAR_BEHIND) for config in configs[:2])
+    ]
+    means = judge.all(config for configs in close for config in configs)
+    for one in means[:SURVIVORS]:
+        config = one.candidate.front_end
+        judge.all(features(config, screen.knee(config)))
+    if brief:
+        return judge.all(list(judge.judged))
+    judge.all(_around(most_accurate(list(judge.judged.values())).candidate.front_end, by_gate))
+    budget = DESCENT
+    while True:
+        at = choose(list(judge.judged.values()), market).candidate
+        price = market.price(at.config)
+        cheaper = [
+            config
+            for config in _smaller(at.front_end)
+            if config not in judge.judged and market.price(Candidate.screened(config).config) < price
+        ][:budget]
+        budget -= len(cheaper)
+        judge.all(cheaper)
+        if not cheaper or choose(list(judge.judged.values()), market).candidate == at:
+            return judge.all(list(judge.judged))
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Front ends that networks are tried on.
+
+    taken: the one that the rule takes. smaller: it, the most accurate one, and those that the rule takes of
+    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates.
+    """
+
+    taken: AcceleratorConfig
+    smaller: tuple[AcceleratorConfig, ...]
+    rivals: tuple[AcceleratorConfig, ...] = ()
+
+    @classmethod
+    def alone(cls, config: AcceleratorConfig) -> Listed:
+        """One that was asked for."""
+        return cls(config, (config,))
+
+    @property
+    def for_recurrent(self) -> list[AcceleratorConfig]:
+        """TRIED_RECURRENT at most, the one taken first."""
+        order = (self.taken, self.smaller[0], *self.rivals, *self.smaller)
+        return list(dict.fromkeys(order))[:TRIED_RECURRENT]
+
+
+def listed(judged: Sequence[Judged], market: Market) -> Listed:
+    """The front ends to try networks on; none is HOPELESS.
+
+    A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
+    over, and may need more kinds of feature than such a network.
+    """
+    taken, best = choose(judged, market), most_accurate(judged)
+    near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
+    groups = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
+    groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]
+    smaller = [choose(group, market) for group in groups if group]
+    smaller.sort(key=lambda one: market.price(one.config))
+    rivals: dict[Any, AcceleratorConfig] = {}
+    for one in sorted(near, key=lambda one: -one.accuracy):
+        if _kind_of_gate(one) != _kind_of_gate(taken):
+            rivals.setdefault(_kind_of_gate(one), one.candidate.front_end)
+    unique = dict.fromkeys(one.candidate.front_end for one in smaller)
+    return Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
+
+
+def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:
+    config = one.candidate.front_end
+    return "preset" if config.name in PRESETS else (config.rest_level.rest, config.opens_at_once)
+
+
+def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> Iterator[AcceleratorConfig]:
+    """The best with all windows of its gate, and with other thresholds."""
+    tried: list[AcceleratorConfig | None] = []
+    if best.windows.window_mode == "free":
+        for config in (config for configs in by_gate if _same_gate(configs[0], best) for config in configs):
+            block = 1 if best.features.activity_block == 1 else block_of(config.windows.hop)
+            windows = {name: getattr(config.windows, name) for name in ("hop", "window", "steps")}
+            tried.append(_valid(best, **windows, activity_block=block))
+    if best.onset_rule.onset == "baseline":
+        threshold = best.onset_rule.onset_threshold
+        tried += [_valid(best, onset_threshold=max(1, round(threshold * factor))) for factor in (0.7, 1.4)]
+    return filter(None, tried)
+
+
+def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
+    """Neighbours with fewer kinds, two thirds of the windows, windows of two thirds the length."""
+    windows, kinds = at.windows, at.features.feature_kinds
+    tried: list[AcceleratorConfig | None] = []
+    if len(kinds) > 1:
+        tried += [_valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
+    if windows.window_mode == "free":
+        shorter = max(2 * windows.hop // 3 // 8 * 8, 4)
+        block = block_of(shorter) if at.features.activity_block > 1 else 1
+        tried.append(_valid(at, steps=max(2 * windows.steps // 3, 1)))
+        tried.append(_valid(at, hop=shorter, window=2 * shorter, activity_block=block))
+    return filter(None, tried)
+
+
+def _same_gate(one: AcceleratorConfig, other: AcceleratorConfig) -> bool:
+    def gate(config: AcceleratorConfig) -> tuple:
+        rule, rest = config.onset_rule, config.rest_level
+        threshold = rule.onset_threshold if rule.onset == "baseline" else 0
+        return rule.onset, rest.rest, rest.rest_frames, rest.clip, threshold, config.windows.window_mode
+
+    return gate(one) == gate(other)
+
+
+# ---------------------------------------------------------------------- candidates
+def gates(recordings: Recordings, base: Record) -> list[Record]:
+    """Rest level and gate of each candidate: open at once with and without the first frames' level taken off,
+    onset rules on a tracked level (half, once and twice the threshold between noise and signal) and on an
+    initial one."""
+    settle = settling_frames(recordings.sample_rate_hz)
+    at_once = dict(onset="immediate", clip=0)
+    candidates = [
+        at_once | dict(rest="none", rest_frames=0),
+        at_once | dict(rest="initial", rest_frames=settle),
+    ]
+    rule = measure_onset(recordings, settle, base["onset_mean_frames"])
+    if rule is not None:
+        common = dict(onset="baseline", rest_frames=settle, clip=rule.clip)
+        thresholds = sorted({max(1, round(rule.threshold * factor)) for factor in (0.5, 1, 2)})
+        candidates += [
+            common | dict(rest="tracked", onset_threshold=min(threshold, 65535)) for threshold in thresholds
+        ]
+        candidates.append(common | dict(rest="initial", onset_threshold=rule.threshold))
+    return candidates
+
+
+def window_sets(available: int, rate: float, at_once: bool) -> list[dict[str, int]]:
+    """Hop, window and steps: 20 and 10 windows over all, half and a quarter of the ``available`` frames, and
+    at the usual pace (48 ms after an onset, 200 ms where the gate opens at once). The first two are the
+    longest touch and the usual pace."""
+    pace = max(round((0.2 if at_once else 0.048) * rate), 4)
+    hops = [(available // (STEPS + 1), STEPS), (min(pace, available // (STEPS + 1)), STEPS)]
+    for steps in (STEPS, STEPS // 2):
+        fit = available // (steps + 1)
+        hops += [(fit, steps), (fit // 2, steps), (fit // 4, steps), (min(pace, fit), steps)]
+    sets = []
+    for hop, steps in hops:
+        hop = int(np.clip(hop, 1, 65535))
+        hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)  # blocks of activity divide a hop
+        if available < 2 * hop:
+            continue
+        steps = max(1, min(steps, available // hop - 1))
+        sets.append(dict(hop=hop, window=2 * hop, steps=steps))
+    if not sets:
+        sets = [dict(hop=1, window=2, steps=max(1, min(STEPS, available - 1)))]
+    return [windows for index, windows in enumerate(sets) if windows not in sets[:index]]
+
+
+def block_of(hop: int) -> int:
+    """The longest block of activity, frames, that fits a hop four times: whole blocks, 64 frames at most."""
+    return max(block for block in range(1, min(64, max(hop // 4, 1)) + 1) if hop % block == 0)
+
+
+def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
+    """``config`` with every kind of feature and both scales, as far as the network's inputs go."""
+    block = block_of(config.windows.hop)
+    small, large, middle = ("change", 1), ("sum", block), ("change", block)
+    kinds: list[tuple[tuple[str, ...], tuple[str, int]]] = [(("mean",), ("sum", 1))]
+    if config.windows.window % 2 == 0 and config.windows.window_mode == "free":
+        kinds += [(("mean", "activity"), rule) for rule in (small, large, middle)]
+        kinds += [(("activity",), small)]
+        kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
+    kinds += [(("mean", "integral"), ("sum", 1))]
+    candidates = []
+    for kind, (rule, length) in kinds:
+        changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)
+        if "integral" in kind:
+            changes["integral_knee"] = knee
+        for scale in ("array", "taxel"):
+            candidate = _valid(config, feature_scale=scale, **changes)
+            if candidate is not None:
+                same = candidate == config.replace(name="derived")
+                candidates.append(config if same else candidate)
+    return candidates
+
+
+def _valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | None:
+    """``config`` with ``changes`` and the name derived; None where no accelerator has these sizes (too many
+    inputs, say)."""
+    try:
+        return config.replace(name="derived", **changes)
+    except InputError:
+        return None

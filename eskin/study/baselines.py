@@ -1,0 +1,478 @@
+"""Other methods on the touches and folds of our networks: scikit-learn's classifiers, and a GRU in float; what
+each decides rightly of recordings that it has not seen, and what it costs.
+
+A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
+touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
+touch at a time, are those of the processor, in one thread. Whoever has another method gives `results` an
+object with the attributes of `Method` (examples/thesis does).
+"""
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from eskin.choose.yardsticks import fitted
+from eskin.golden.core import AcceleratorConfig, InputError, Jobs, Memo, Record, content_key
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    FloatModel,
+    Touches,
+    decide_touches,
+    find_touches,
+    real_by_input,
+    real_features,
+    with_network,
+)
+from eskin.training.datasets import Datasets, scaling
+from eskin.training.fit import fit_networks, one_thread
+from eskin.training.recipe import Recipe, choose_recipe
+from eskin.training.splits import split_folds
+
+FLOAT_BYTES = 4
+"""Bytes of a parameter."""
+TIMED, TIMED_S = 40, 0.5
+"""Decisions of a run that are timed at most, and seconds that this may take."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """First touches with a completed window at least, n of them; row i of everything is one touch, from the
+    onset to the end of the last window, with the resting level removed.
+
+    recordings, config: where they come from. touches: their windows. where (recordings): row of each
+    recording's touch, -1 none. means (n, K, D): what windows say, before mean and scale are removed. labels
+    (n). known: what methods found once for all their runs.
+    """
+
+    recordings: Recordings
+    config: AcceleratorConfig
+    touches: Touches
+    where: np.ndarray
+    means: np.ndarray
+    labels: np.ndarray
+    known: Record = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, recordings: Recordings, config: AcceleratorConfig) -> "Scene":
+        """The touches that ``config`` finds.
+
+        Raises
+        ------
+        InputError
+            No recording has a touch.
+        """
+        found = find_touches(config, recordings)
+        first = found.first_touch()
+        usable = np.flatnonzero(first >= 0)
+        usable = usable[found.completed[first[usable]] > 0]
+        if not len(usable):
+            raise InputError(
+                f"{recordings.source}: no recording has a touch with a completed window; look with 'eskin inspect'"
+            )
+        touches, where = found.take(first[usable]), np.full(len(recordings), -1)
+        where[usable] = np.arange(len(usable))
+        means = real_features(config, touches.sums)
+        return cls(recordings, config, touches, where, means, recordings.labels[usable])
+
+    @property
+    def classes(self) -> int:
+        """Classes of the task."""
+        return len(self.recordings.class_names)
+
+    def windows(self, part: np.ndarray) -> np.ndarray:
+        """(n, K, D): windows of all touches with the mean and scale of the rows ``part`` alone; 0 where there
+        is no window or a fault."""
+        seen = self.touches.take(part)
+        mu, sigma = scaling(self.config, self.means[part], seen.completed, seen.faults)
+        windows = (self.means - real_by_input(self.config, mu)) / real_by_input(self.config, sigma)
+        if self.touches.faults is not None:
+            windows[self.touches.faults] = 0.0
+        windows[np.arange(self.config.windows.steps) >= self.touches.completed[:, None]] = 0.0
+        return windows
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A classifier and its cost.
+
+    decide: rows of the scene -> their classes, (rows). parameters: numbers that it keeps. multiplies: of one
+    decision, from windows of the touch on; normalisation, exponentials and comparisons are not counted.
+    comparisons: of one decision, where trees decide. alone: decides one row with all that a decision takes,
+    where ``decide`` knows parts of it already.
+    """
+
+    decide: Callable[[np.ndarray], np.ndarray]
+    parameters: int
+    multiplies: int
+    comparisons: int = 0
+    alone: Callable[[int], Any] | None = None
+
+
+class Method(Protocol):
+    """A way to fit classifiers to touches of a scene. hardware: eskin can build it. one_seed: further seeds
+    would change nothing, or cost too much."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def label(self) -> str: ...
+    @property
+    def hardware(self) -> bool: ...
+    @property
+    def one_seed(self) -> bool: ...
+
+    def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
+        """A classifier for each of ``parts``, rows of the scene: it sees windows and labels of these alone."""
+
+
+# ---------------------------------------------------------------------- the methods
+Cost = Callable[[Any, np.ndarray, int], tuple[int, int, int]]
+"""(fitted estimator, inputs that it was fitted to, classes) -> parameters, multiplies, comparisons."""
+
+
+@dataclass(frozen=True)
+class Classifier:
+    """A classifier of scikit-learn on all windows of a touch. ``grid``: what an inner cross-validation chooses
+    from; whole numbers there count touches."""
+
+    name: str
+    label: str
+    make: Callable[[int], Any]
+    grid: Mapping[str, Sequence[Any]]
+    cost: Cost
+    hardware: bool = False
+    one_seed: bool = False
+
+    def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
+        return [self._fit(scene, part, seed) for part in parts]
+
+    def _fit(self, scene: Scene, part: np.ndarray, seed: int) -> Fitted:
+        if len(np.unique(scene.labels[part])) < 2:  # the one class that the part has
+            return Fitted(lambda rows: np.full(len(rows), scene.labels[part[0]]), 1, 0)
+        windows = scene.windows(part)
+        x = windows.reshape(len(windows), -1)
+        # whole numbers count touches: no more than an inner fold leaves
+        grid = {
+            name: [value for value in values if not isinstance(value, int) or value <= max(1, len(part) // 3)]
+            for name, values in self.grid.items()
+        }
+        model = fitted(self.make(seed), x[part], scene.labels[part], grid, seed)
+        return Fitted(lambda rows: model.predict(x[rows]), *self.cost(model, x[part], scene.classes))
+
+
+def _logistic(seed: int) -> Any:
+    from sklearn.linear_model import LogisticRegression
+
+    return LogisticRegression(max_iter=2000)
+
+
+def _svm(seed: int) -> Any:
+    from sklearn.svm import SVC
+
+    return SVC()
+
+
+def _forest(seed: int) -> Any:
+    from sklearn.ensemble import RandomForestClassifier
+
+    return RandomForestClassifier(200, random_state=seed)
+
+
+def _neighbours(seed: int) -> Any:
+    from sklearn.neighbors import KNeighborsClassifier
+
+    return KNeighborsClassifier()
+
+
+def _logistic_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
+    return model.coef_.size + model.intercept_.size, model.coef_.size, 0
+
+
+def _svm_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
+    vectors, pairs = len(model.support_), classes * (classes - 1) // 2
+    return vectors * (x.shape[1] + classes - 1) + pairs, vectors * (x.shape[1] + classes), 0
+
+
+def _forest_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
+    """Feature and threshold of every fork, shares of the classes of every leaf; forks on the way."""
+    trees = [estimator.tree_ for estimator in model.estimators_]
+    leaves = sum(int(tree.n_leaves) for tree in trees)
+    forks = sum(int(tree.node_count) for tree in trees) - leaves
+    compared = sum(float(tree.decision_path(x).sum()) / len(x) - 1 for tree in model.estimators_)
+    return 2 * forks + classes * leaves, 0, round(compared)
+
+
+def _neighbours_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
+    return x.size + len(x), x.size, 0
+
+
+@dataclass(frozen=True)
+class Network:
+    """A recurrent network in float, trained by our recipe or another; all parts at once.
+
+    ``changed``: configuration -> the one that the network has, and its recipe.
+    """
+
+    name: str
+    label: str
+    changed: Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
+    hardware: bool = True
+    one_seed: bool = False
+
+    def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
+        config, recipe = self.changed(scene.config)
+        data = Datasets(scene.recordings).of(config, recipe)
+        row_of = data.index[scene.touches.recording]
+        rows = [row_of[part][row_of[part] >= 0] for part in parts]
+        models = fit_networks(data, config, recipe, rows, seed, lambda done, total: None)
+        multiplies = config.windows.steps * config.multiplies
+
+        def decide(model: FloatModel, which: np.ndarray) -> np.ndarray:
+            found, decided = row_of[which], np.full(len(which), -1)
+            decided[found >= 0] = decide_touches(model, data.touches.take(found[found >= 0])).decision
+            return decided
+
+        return [Fitted(partial(decide, model), model.parameter_count, multiplies) for model in models]
+
+
+def _gru(config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:
+    changed = with_network(config, cell="gru", hidden=12)
+    return changed, choose_recipe(changed)
+
+
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Classifier(
+            "logistic", "logistic regression", _logistic, {"C": (0.1, 1.0, 10.0, 100.0)}, _logistic_cost
+        ),
+        Classifier("svm", "RBF-SVM", _svm, {"C": (1.0, 10.0, 100.0), "gamma": ("auto", "scale")}, _svm_cost),
+        Classifier("forest", "random forest", _forest, {}, _forest_cost),
+        Classifier(
+            "neighbours", "k nearest neighbours", _neighbours, {"n_neighbors": (1, 3, 5, 9)}, _neighbours_cost
+        ),
+        Network("gru", "GRU 12, float", _gru),
+    )
+}
+"""What `eskin baselines` judges, by name."""
+SWEPT = ("logistic", "svm", "neighbours")
+"""The baselines that a sweep shows beside its points."""
+
+
+# ---------------------------------------------------------------------- judging
+@dataclass(frozen=True)
+class Piece:
+    """One piece of work: a method on a split."""
+
+    method: Method
+    groups: tuple[str, ...]
+    seeds: tuple[int, ...]
+    folds: int
+
+
+Shared = tuple[Recordings, AcceleratorConfig]
+
+
+@lru_cache(maxsize=1)
+def _scene(shared: Shared) -> Scene:
+    return Scene.of(*shared)
+
+
+class _Held(tuple):
+    """Recordings and configuration, one object in a worker, which finds the touches once."""
+
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
+
+def judge(shared: Shared, piece: Piece) -> Record:
+    """Its ``runs``: {fold, seed, recordings, accuracy, parameters, multiplies, bytes, comparisons, train_s,
+    decision_us (each timed)}; ``refused`` in their place where the method cannot see these touches."""
+    scene, method, runs = _scene(shared), piece.method, []
+    labels = scene.recordings.labels
+    tests = split_folds(scene.recordings, piece.groups, piece.folds, None)
+    parts = [scene.where[np.setdiff1d(np.arange(len(labels)), test)] for test in tests]
+    parts = [part[part >= 0] for part in parts]
+    if not all(map(len, parts)):
+        return {"refused": "no touch was found in a training part; check the onset rule with 'eskin inspect'"}
+    for seed in piece.seeds[: 1 if method.one_seed else None]:
+        with one_thread():
+            begin = time.process_time()
+            try:
+                models = method.fit(scene, parts, seed)
+            except InputError as error:
+                return {"refused": str(error)}
+            seconds = (time.process_time() - begin) / len(parts)
+            for fold, (test, model) in enumerate(zip(tests, models, strict=True)):
+                rows = scene.where[test]
+                right = model.decide(rows[rows >= 0]) == labels[test[rows >= 0]] if (rows >= 0).any() else []
+                runs.append(
+                    {
+                        "fold": fold,
+                        "seed": seed,
+                        "recordings": len(test),
+                        "accuracy": float(np.sum(right)) / len(test),
+                        "parameters": int(model.parameters),
+                        "multiplies": int(model.multiplies),
+                        "bytes": FLOAT_BYTES * int(model.parameters),
+                        "comparisons": model.comparisons,
+                        "train_s": seconds,
+                        "decision_us": timed(model, rows[rows >= 0]),
+                    }
+                )
+    return {"runs": runs}
+
+
+def timed(model: Fitted, rows: np.ndarray) -> list[float]:
+    """Microseconds of each decision, the first one left out; of TIMED rows, as far as TIMED_S go."""
+    decide = model.alone or (lambda row: model.decide(np.array([row])))
+    microseconds: list[float] = []
+    for number, row in enumerate(rows[: TIMED + 1]):
+        begin = time.thread_time()
+        decide(int(row))
+        if number:
+            microseconds.append(1e6 * (time.thread_time() - begin))
+        if sum(microseconds) > 1e6 * TIMED_S:
+            break
+    return microseconds
+
+
+def row_of(method: Method, groups: Sequence[str], runs: Sequence[Mapping[str, Any]]) -> Record:
+    """A row of baselines.json: method, label, split, groups, accuracy (mean over seeds of the share of all
+    recordings), spread (standard deviation over runs), best (run), standard_error (over recordings), runs,
+    seeds; parameters, multiplies, bytes, comparisons and train_s (means over runs); decision_us (median) and
+    decision_us_99 of all timed decisions; hardware."""
+    weights = [run["recordings"] for run in runs]
+    shares = np.array([run["accuracy"] for run in runs])
+    accuracy = float(np.average(shares, weights=weights))
+    seeds = len({run["seed"] for run in runs})
+    times = list(itertools.chain.from_iterable(run["decision_us"] for run in runs))
+    keys = ("fold", "seed", "recordings", "accuracy")
+    counts = ("parameters", "multiplies", "bytes", "comparisons")
+    return {
+        "method": method.name,
+        "label": method.label,
+        "split": " and ".join(groups) or "recordings",
+        "groups": list(groups),
+        "accuracy": accuracy,
+        "spread": float(shares.std()),
+        "best": float(shares.max()),
+        "standard_error": math.sqrt(accuracy * (1 - accuracy) * seeds / sum(weights)),
+        "runs": [{key: run[key] for key in keys} for run in runs],
+        "seeds": seeds,
+        **{key: round(float(np.mean([run[key] for run in runs]))) for key in counts},
+        "train_s": float(np.mean([run["train_s"] for run in runs])),
+        "decision_us": float(np.median(times)) if times else None,
+        "decision_us_99": float(np.quantile(times, 0.99)) if times else None,
+        "hardware": method.hardware,
+    }
+
+
+def results(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    *,
+    methods: Sequence[Method] = tuple(METHODS.values()),
+    folds: int = 5,
+    seeds: Sequence[int] = range(3),
+    jobs: Jobs | None = None,
+    keep: Memo | None = None,
+    version: str = "",
+) -> Record:
+    """Every method on every split, each a piece of work.
+
+    Parameters
+    ----------
+    keep, version:
+        Finished pieces, and a word for data and code.
+
+    Returns
+    -------
+    rows (`row_of`, best first within a split), left_out (method, split, reason), recordings, classes, config,
+    seeds, folds, data.
+
+    Raises
+    ------
+    InputError
+        Unknown groups; or no method can be judged.
+    """
+    every = tuple(int(seed) for seed in seeds)
+    pieces = {}
+    for method, groups in itertools.product(methods, splits):
+        key = content_key(
+            "baseline", version, config.to_dict(), method.name, list(groups), list(every), folds
+        )
+        pieces[key] = Piece(method, tuple(groups), every, folds)
+    outcomes = (jobs or Jobs(workers=1)).results(
+        judge, pieces, _Held((recordings, config)), keep=keep, what="methods judged"
+    )
+    rows, left_out = [], []
+    for key, piece in pieces.items():
+        if "refused" in outcomes[key]:
+            split = " and ".join(piece.groups) or "recordings"
+            left_out.append({"method": piece.method.name, "split": split, "reason": outcomes[key]["refused"]})
+        else:
+            rows.append(row_of(piece.method, piece.groups, outcomes[key]["runs"]))
+    if not rows:
+        raise InputError(
+            f"baselines: no method can be judged on these recordings; the first says: {left_out[0]['reason']}"
+        )
+    order = [list(groups) for groups in splits]
+    return {
+        "rows": sorted(rows, key=lambda row: (order.index(row["groups"]), -row["accuracy"])),
+        "left_out": left_out,
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "classes": len(recordings.class_names),
+        "config": config.to_dict(),
+        "seeds": list(every),
+        "folds": folds,
+    }
+
+
+def judge_baseline(
+    name: str,
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    seeds: Sequence[int],
+    folds: int,
+) -> Record:
+    """One method on every split of a sweep.
+
+    Returns
+    -------
+    label; parameters and multiplies_decision (means over runs: support vectors differ); splits: {groups,
+    accuracy, by_seed, per_fold: {recordings, accuracy}} each.
+    """
+    rows = results(recordings, config, splits, methods=[METHODS[name]], folds=folds, seeds=seeds)["rows"]
+    split_rows = []
+    for row in rows:
+        by_seed = [[run for run in row["runs"] if run["seed"] == seed] for seed in seeds]
+        shares = np.array([[run["accuracy"] for run in runs] for runs in by_seed])
+        sizes = [run["recordings"] for run in by_seed[0]]
+        split_rows.append(
+            {
+                "groups": row["groups"],
+                "accuracy": row["accuracy"],
+                "by_seed": np.average(shares, axis=1, weights=sizes).tolist(),
+                "per_fold": [
+                    {"recordings": size, "accuracy": float(share)}
+                    for size, share in zip(sizes, shares.mean(axis=0), strict=True)
+                ],
+            }
+        )
+    means = {key: round(float(np.mean([row[key] for row in rows]))) for key in ("parameters", "multiplies")}
+    return {
+        "label": rows[0]["label"],
+        "parameters": means["parameters"],
+        "multiplies_decision": means["multiplies"],
+        "splits": split_rows,
+    }

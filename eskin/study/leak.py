@@ -1,0 +1,93 @@
+"""Does a network know the class of a recording whose touch was taken out?
+
+A class can leak through what is no touch: the resting level, when the touch begins, how long the recording
+goes on. So the frames of each recording behind its quiet lead-in are replaced by that lead-in, repeated; the
+gate is forced open at the onset that was found in the recording as it was; length and onset stay.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Touches, decide_touches, find_onsets, find_touches
+
+MARGIN = 0.10
+"""Accuracy above chance that is still no leak."""
+
+
+def without_touches(
+    recordings: Recordings, config: AcceleratorConfig, onsets: np.ndarray, left_in: int = 0
+) -> Recordings:
+    """Every recording with what follows its quiet lead-in replaced by that lead-in, repeated.
+
+    The lead-in ends before the first frame that the onset's verdict saw: the touch may have begun there.
+
+    Parameters
+    ----------
+    onsets:
+        (R) frames, from 1; a recording without one (-1) stays.
+    left_in:
+        Frames from the onset on that stay, with those between lead-in and onset: more than 0 shows what a leak
+        looks like.
+    """
+    samples = recordings.samples.copy()
+    for index, onset in enumerate(onsets):
+        if onset < 0:
+            continue
+        begin, end = recordings.offsets[index], recordings.offsets[index + 1]
+        quiet = samples[begin : begin + onset - _judged_frames(config)]
+        first = min(begin + onset - 1 + left_in, end) if left_in else begin + len(quiet)
+        samples[first:end] = np.resize(quiet, (end - first, samples.shape[1]))
+    return dataclasses.replace(recordings, samples=samples)
+
+
+def quiet_enough(config: AcceleratorConfig, onsets: np.ndarray) -> np.ndarray:
+    """(R) bool: an onset was found, and the lead-in before it is longer than the settling frames."""
+    return onsets - _judged_frames(config) > config.rest_level.rest_frames
+
+
+def _judged_frames(config: AcceleratorConfig) -> int:
+    return config.onset_rule.onset_mean_frames if config.onset_rule.onset == "baseline" else 1
+
+
+@dataclasses.dataclass(frozen=True)
+class Leak:
+    """accuracy: share of ``recordings`` decided as labelled without their touch. limit: chance (the share of
+    the largest class) and MARGIN."""
+
+    recordings: int
+    accuracy: float
+    limit: float
+
+
+def known_without_touch(
+    model: IntegerModel,
+    recordings: Recordings,
+    find: Callable[..., Touches] = find_touches,
+    decide: Callable[[Touches], np.ndarray] | None = None,
+    left_in: int = 0,
+) -> Leak | None:
+    """What the model knows of recordings without their touches; None where no recording has a lead-in.
+
+    Parameters
+    ----------
+    find, decide:
+        Touches of recordings, and the class of each; default: the golden model's.
+    left_in:
+        As of ``without_touches``.
+    """
+    config = model.config
+    onsets = np.asarray(find_onsets(config, recordings))
+    quiet = np.flatnonzero(quiet_enough(config, onsets))
+    if config.opens_at_once or not len(quiet):
+        return None
+    whole, onsets = recordings.subset(quiet), onsets[quiet]
+    touches = find(config, without_touches(whole, config, onsets, left_in), onsets=onsets)
+    decided = decide(touches) if decide else decide_touches(model, touches).decision
+    right = np.zeros(len(whole), dtype=bool)
+    right[touches.recording] = decided == whole.labels[touches.recording]
+    chance = whole.class_counts.max() / len(whole)
+    return Leak(len(whole), float(right.mean()), round(float(chance) + MARGIN, 6))

@@ -1,0 +1,293 @@
+"""What enrolment brings: each value of a group is left out of the training in turn, then enrolled with a few of
+its touches, by training on or by prototypes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eskin.choose.choice import search_inside
+from eskin.choose.cost import Market
+from eskin.choose.front_ends import FrontEnds
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
+from eskin.golden.data import Recordings, grouped_folds
+from eskin.golden.model import IntegerModel
+from eskin.teach.enrol import Pair, fit, right
+from eskin.training.datasets import Dataset, find_dataset, touch_rows
+from eskin.training.fit import fit_networks, post_training
+from eskin.training.losses import Progress
+from eskin.training.prototypes import by_last_step, group_numbers, teach_touches, with_prototypes
+from eskin.training.recipe import choose_recipe
+
+DRAWS = {"dense": 1, "prototypes": 10}
+"""How often the touches to enrol are drawn, by readout; figures are means."""
+SET_ASIDE = 5
+"""Of so many recordings of a class in a group one is set aside, and judges what enrolment costs on the other
+groups."""
+CHOICES = 5
+"""Front ends chosen at most, each without a part of the values: one a value took most of the time."""
+FIGURES = ("before", "after", "others_before", "others_after")
+
+
+@dataclass(frozen=True)
+class Question:
+    """What ``judge`` answers for one seed: how good a network is on each value of ``groups`` that it was not
+    trained on, before and after k touches a class of it are enrolled, for each of ``ks``. configs: for each
+    value, in the order of ``group_values``. readout: ``dense``, trained on with them; or ``prototypes``,
+    taught them: of k = 0, too."""
+
+    groups: tuple[str, ...]
+    ks: tuple[int, ...]
+    configs: tuple[AcceleratorConfig, ...]
+    seed: int
+    readout: str = "dense"
+
+
+def front_ends_without(
+    recordings: Recordings, values: Arrays, groups: Sequence[str], market: Market
+) -> list[AcceleratorConfig]:
+    """For each value of ``groups`` the front end that is chosen without its recordings.
+
+    Values are dealt to CHOICES parts; what is chosen without a part serves all of its values, and their
+    networks train at once. The other values are left out in turn where there are two at least.
+    """
+    front_ends, everything = FrontEnds(recordings), np.arange(len(recordings))
+    parts = [list(values)[first::CHOICES] for first in range(min(CHOICES, len(values)))]
+    chosen: dict[str, AcceleratorConfig] = {}
+    for part in parts:
+        rest = np.setdiff1d(everything, np.concatenate([values[value] for value in part]))
+        chosen |= dict.fromkeys(part, search_inside(front_ends, rest, groups, market).taken)
+    return [chosen[value] for value in values]
+
+
+def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int]) -> dict[str, np.ndarray]:
+    """The recordings of each value of ``groups``, by its name.
+
+    Raises
+    ------
+    InputError
+        An unknown group, one with a single value, or a value with too few recordings of a class; a class
+        without any is left out of that value (`lacking`).
+    """
+    if not groups:
+        raise InputError(
+            "--group: is missing; name the group array whose values are mountings, persons or positions"
+        )
+    of_value = {}
+    for members in grouped_folds(recordings, groups, max(2, len(recordings)), None):
+        name = " ".join(str(recordings.groups[group][members[0]]) for group in groups)
+        of_value[name] = members
+        counts = np.bincount(recordings.labels[members], minlength=len(recordings.class_names))
+        label = int(np.argmin(np.where(counts, counts, len(members) + 1)))
+        if counts[label] <= max(ks):
+            raise InputError(
+                f"recordings '{recordings.source}', group {' and '.join(groups)}: value {name} has "
+                f"{counts[label]} recordings of class "
+                f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to judge; use a "
+                "smaller k or another group"
+            )
+    return of_value
+
+
+def lacking(recordings: Recordings, members: np.ndarray) -> list[str]:
+    """Classes without a recording among ``members``: nobody can enrol them, and they are not judged."""
+    present = np.unique(recordings.labels[members])
+    return [name for label, name in enumerate(recordings.class_names) if label not in present]
+
+
+def set_aside(recordings: Recordings, values: Arrays) -> np.ndarray:
+    """(R) bool: the recordings that no network of the evaluation is trained on, one in SET_ASIDE of each
+    class of each value, in the archive's order, beginning with the third."""
+    aside = np.zeros(len(recordings), dtype=bool)
+    for members in values.values():
+        for label in range(len(recordings.class_names)):
+            aside[members[recordings.labels[members] == label][2::SET_ASIDE]] = True
+    return aside
+
+
+def judge(
+    recordings: Recordings, question: Question, progress: Progress = lambda done, total: None
+) -> list[Record]:
+    """For each value left out and each k: value, k, before, after (integer accuracy on the recordings of that
+    value that no k enrols), others_before, others_after (on recordings of the other values that were set
+    aside from both trainings; None: there are none), recordings, others (how many judge), lacking (classes
+    that the value has no recording of).
+
+    Touches enrolled with a smaller k are among those of a larger, and the same recordings judge every k.
+    """
+    values = group_values(recordings, question.groups, question.ks)
+    aside, rows = set_aside(recordings, values), []
+    of_config: dict[AcceleratorConfig, Arrays] = {}
+    for value, config in zip(values, question.configs, strict=True):
+        of_config[config] = {**of_config.get(config, {}), value: values[value]}
+    for config, chosen in of_config.items():
+        rows += _judge_values(recordings, config, chosen, aside, question, progress)
+    order = list(values)
+    return sorted(rows, key=lambda row: (row["k"], order.index(row["value"])))
+
+
+class Lesson(NamedTuple):
+    """A draw of ``k`` touches a class: number of its value, rows to enrol, recordings that judge."""
+
+    number: int
+    k: int
+    rows: np.ndarray
+    judged: np.ndarray
+
+
+def _judge_values(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    values: Arrays,
+    aside: np.ndarray,
+    question: Question,
+    progress: Progress,
+) -> list[Record]:
+    recipe = choose_recipe(config)
+    data, everything = find_dataset(recordings, config, recipe), np.arange(len(recordings))
+    parts = [touch_rows(data, np.setdiff1d(everything[~aside], members)) for members in values.values()]
+    others = [np.setdiff1d(everything[aside], members) for members in values.values()]
+    models = fit_networks(data, config, recipe, parts, question.seed, progress)
+    before = [
+        Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)
+    ]
+    ks = sorted({*question.ks} | ({0} if question.readout == "prototypes" else set()))
+    lessons = []
+    for number, (value, members) in enumerate(values.items()):
+        generator = np.random.default_rng([question.seed, *value.encode()])
+        for _ in range(DRAWS[question.readout]):
+            drawn = _draw(recordings, data, members, max(ks), value, question, generator)
+            judged = np.setdiff1d(members, np.concatenate(drawn))
+            for k in ks:
+                rows = touch_rows(data, np.concatenate([of_class[:k] for of_class in drawn]))
+                lessons.append(Lesson(number, k, rows, judged))
+    if question.readout == "prototypes":
+        after = _taught(recordings, question, data, parts, before, lessons)
+    else:
+        old, new = [parts[lesson.number] for lesson in lessons], [lesson.rows for lesson in lessons]
+        pairs = [before[lesson.number] for lesson in lessons]
+        trained = fit(pairs, data, recipe, new, old, question.seed, progress)
+        after = [pair.integer for pair in trained]
+    at_first = [right(pair.integer, data) for pair in before]
+    figures: dict[tuple[int, int], list[list[float]]] = {}
+    for lesson, model in zip(lessons, after, strict=True):
+        both = at_first[lesson.number], right(model, data)
+        of_draw = [
+            float(of[where].mean()) if len(where) else np.nan
+            for where in (lesson.judged, others[lesson.number])
+            for of in both
+        ]
+        figures.setdefault((lesson.number, lesson.k), []).append(of_draw)
+    names, judging = list(values), {lesson.number: len(lesson.judged) for lesson in lessons}
+    return [
+        {
+            "value": names[number],
+            "k": k,
+            **{
+                name: None if np.isnan(share) else float(share)
+                for name, share in zip(FIGURES, np.mean(of_draws, axis=0), strict=True)
+            },
+            "recordings": judging[number],
+            "others": len(others[number]),
+            "lacking": lacking(recordings, values[names[number]]),
+        }
+        for (number, k), of_draws in figures.items()
+    ]
+
+
+def _taught(
+    recordings: Recordings,
+    question: Question,
+    data: Dataset,
+    parts: Sequence[np.ndarray],
+    networks: Sequence[Pair],
+    lessons: Sequence[Lesson],
+) -> list[IntegerModel]:
+    """For each lesson the network with prototypes of what it was trained on, taught the lesson's touches."""
+    groups, labels = group_numbers(recordings, question.groups), recordings.labels
+    where, ready = data.touches.recording, []
+    for pair, part in zip(networks, parts, strict=True):
+        whole = part[data.touches.completed[part] == pair.integer.config.windows.steps]
+        rows = where[whole]
+        ready.append(
+            with_prototypes(
+                by_last_step(pair.integer),
+                data.touches.take(whole),
+                labels[rows],
+                groups[rows],
+                taught=max(1, *question.ks),
+                source=f"recordings '{recordings.source}'",
+            )
+        )
+    return [
+        teach_touches(ready[lesson.number], data.touches.take(lesson.rows), labels[where[lesson.rows]])
+        for lesson in lessons
+    ]
+
+
+def _draw(
+    recordings: Recordings,
+    data: Dataset,
+    members: np.ndarray,
+    most: int,
+    value: str,
+    question: Question,
+    generator: np.random.Generator,
+) -> list[np.ndarray]:
+    """``most`` recordings to enrol of each class that is among ``members``, such as show a touch: a user would
+    see it and touch again. Part of a touch teaches a prototype nothing."""
+    drawn, lacks = [], lacking(recordings, members)
+    least = 1 if question.readout == "dense" else data.touches.sums.shape[1]
+    for label, name in enumerate(recordings.class_names):
+        if name in lacks:
+            continue
+        of_class = members[(recordings.labels[members] == label) & (data.index[members] >= 0)]
+        of_class = of_class[data.touches.completed[data.index[of_class]] >= least]
+        if len(of_class) < most:
+            raise InputError(
+                f"recordings '{recordings.source}': of value {value} only {len(of_class)} recording(s) of "
+                f"class {name} show a touch, and "
+                f"{most} are to be enrolled; use a smaller k, or another front end (--config)"
+            )
+        drawn.append(generator.permutation(of_class)[:most])
+    return drawn
+
+
+def summary(group: Sequence[str], by_seed: Sequence[Sequence[Mapping[str, Any]]]) -> Record:
+    """The result of ``enrol --evaluate`` from the rows of ``judge`` for each seed.
+
+    Returns
+    -------
+    rows: {group, value, k, layers, before, after, others_before, others_after, recordings, others, lacking,
+    spread: {the four}, by_seed: {the four}}, means over seeds; mean: k -> the four over all values, weighted
+    by their recordings, and spread: the standard deviation of that mean over seeds (None: one seed).
+    """
+
+    def means(of_seeds: Mapping[str, np.ndarray | None]) -> Record:
+        spread = {
+            name: float(values.std(ddof=1)) if len(values) > 1 else None
+            for name, values in of_seeds.items()
+            if values is not None
+        }
+        mean = {name: None if values is None else float(values.mean()) for name, values in of_seeds.items()}
+        return mean | {"spread": spread}
+
+    rows: list[Record] = []
+    mean = {}
+    for same in zip(*by_seed, strict=True):
+        runs = {name: [row[name] for row in same] for name in FIGURES}
+        head = {"group": " and ".join(group), "layers": "all"}
+        head |= {name: same[0][name] for name in ("value", "k", "recordings", "others", "lacking")}
+        of_seeds = {name: None if None in values else np.array(values) for name, values in runs.items()}
+        rows.append(head | means(of_seeds) | {"by_seed": runs})
+    for k in sorted({row["k"] for row in rows}):
+        of_k = [row for row in rows if row["k"] == k]
+        overall: dict[str, np.ndarray | None] = {}
+        for name in FIGURES:
+            weight = [row["others" if name.startswith("others") else "recordings"] for row in of_k]
+            whole = all(row[name] is not None for row in of_k)
+            values = [row["by_seed"][name] for row in of_k]
+            overall[name] = np.average(values, axis=0, weights=weight) if whole else None
+        mean[str(k)] = means(overall)
+    return {"rows": rows, "mean": mean}

@@ -1,0 +1,101 @@
+"""The methods of the thesis this project starts from (M. Alameh, table 3.1) on recordings of yours, judged as
+``eskin baselines`` judges: the table, and baselines.json.
+
+    python examples/thesis/run.py --data recordings.npz --group person --out build/thesis
+
+GRU and LSTM are trained under the thesis's protocol: N windows, each overlapping the next by half, over the
+whole touch; their means alone, one mean and one scale for all taxels; a loss on the last step, which decides;
+Adam, 96 epochs of batches of 48. Two things are not the thesis's: the resting level is removed, since it
+tells the session (docs/results.md), and mean and scale come from the training part alone.
+"""
+
+import argparse
+import sys
+from functools import partial
+from pathlib import Path
+
+from images import OVER_TIME, Transfer
+from tensor import TENSOR
+
+from eskin.data import load_recordings
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import with_network
+from eskin.requests import BaselinesRequest
+from eskin.study.baselines import METHODS, Network
+from eskin.training.derive import derive_config, for_recordings
+from eskin.training.recipe import RECIPES, Recipe
+from eskin.verbs import baselines_job
+
+STEPS = (20, 50, 100, 200, 256)
+"""Windows of a touch that the thesis tries."""
+
+
+def thesis_network(
+    config: AcceleratorConfig, cell: str, hidden: int, steps: int
+) -> tuple[AcceleratorConfig, Recipe]:
+    """``config`` with the windows, features and decision of the thesis over the same touch; its recipe.
+
+    Raises
+    ------
+    InputError
+        The touch has too few frames for the windows.
+    """
+    plain = config.replace(
+        feature_kinds=("mean",), compand="none", feature_scale="array", feature_shift=(), decision="last"
+    )
+    if config.windows.window_mode == "touch":
+        return with_network(plain, cell=cell, hidden=hidden, steps=steps), RECIPES["thesis"]
+    hop = config.last_frame // (steps + 1)
+    if not hop:
+        raise InputError(f"{steps} windows: a touch has {config.last_frame} frames; take fewer windows")
+    cut = plain.replace(hop=hop, window=2 * hop, steps=steps)
+    return with_network(cut, cell=cell, hidden=hidden), RECIPES["thesis"]
+
+
+RECURRENT = tuple(
+    Network(
+        f"{cell}{hidden}-n{steps}",
+        f"{cell.upper()}{steps}, {hidden} neurons, thesis's protocol",
+        partial(thesis_network, cell=cell, hidden=hidden, steps=steps),
+    )
+    for steps in STEPS
+    for cell, hidden in (("gru", 12), ("gru", 10), ("lstm", 10))
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", required=True, help="recordings, as every verb of eskin takes them")
+    parser.add_argument("--config", help="a preset or a JSON file; default: derived from the recordings")
+    parser.add_argument("--group", default="", help="group arrays A[,B..]; default: random folds")
+    parser.add_argument("--out", type=Path, default=Path("build/thesis"))
+    parser.add_argument("--methods", help="some of them, A,B,...; default: all")
+    parser.add_argument("--folds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=3, help="the thesis has 10")
+    parser.add_argument("--weights", type=Path, help="torchvision's mobilenet_v2, a state dictionary")
+    asked = parser.parse_args()
+    methods = {m.name: m for m in (*RECURRENT, *TENSOR, *OVER_TIME, Transfer(weights=asked.weights))}
+    names = asked.methods.split(",") if asked.methods else list(methods)
+    if unknown := [name for name in names if name not in methods]:
+        parser.error(f"--methods {unknown[0]}: is none of {', '.join(methods)}")
+    try:
+        recordings = load_recordings(asked.data)
+        config = for_recordings(AcceleratorConfig.load(asked.config), recordings) if asked.config else None
+        given = {name: getattr(asked, name) for name in ("data", "group", "folds", "seeds", "out")}
+        result = baselines_job.run(
+            BaselinesRequest(**given),
+            recordings,
+            config or derive_config(recordings)[0],
+            methods=[*map(methods.__getitem__, names), METHODS["gru"]],
+            progress=lambda what, done, total: print(f"{what}: {done} of {total}", file=sys.stderr),
+        )
+    except InputError as error:
+        parser.exit(2, f"{error}\n")
+    print("| method | unseen | accuracy (%) | multiplies | parameters |\n| --- | --- | --: | --: | --: |")
+    for row in result["rows"]:
+        accuracy = f"{100 * row['accuracy']:.1f} ± {100 * row['spread']:.1f}"
+        print(f"| {row['label']} | {row['split']} | {accuracy} | {row['multiplies']} | {row['parameters']} |")
+
+
+if __name__ == "__main__":
+    main()

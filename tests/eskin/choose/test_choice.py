@@ -1,0 +1,203 @@
+"""What is chosen and noted, what the command line fixes, and figures of folds that chose nothing: no label of
+a fold is seen by what is chosen for it, and noise stays at chance."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from eskin.choose import choice as choosing
+from eskin.choose.choice import choose_inside, configure, inner_folds, splits_to_report, train_chosen, unseen
+from eskin.choose.choice_table import unseen as unseen_of
+from eskin.choose.networks import Wish
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, with_network
+from eskin.training import train
+from eskin.training.crossval import Terms
+from eskin.training.datasets import Datasets
+from eskin.training.quantise import quantise
+from eskin.training.splits import split_folds
+from tests.eskin.choose.test_candidate import CONFIG
+from tests.support.gripped_scene import gripped_recordings
+from tests.support.prices import priced
+
+FEW = {"folds": 2, "seeds": 1}
+
+
+@pytest.fixture(scope="module")
+def gripped() -> Recordings:
+    return gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
+
+
+def trained(recordings, asked, tmp_path, **options):
+    return train_chosen(recordings, asked, priced(), out=tmp_path / "m", **{**FEW, **options})
+
+
+# ---------------------------------------------------------------------- training what was chosen
+def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
+    record = trained(gripped, None, tmp_path)
+    rows = record["candidates"]
+    assert [(row["cell"], row["hidden"]) for row in rows] == [
+        *[("linear", 0)] * 3,
+        *[("gru", units) for units in (4, 8, 12, 16)],
+    ]
+    (chosen,) = (row for row in rows if row["chosen"])
+    best = max(rows, key=lambda row: row["accuracy"])
+    certain = [row for row in rows if row["accuracy"] == best["accuracy"]]
+    assert chosen["energy_touch_j"] <= min(row["energy_touch_j"] for row in certain)
+    assert all(row["fits"] == "icebreaker" for row in rows)
+    # recurrent ones had 6 updates
+    assert chosen["cell"] == "linear" == record["config"]["network"]["cell"] and chosen["accuracy"] > 0.9
+    assert chosen["multiplies_touch"] == chosen["front_end"]["steps"] * 12 * 3
+    assert chosen["front_end"]["feature_kinds"] == record["front_end"]["chosen"]["feature_kinds"]
+    (split,) = record["cross_validation"]
+    assert split["groups"] == ["person"] and split["integer_accuracy"] == pytest.approx(chosen["accuracy"])
+    assert record["front_end"]["chosen"]["rest"] == "none" and record["front_end"]["rivals"]
+    assert record["baselines"][0]["groups"] == ["person"] and record["baselines"][0]["accuracy"] > 0.9
+    assert any("network chosen among" in reason for reason in record["reasons"])
+    assert [doubt["text"] for doubt in record["doubts"]] == record["warnings"]
+    nested = split["nested"]
+    assert sum(fold["recordings"] for fold in nested["per_fold"]) == 24
+    assert all(fold["front_end"]["rest"] == "none" for fold in nested["per_fold"])
+    assert json.loads((tmp_path / "m/training.json").read_text()) == record
+    assert quantise(tmp_path / "m").config.network.cell == "linear"
+
+
+def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, quick, tmp_path):
+    record = trained(gripped, None, tmp_path, hidden=5)
+    network = record["config"]["network"]
+    assert "candidates" not in record and (network["cell"], network["hidden"]) == ("gru", 5)
+    assert record["front_end"]["chosen"]["rest"] == "none"
+    assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
+
+
+def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
+    record = trained(gripped, CONFIG, tmp_path, cell="auto")
+    assert record["config"]["windows"] == CONFIG.to_dict()["windows"]
+    assert record["config"]["network"]["cell"] == "linear"
+    assert "front_end" not in record and len(record["candidates"]) >= 5
+    assert record["cross_validation"][0]["nested"]["integer_accuracy"] > 0.9
+
+
+def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
+    config = CONFIG.replace(hidden=4)
+    record = train_chosen(gripped, config, priced(), out=tmp_path / "a", **FEW)
+    plain = train.train(gripped, config, train.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
+    alone, other = (FloatModel.load(tmp_path / name) for name in "ab")
+    assert all((alone.arrays[name] == other.arrays[name]).all() for name in alone.arrays)
+    assert alone.config == other.config and "nested" not in record["cross_validation"][0]
+    assert record["cross_validation"] == plain["cross_validation"]
+    assert "candidates" not in record and "front_end" not in record
+
+
+def test_the_record_of_a_candidate_is_that_of_a_cross_validation(gripped, quick, tmp_path):
+    record = trained(gripped, CONFIG, tmp_path, cell="auto", group=["person"])
+    config = with_network(CONFIG, cell="linear")
+    chosen = train.Recipe(**record["recipe"])
+    request = train.TrainingRequest(folds=2, seeds=1, splits=[["person"]], recipe=chosen)
+    (plain,) = train.train(gripped, config, request, out=tmp_path / "b")["cross_validation"]
+    (split,) = record["cross_validation"]
+    split.pop("nested")
+    assert split == plain
+
+
+def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(gripped, quick, tmp_path):
+    record = trained(gripped, None, tmp_path, folds=0)
+    network = record["config"]["network"]
+    assert (network["cell"], network["hidden"], record["cross_validation"]) == ("gru", 12, [])
+    with pytest.raises(InputError, match="--cell auto: needs folds"):
+        trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
+
+
+def test_the_split_of_the_choice_is_reported_beside_those_of_the_sensor(gripped):
+    assert splits_to_report(gripped, CONFIG, ["person"]) == [["person"]]
+    groups = {name: np.arange(len(gripped)) % 4 for name in ("seq", "speed", "trial")}
+    samples = gripped.samples[:, :8] + 29000
+    pvdf = dataclasses.replace(gripped, samples=samples, sample_bits=16, sample_rate_hz=2000.0, groups=groups)
+    derived = PRESETS["pvdf"].replace(name="derived")
+    assert splits_to_report(pvdf, derived, ["seq"]) == [["trial"], ["speed"], ["seq"]]
+    assert splits_to_report(pvdf, derived, []) == [["trial"], ["speed"], ["seq"], []]
+
+
+# ---------------------------------------------------------------------- folds that chose nothing
+@pytest.mark.parametrize(
+    "wish",
+    [
+        Wish(cell="linear"),
+        *(pytest.param(wish, marks=pytest.mark.slow) for wish in (Wish(cell="gru"), Wish(open=True))),
+    ],
+)
+def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, wish):
+    """Front end and network of every fold stay as they are when the fold's labels change."""
+
+    def chosen(recordings):
+        plan = configure(recordings, None, priced())
+        terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
+        tests = split_folds(recordings, ["person"], 5, None)
+        parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
+        return choose_inside(plan, terms, wish, parts), tests
+
+    before, tests = chosen(gripped)
+    for fold, test in list(enumerate(tests))[:2]:
+        labels = gripped.labels.copy()
+        labels[test] = (labels[test] + 1) % 3
+        assert chosen(dataclasses.replace(gripped, labels=labels))[0][fold] == before[fold]
+
+
+def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value(gripped):
+    part = gripped.subset(np.flatnonzero(gripped.groups["trial"] == gripped.groups["trial"][0]))
+    folds, persons = inner_folds(part, ["trial"]), part.groups["person"]
+    assert sorted(np.concatenate(folds)) == list(range(len(part)))
+    assert len(folds) == 4 and all(len(set(persons[fold])) == 1 for fold in folds)
+    alone = dataclasses.replace(part, groups={"trial": part.groups["trial"]})
+    assert any(len(set(persons[fold])) > 1 for fold in inner_folds(alone, ["trial"]))
+
+
+@pytest.mark.slow
+def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
+    rng = np.random.default_rng(5)
+    samples = rng.integers(1990, 2010, (60 * 200, 8)).astype(np.int32)
+    persons = {"person": np.arange(60) % 5}
+    noise = Recordings(samples, np.arange(0, 12001, 200), np.arange(60) % 2, ("a", "b"), 1000.0, persons)
+    record = train_chosen(noise, None, priced(), out=tmp_path / "m", cell="linear")
+    (split,) = record["cross_validation"]
+    nested, chosen = split["nested"], record["front_end"]["chosen"]["accuracy"]
+    assert chosen > 0.65 and split["integer_accuracy"] > 0.6 and nested["integer_accuracy"] < 0.6
+    assert sum(fold["recordings"] for fold in nested["per_fold"]) == 60
+    assert all(fold["network"] == "linear" for fold in nested["per_fold"])
+    assert any(doubt["code"] == "by_choice" for doubt in record["doubts"])
+
+
+def test_without_a_figure_the_choice_is_not_called_unseen(gripped, quick, monkeypatch, tmp_path):
+    def failing(*_):
+        raise InputError("no room")
+
+    monkeypatch.setattr(choosing, "unseen", failing)
+    record = trained(gripped, None, tmp_path, cell="linear")
+    (split,) = record["cross_validation"]
+    assert split["nested"] is None and unseen_of(split) is split
+    (doubt,) = (doubt for doubt in record["doubts"] if doubt["code"] == "no_unseen_figure")
+    assert doubt["text"].endswith("no figure of folds that chose nothing: no room")
+    assert doubt["groups"] == ["person"]
+
+
+def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypatch):
+    """The candidate of each fold is trained on the rest and judged on the fold."""
+    terms = Terms(recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1])
+    plan, played = configure(gripped, CONFIG, priced()), []
+
+    def judged(datasets, pieces, *rest):
+        played.append(pieces)
+        return judge_pieces(datasets, pieces, *rest)
+
+    judge_pieces = choosing.judge_pieces
+    monkeypatch.setattr(choosing, "judge_pieces", judged)
+    record = unseen(plan, terms, Wish(cell="linear"), ["person"])
+    tests = split_folds(gripped, ["person"], 5, None)
+    (pieces,) = played
+    assert len(pieces) == 2 * len(tests)
+    for piece, test in zip(pieces, 2 * tests, strict=True):
+        assert (piece.test == test).all() and (piece.train == np.setdiff1d(np.arange(24), test)).all()
+    assert record["seeds"] == [0, 1] and [fold["recordings"] for fold in record["per_fold"]] == [6] * 4

@@ -1,0 +1,344 @@
+"""The front end chosen by evidence: the judge against brute force, missed touches, ties, and choices whose
+truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eskin.choose.candidate import Candidate, Judged, choose
+from eskin.choose.choice import choose_front_end, choose_split, configure, inner_folds, search_inside
+from eskin.choose.choice_table import ROWS, front_end_table, front_end_words
+from eskin.choose.front_ends import PENALTIES, FrontEnds, Judge, Screen, blocked_ridge, features, listed
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_touches, first_touches
+from eskin.golden.model.preprocess import cut_windows
+from eskin.training.level import TIE
+from eskin.training.splits import split_folds
+from tests.support.gripped_scene import gripped_recordings
+from tests.support.prices import priced
+from tests.support.table import each_row
+
+
+def archive(parts: list[np.ndarray], labels, **fields) -> Recordings:
+    return Recordings(
+        samples=np.concatenate(parts).astype(np.int32),
+        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64),
+        labels=np.asarray(labels, dtype=np.int64),
+        class_names=tuple(f"class{label}" for label in range(max(labels) + 1)),
+        source="made",
+        **{"sample_rate_hz": 200.0, **fields},
+    )
+
+
+def touched_at_random(count: int = 48, seed: int = 3, *, silent: tuple[int, ...] = ()) -> Recordings:
+    """A touch of 0.5 s somewhere in 3 s, on a rest level that differs by hundreds of codes: two periods of a
+    wave whose phase is the class, so that it averages to nothing and only its course since the onset
+    tells."""
+    rng = np.random.default_rng(seed)
+    patterns = rng.uniform(20, 80, 6) * np.sign(rng.standard_normal(6))
+    parts = []
+    for i in range(count):
+        frames = 10000 + rng.integers(-400, 400, 6) + rng.normal(0, 1, (600, 6))
+        start = rng.integers(80, 480)
+        if i not in silent:
+            wave = np.sin(2 * np.pi * (np.arange(100) / 50 + i % 3 / 3))
+            frames[start : start + 100] += patterns * wave[:, None] * rng.uniform(0.8, 1.2)
+        parts.append(np.rint(frames))
+    return archive(parts, [i % 3 for i in range(count)], groups={"day": np.arange(count) // 3 % 4})
+
+
+def moving(count: int = 40, seed: int = 4) -> Recordings:
+    """Same levels, same means: the classes differ by how much the taxels move from frame to frame."""
+    rng = np.random.default_rng(seed)
+    parts = [
+        np.rint(500 + (8.0, 11.0)[i % 2] * rng.standard_normal((400, 5)) + rng.normal(0, 3, 5))
+        for i in range(count)
+    ]
+    return archive(parts, [i % 2 for i in range(count)])
+
+
+BASE = AcceleratorConfig.of(
+    name="derived",
+    taxels=6,
+    sample_rate_hz=200.0,
+    window_mode="free",
+    pretrigger_frames=0,
+    hop=8,
+    window=16,
+    steps=10,
+    rest="tracked",
+    rest_frames=13,
+    onset="baseline",
+    onset_mean_frames=8,
+    onset_check_frames=2,
+    onset_threshold=10,
+    rearm_frames=32,
+    hidden=4,
+    class_names=("class0", "class1", "class2"),
+)
+
+
+# ---------------------------------------------------------------------- the judge
+@each_row("width", [8, 70])  # few features: normal equations; more than recordings: the inverse for all folds
+def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
+    rng = np.random.default_rng(0)
+    labels = np.arange(60) % 3
+    x = rng.normal(0, 1, (60, width)) + (0.8 if width == 8 else 2.0) * np.eye(width)[labels]
+    folds = [np.arange(60)[k::4] for k in range(4)]
+    indicators = np.eye(3)[labels]
+    wide = np.concatenate([x, np.full((60, 1), 3.0)], axis=1)
+    unit = (wide**2).sum() / 60
+    decided = np.zeros((len(PENALTIES), 60), dtype=int)
+    for row, penalty in enumerate(PENALTIES):
+        for fold in folds:
+            rest = np.setdiff1d(np.arange(60), fold)
+            weights = np.linalg.solve(
+                wide[rest].T @ wide[rest] + penalty * unit * np.eye(width + 1),
+                wide[rest].T @ indicators[rest],
+            )
+            decided[row, fold] = (wide[fold] @ weights).argmax(axis=1)
+    expected = np.zeros(60, dtype=int)
+    for fold in folds:
+        elsewhere = np.setdiff1d(np.arange(60), fold)
+        expected[fold] = decided[np.argmax((decided == labels)[:, elsewhere].sum(axis=1)), fold]
+    decisions = blocked_ridge(x, labels, folds, 3)
+    assert (decisions == expected).all() and 0.35 < (decisions == labels).mean() < 1
+
+
+@each_row(
+    "changes",
+    [
+        {},
+        dict(hop=5, window=10, steps=20),
+        dict(
+            feature_kinds=("mean", "activity", "integral"),
+            activity_rule="change",
+            activity_block=4,
+            feature_scale="taxel",
+        ),
+        dict(rest="initial"),
+        dict(rest="none", rest_frames=0, onset="immediate"),
+        dict(
+            window_mode="touch",
+            pretrigger_frames=10,
+            touch_frames=150,
+            hop=12,
+            window=25,
+            steps=12,
+            rearm_frames=64,
+        ),
+    ],
+)
+def test_windows_cut_from_touches_found_once_are_those_of_the_whole_search(changes):
+    recordings, config = touched_at_random(12), BASE.replace(**changes)
+    decisions = find_touches(config, recordings)
+    first = decisions.first_touch()
+    rows = first[first >= 0]
+    again = cut_windows(config, Screen(recordings).touches(config))
+    assert len(rows) >= 10
+    for name in ("recording", "onset_frame", "start_frame", "completed", "sums"):
+        assert np.array_equal(getattr(decisions, name)[rows], getattr(again, name)), name
+    own = cut_windows(config, first_touches(config, recordings))
+    assert np.array_equal(own.partial, decisions.partial[rows])
+
+
+def test_missed_touches_count_as_wrong_and_a_gate_that_finds_nothing_decides_nothing():
+    silent = (0, 7, 11, 30)
+    recordings = touched_at_random(silent=silent)
+    screen, folds = Screen(recordings), split_folds(recordings, ["day"], 5, None)
+    judged = screen.judged(BASE, folds)
+    assert judged.missed == len(silent) and not judged.correct[list(silent)].any()
+    assert judged.accuracy == judged.correct.mean() <= 1 - len(silent) / len(recordings)
+    assert judged.correct.sum() >= 0.9 * (len(recordings) - len(silent))
+    nothing = screen.judged(BASE.replace(onset_threshold=5000), folds)
+    assert nothing.missed == 48 and nothing.accuracy == 0
+
+
+def judged(right: int, of: int = 100, **changes) -> Judged:
+    correct = np.zeros(of, dtype=bool)
+    correct[:right] = True
+    return Judged(Candidate.screened(BASE.replace(**changes)), correct)
+
+
+def test_networks_are_tried_on_the_best_and_the_cheapest_of_fewer_kinds_and_the_best_of_other_gates():
+    kinds = ("mean", "activity", "integral")
+    best, level = judged(95, feature_kinds=kinds), judged(94, feature_kinds=kinds, steps=4)
+    two = judged(92, feature_kinds=kinds[:2])
+    one, cheap, hopeless = judged(88), judged(88, steps=4), judged(60, steps=2)
+    at_once = dict(onset="immediate", rest="none", rest_frames=0)
+    gate, cheaper, shut = judged(80, **at_once), judged(79, steps=2, **at_once), judged(50, rest="initial")
+    everything = [best, level, two, one, cheap, hopeless, gate, cheaper, shut]
+    assert choose(everything, priced()) is level
+    found = listed(everything, priced())
+    taken, *smaller = (one.candidate.front_end for one in (level, cheap, level, two, best))
+    assert found.taken == taken and list(found.smaller) == smaller
+    assert found.rivals == (gate.candidate.front_end,)
+    assert found.for_recurrent == [taken, smaller[0], *found.rivals, smaller[2]]
+
+
+def test_a_part_is_searched_as_if_it_were_all_there_is():
+    """Features come from all recordings; labels of the others are not looked at."""
+    recordings = touched_at_random()
+    part = np.flatnonzero(recordings.groups["day"] != 1)
+    inside = search_inside(FrontEnds(recordings), part, ["day"], priced())
+    labels = recordings.labels.copy()
+    labels[recordings.groups["day"] == 1] = 0
+    assert search_inside(FrontEnds(replace(recordings, labels=labels)), part, ["day"], priced()) == inside
+    front_ends, folds = FrontEnds(recordings), inner_folds(recordings, ["day"])
+    for config in (BASE, inside.taken):
+        of_all = front_ends.screen.judged(config, folds)
+        of_part = Judge(front_ends, front_ends.part(np.arange(len(recordings))), folds)(config)
+        assert (of_part.correct == of_all.correct).all() and of_part.missed == of_all.missed
+
+
+# ---------------------------------------------------------------------- choices whose truth is known
+def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
+    front_end = choose_front_end(gripped_recordings(persons=4, trials=2, classes=4), priced())
+    assert (front_end.config.rest_level.rest, front_end.config.onset_rule.onset) == ("none", "immediate")
+    chosen = front_end.record()["chosen"]
+    without = max(
+        row["accuracy"]
+        for row in front_end.record()["rivals"]
+        if row["rest"] == "initial" and row["onset"] == "immediate"
+    )
+    assert chosen["accuracy"] > 0.9 and without < chosen["accuracy"] - 0.3
+    assert any(
+        "the level of the first 13 frames alone tells the class" in reason for reason in front_end.reasons
+    )
+
+
+def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
+    recordings = touched_at_random()
+    shifted = recordings.samples + 3000 * np.repeat(recordings.labels, recordings.lengths)[:, None]
+    recordings = replace(recordings, samples=shifted.astype(recordings.samples.dtype))
+    front_end = choose_front_end(recordings, priced())
+    (sentence,) = (reason for reason in front_end.reasons if "frames alone tells the class of" in reason)
+    off = front_end.config.rest_level.rest != "none"
+    assert ("record classes in turn" if off else "--config with rest 'initial'") in sentence
+    assert front_end.record()["level_alone"] > 0.8
+
+
+def test_touches_at_random_times_want_an_onset():
+    front_end = choose_front_end(touched_at_random(), priced())
+    assert front_end.config.onset_rule.onset == "baseline" and front_end.config.rest_level.rest != "none"
+    chosen = front_end.record()["chosen"]
+    at_once = max(row["accuracy"] for row in front_end.record()["rivals"] if row["onset"] == "immediate")
+    assert chosen["accuracy"] > 0.9 and at_once < chosen["accuracy"] - 0.1
+    assert front_end.record()["split"] == ["day"] and front_end.record()["folds"] == 4
+
+
+def test_classes_that_only_move_differently_want_activity():
+    front_end = choose_front_end(moving(), priced())
+    assert "activity" in front_end.config.features.feature_kinds
+    means = max(row["accuracy"] for row in front_end.record()["rivals"] if row["feature_kinds"] == ["mean"])
+    assert front_end.record()["chosen"]["accuracy"] > 0.9 > means
+
+
+def test_the_record_says_what_was_judged_and_how():
+    recordings = touched_at_random()
+    steps: list[tuple[int, int]] = []
+    front_end = choose_front_end(
+        recordings,
+        priced(),
+        groups=["label", "day"],
+        folds=3,
+        progress=lambda what, done, total: steps.append((done, total)),
+    )
+    record = front_end.record()
+    rows = [record["chosen"], *record["rivals"]]
+    assert (
+        record["split"] == ["label", "day"]
+        and record["split_from"] == "as asked for"
+        and record["recordings_looked_at"] == 48
+    )
+    assert steps[-1][0] == len(rows) and all(done <= total for done, total in steps)
+    best = max(row["accuracy"] for row in rows)
+    for row in rows:
+        assert (
+            row["behind"] == pytest.approx(best - row["accuracy"])
+            and row["standard_error"] >= 0
+            and row["missed"] >= 0
+        )
+        assert row["level"] == (row["behind"] <= 1.000001 * TIE * row["behind_error"])
+        assert front_end_words(row)
+    assert [row["accuracy"] for row in rows[1:]] == sorted(
+        (row["accuracy"] for row in rows[1:]), reverse=True
+    )
+    assert {(row["rest"], row["onset"]) for row in rows} >= {
+        ("none", "immediate"),
+        ("initial", "immediate"),
+        ("tracked", "baseline"),
+    }
+    assert {row["feature_scale"] for row in rows} == {"array", "taxel"}
+    assert {tuple(row["feature_kinds"]) for row in rows} >= {
+        ("mean",),
+        ("mean", "activity"),
+        ("mean", "integral"),
+    }
+    shown = front_end_table(record)
+    assert shown[0] is record["chosen"] and len(shown) <= ROWS
+    assert {(row["rest"], row["onset"]) for row in shown} == {(row["rest"], row["onset"]) for row in rows}
+    assert choose_front_end(recordings, priced(), groups=["label", "day"], folds=3).config == front_end.config
+
+
+def test_a_preset_of_the_same_sensor_is_one_of_the_candidates():
+    recordings = touched_at_random(24)
+    wide = replace(
+        recordings, samples=np.tile(recordings.samples, (1, 2))[:, :8] + 15000, sample_rate_hz=2000.0
+    )
+    record = choose_front_end(wide, priced()).record()
+    assert [row["name"] for row in [record["chosen"], *record["rivals"]]].count("pvdf") == 1
+
+
+# ---------------------------------------------------------------------- splits and refusals
+def test_the_first_group_that_can_be_left_out_is_taken():
+    count = 24
+    groups = {
+        "file": np.arange(count),
+        "same": np.zeros(count, int),
+        "session": np.arange(count) % 3,
+        "day": np.arange(count) // 3 % 4,
+        "other": np.arange(count) // 6,
+    }
+    recordings = replace(touched_at_random(count), groups=groups)
+    # session is the class itself
+    assert choose_split(recordings, None) == (["day"], "the archive's first group")
+    assert choose_split(recordings, ["other"])[0] == ["other"]
+    bare = replace(recordings, groups={})
+    assert choose_split(bare, None)[0] == [] and choose_front_end(bare, priced()).record()["split"] == []
+
+
+def test_kinds_that_need_too_many_inputs_are_no_candidates():
+    wide = BASE.replace(taxels=200, rest="none", rest_frames=0, onset="immediate")
+    kinds = {config.features.feature_kinds for config in features(wide, 8)}
+    assert kinds == {("mean",), ("activity",), ("mean", "activity"), ("mean", "integral")}
+    assert len({config.features.feature_kinds for config in features(BASE, 8)}) == 5
+
+
+def test_what_cannot_be_judged_or_built_is_said(make_recordings):
+    with pytest.raises(InputError, match="has no group array 'day'; it has none"):
+        choose_front_end(make_recordings(), priced(), groups=["day"])
+    with pytest.raises(InputError, match="taxels: is 257; it must lie in 1..256"):
+        choose_front_end(make_recordings(taxels=257, lengths=[40] * 10), priced())
+    with pytest.raises(InputError, match="every taxel is constant"):
+        choose_front_end(replace(make_recordings(), samples=np.full((220, 4), 9, np.int32)), priced())
+    few = choose_front_end(make_recordings(lengths=[60, 60, 60]), priced())
+    assert few.record() is None and "too few recordings to judge front ends on" in few.reasons[-1]
+
+
+def test_very_short_recordings_are_judged_too(make_recordings):
+    front_end = choose_front_end(make_recordings(lengths=[3] * 12), priced())
+    assert front_end.config.last_frame <= 3 and front_end.record()["chosen"]["missed"] == 0
+
+
+def test_a_preset_asked_for_is_not_judged():
+    recordings = replace(
+        touched_at_random(6),
+        samples=np.tile(touched_at_random(6).samples, (1, 2))[:, :8],
+        sample_rate_hz=2000.0,
+    )
+    front_end = configure(recordings, PRESETS["pvdf"], priced())
+    named = PRESETS["pvdf"].replace(class_names=recordings.class_names)
+    assert front_end.record() is None and front_end.config == named

@@ -1,0 +1,187 @@
+"""Which networks are tried on which front ends, with how many seeds, and what the command line fixes."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eskin.choose.candidate import Candidate, Judged
+from eskin.choose.front_ends import Listed
+from eskin.choose.networks import (
+    FITS,
+    INSIDE,
+    Effort,
+    Part,
+    Wish,
+    check_units,
+    goes_on,
+    network,
+    network_choice,
+    side_by_side,
+)
+from eskin.golden.core import InputError
+from eskin.training.crossval import Terms
+from eskin.training.datasets import Datasets
+from eskin.training.recipe import AS_RECORDED
+from tests.eskin.choose.test_candidate import CONFIG, judged
+from tests.support.gripped_scene import gripped_recordings
+from tests.support.prices import priced
+from tests.support.table import each_row
+
+DEAR = CONFIG.replace(steps=8)
+TOUCHED = CONFIG.replace(
+    onset="baseline",
+    rest="tracked",
+    rest_frames=13,
+    onset_mean_frames=8,
+    onset_check_frames=2,
+    rearm_frames=32,
+)
+
+
+OPEN, WHOLE = Wish(open=True), Effort(seeds=3)
+
+
+def played(front_ends, right, wish=OPEN, effort=WHOLE, of=400, **market):
+    """What a choice asks for, (cell or units, steps, recipe, share, other seeds), where a candidate is right
+    on ``right(candidate)`` of 400 recordings; and the candidate taken."""
+    choice, asked = (
+        network_choice(Listed(front_ends[0], tuple(front_ends)), wish, priced(**market), effort),
+        [],
+    )
+    try:
+        wanted = next(choice)
+        while True:
+            answers = []
+            for one in wanted.candidates:
+                units = one.network["hidden"] or one.network["cell"]
+                steps, recipe = one.config.windows.steps, one.recipe.name
+                asked.append((units, steps, recipe, wanted.share, wanted.other_seeds))
+                correct = (np.arange(of) < right(one)).astype(float)
+                answers.append(Judged(one, correct, runs=(None,)))  # type: ignore[arg-type]
+            wanted = choice.send(answers)
+    except StopIteration as end:
+        return asked, *end.value
+
+
+def by_units(**right: int):
+    """Of a candidate the recordings that networks of its units (``linear``: 0) have right."""
+    return lambda one: right[f"u{one.network['hidden']}"]
+
+
+@each_row(
+    ("right", "first", "others"),
+    [
+        # settled: no other is better, and what is dearer gets no further seeds
+        (dict(u0=400, u4=399, u8=400, u12=400), [4, 8, 12], {"linear"}),
+        (dict(u0=380, u4=200, u8=370, u12=388, u16=388), [4, 8, 12, 16], {"linear", 12, 16}),
+        (dict(u0=380, u4=200, u8=250, u12=300, u16=320), [4, 8, 12, 16], {"linear"}),
+    ],
+)
+def test_what_cannot_be_taken_is_judged_with_one_seed(right, first, others):
+    asked, _, tried = played([CONFIG], by_units(**right))
+    assert [units for units, *_, further in asked if units != "linear" and not further] == first
+    assert {units for units, *_, further in asked if further} == others
+    assert all(len(one.runs) == 1 + (one.candidate.network["hidden"] in others) for one in tried[3:])
+
+
+def test_fits_are_tried_on_the_first_front_end_and_the_best_on_the_others():
+    squares = lambda one: 390 if one.recipe.squares else 300
+    asked, taken, _ = played([CONFIG, DEAR], squares)
+    linear = [(steps, name) for units, steps, name, _, further in asked if units == "linear" and not further]
+    assert linear == [(6, "linear"), (6, "weak penalty"), (6, "least squares"), (8, "least squares")]
+    assert taken.config.network.cell == "linear" and taken.front_end == CONFIG
+    asked, *_ = played([CONFIG, DEAR], lambda one: 400)
+    assert {steps for _, steps, *_ in asked} == {6}  # none is dearer than one that is settled
+    asked, _, tried = played([TOUCHED], squares)
+    recipes = [one.candidate.recipe for one in tried[:5]]
+    assert [recipe.name for recipe in recipes] == list(FITS)
+    assert [recipe.augments for recipe in recipes] == [True, False, False, True, False]
+    assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, 10.0, 1.0, 1.0]
+    assert set(AS_RECORDED) < {field.name for field in dataclasses.fields(recipes[0])}
+
+
+def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_chose():
+    better = lambda one: 300 + one.config.recurrent * (50 + (one.config.windows.steps == 8))  # and level
+    asked, taken, _ = played([CONFIG, DEAR], better)
+    assert [(units, steps) for units, steps, _, share, _ in asked if share == 2] == [(12, 6), (12, 8)]
+    units = [(units, steps) for units, steps, _, share, more in asked if share == 1 and not more]
+    assert units[-3:] == [(4, 8), (8, 8), (12, 8)] and taken.front_end == DEAR
+    fixed, taken, tried = played([CONFIG, DEAR], better, Wish(cell="gru", hidden=5))
+    assert [(units, steps, share) for units, steps, _, share, _ in fixed] == [(5, 6, 2), (5, 8, 2)]
+    assert taken.front_end == DEAR and not tried
+    assert played([CONFIG, DEAR], better, Wish(cell="linear"))[0] == []
+
+
+def test_inside_folds_a_choice_is_short():
+    asked, *_ = played([CONFIG, DEAR], by_units(u0=300, u8=330), effort=INSIDE)
+    assert [(units, steps, share) for units, steps, _, share, _ in asked] == [
+        *[("linear", 6, 4)] * 2,
+        ("linear", 8, 4),
+        (8, 6, 4),
+        (8, 8, 4),  # and not again as a candidate
+    ]
+    asked, taken, _ = played([CONFIG, DEAR], by_units(u0=400), effort=INSIDE)
+    assert {units for units, *_ in asked} == {"linear"} and taken.config.network.cell == "linear"
+
+
+def test_what_does_not_fit_a_named_board_is_not_judged():
+    asked, *_ = played([CONFIG], lambda one: 360, named=True, fits=lambda config: not config.recurrent)
+    assert {units for units, *_ in asked} == {"linear"}
+    nothing = {"named": True, "fits": lambda config: False}
+    with pytest.raises(InputError, match="no network of the candidates fits it and the board icebreaker"):
+        played([CONFIG], lambda one: 360, **nothing)
+    with pytest.raises(InputError, match="--fits icebreaker: does not hold gru"):
+        played([CONFIG], lambda one: 360, Wish(cell="gru"), **nothing)
+
+
+@each_row(
+    ("right", "larger"),
+    [
+        ((95, 80, 85, 88), True),
+        ((80, 80, 85, 90), True),
+        ((80, 85, 88, 89), False),
+        ((90, 80, 86, 88), False),
+    ],
+)
+def test_gru_16_is_tried_where_12_is_not_level(right, larger):
+    linear, *units = right
+    tried = [judged("linear", None, linear), *(judged("gru", 4 * k, n) for k, n in enumerate(units, 1))]
+    assert goes_on(tried) is larger
+
+
+def test_choices_made_side_by_side_are_those_made_alone(quick):
+    recordings = gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
+    persons = recordings.groups["person"]
+    parts = [np.flatnonzero(persons != value) for value in (0, 1)]
+    held = [
+        Part(part, [part[persons[part] == value] for value in np.unique(persons[part])]) for part in parts
+    ]
+    terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
+    start = lambda: network_choice(Listed(DEAR, (CONFIG, DEAR)), Wish(open=True), priced(), INSIDE)
+    both = side_by_side([start(), start()], held, terms)
+    for part, (taken, tried) in zip(held, both, strict=True):
+        ((alone, tried_alone),) = side_by_side([start()], [part], terms)
+        assert alone == taken and [one.candidate for one in tried] == [one.candidate for one in tried_alone]
+        for one, other in zip(tried, tried_alone, strict=True):
+            assert len(one.correct) == len(part.rows)
+            assert one.candidate.config.recurrent or (one.correct == other.correct).all()
+
+
+def test_a_linear_cell_decides_by_its_last_step_and_others_as_they_did():
+    assert network(CONFIG, "linear", None).network.decision == "last"
+    assert network(CONFIG, "gru", 8).network.decision == CONFIG.network.decision == "vote"
+
+
+def test_units_of_a_cell_that_has_none_are_refused():
+    for cell in ("auto", "linear"):
+        with pytest.raises(InputError, match=f"--hidden 8: --cell {cell} takes no number of units"):
+            check_units(cell, 8)
+    check_units("gru", 8)
+    check_units(None, 8)
+
+
+def test_a_candidate_says_its_network():
+    candidate = Wish(open=True).candidate(CONFIG, "linear", None, "least squares")
+    assert candidate.network == {"cell": "linear", "hidden": 0, "recipe": "least squares"}
+    assert isinstance(candidate, Candidate) and candidate.front_end == CONFIG

@@ -1,0 +1,410 @@
+"""Files as recorders write them, which were read wrongly once: understood, or refused by the option's name."""
+
+import bz2
+import struct
+
+import h5py
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+from scipy.io import savemat
+
+from eskin.data import Reading, load_recordings
+from eskin.golden.core import InputError
+from eskin.golden.data import Recordings, no_group
+from eskin.training.splits import check_split
+from tests.support import doors
+from tests.support.table import each_row
+
+RNG = np.random.default_rng(5)
+FRAMES = 40
+SIGNALS = [np.round(RNG.normal(0, 0.3, (FRAMES, 3)), 4) for _ in range(4)]
+CLASSES = ("felt", "silk")
+
+
+def files(root, suffix, write, between=""):
+    """Two files of each class; ``write`` gets the path and the number of the signal."""
+    for number in range(4):
+        path = root / CLASSES[number % 2] / between.format(number // 2) / f"r{number // 2}{suffix}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, number)
+    return root
+
+
+def check(recordings, taxels=3, signals=SIGNALS, tolerance=1e-3):
+    """The recordings are the signals, class by class, at 100 Hz."""
+    assert recordings.class_names == CLASSES and recordings.sample_rate_hz == 100
+    order = [*range(0, len(signals), 2), *range(1, len(signals), 2)]
+    assert len(recordings) == len(signals) and recordings.taxels == taxels
+    for index, number in enumerate(order):
+        values = recordings.recording(index) * (recordings.volt_per_code or 1.0)
+        assert np.abs(values - signals[number][:, :taxels]).max() < tolerance
+
+
+# ---------------------------------------------------------------------- .lvm
+@each_row(
+    ("form", "reading"),
+    [
+        (dict(clocks="Multi"), Reading()),
+        (dict(clocks="Multi", comma=True), Reading()),
+        (dict(clocks="No"), Reading()),
+        (dict(clocks="No", comma=True), Reading()),
+        (dict(), Reading(columns=("2-4",))),
+        (dict(clocks="No", step=""), Reading(rate_hz=100)),
+    ],
+)
+def test_lvm(tmp_path, form, reading):
+    write = lambda path, number: path.write_text(doors.lvm([SIGNALS[number]], **form))
+    check(load_recordings(files(tmp_path, ".lvm", write), reading=reading))
+
+
+def test_lvm_says_its_scale_and_columns(tmp_path):
+    write = lambda path, number: path.write_text(doors.lvm([SIGNALS[number]]))
+    root = files(tmp_path, ".lvm", write)
+    some = load_recordings(root, reading=Reading(columns=("2",), scale=0.01))
+    assert some.volt_per_code == 0.01 and some.unit == "V"
+    check(some, 1, tolerance=0.0051)
+
+
+@each_row(("clocks", "runs_on"), [("One", True), ("One", False), ("No", True), ("No", False)])
+def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path, clocks, runs_on):
+    form = {"clocks": clocks, "runs_on": runs_on}
+    write = lambda path, number: path.write_text(doors.lvm(np.split(SIGNALS[number], 2), **form))
+    recordings = load_recordings(files(tmp_path, ".lvm", write))
+    assert len(recordings) == (4 if runs_on else 8) and recordings.frames == 4 * FRAMES
+    assert recordings.sample_rate_hz == 100
+
+
+def test_channels_without_a_common_clock_are_refused(tmp_path):
+    text = doors.lvm([SIGNALS[0]]).replace("Delta_X\t0.01\t0.01", "Delta_X\t0.01\t0.02")
+    with pytest.raises(InputError, match="several Delta_X"):
+        load_recordings(files(tmp_path, ".lvm", lambda path, number: path.write_text(text)))
+
+
+# ---------------------------------------------------------------------- HDF5
+def trials(path, **more):
+    return doors.write_trials(SIGNALS, [CLASSES[n % 2] for n in range(4)], path, **more)
+
+
+@each_row("how", [{"on__label": lambda n: CLASSES[n % 2]}, {"label": lambda n: CLASSES[n % 2]}])
+def test_a_trials_label_is_an_attribute_or_a_dataset(tmp_path, how):
+    recordings = load_recordings(trials(tmp_path / "a.h5", **how))
+    assert [recordings.class_names[label] for label in recordings.labels] == ["felt", "silk"] * 2
+    assert recordings.taxels == 3 and recordings.sample_rate_hz == 100
+
+
+def test_a_clock_has_the_unit_of_its_name(tmp_path):
+    path = trials(tmp_path / "a.h5", label=lambda n: CLASSES[n % 2], time_ms=np.arange(FRAMES) * 10)
+    with h5py.File(path, "a") as file:
+        for trial in file.values():
+            del trial["time"]
+    assert load_recordings(path).sample_rate_hz == 100
+
+
+def test_a_rate_of_the_trials_group(tmp_path):
+    path = trials(tmp_path / "a.h5", label=lambda n: CLASSES[n % 2], on__sampling_rate=100.0)
+    with h5py.File(path, "a") as file:
+        for trial in file.values():
+            del trial["time"]
+    assert load_recordings(path).sample_rate_hz == 100
+
+
+@each_row(
+    ("more", "sentence"),
+    [
+        ({}, "trial0, trial1, trial2, trial3 would be as many classes as recordings; .* --class"),
+        ({"imu": lambda n: np.zeros((FRAMES, 6)), "label": "x"}, "skin 40 x 3.* --samples"),
+        (
+            {"force": lambda n: np.arange(FRAMES) % 7, "label": "x"},
+            "force 40, label, skin 40 x 3.* --samples",
+        ),
+    ],
+)
+def test_what_hdf5_does_not_say_is_refused_with_what_there_is(tmp_path, more, sentence):
+    with pytest.raises(InputError, match=sentence):
+        load_recordings(trials(tmp_path / "a.h5", **more))
+
+
+def test_the_samples_of_several_sensors_are_named(tmp_path):
+    path = trials(tmp_path / "a.h5", imu=lambda n: np.zeros((FRAMES, 6)), label=lambda n: CLASSES[n % 2])
+    assert load_recordings(path, reading=Reading(samples="skin")).taxels == 3
+    with pytest.raises(
+        InputError, match="--samples nothing: names no array of samples; it has trial0/imu 40 x 6"
+    ):
+        load_recordings(path, reading=Reading(samples="nothing"))
+
+
+def test_more_taxels_than_frames_are_refused_unless_columns_are_named(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for number in range(4):
+            file[f"{CLASSES[number % 2]}/r{number}"] = SIGNALS[number].T
+    with pytest.raises(InputError, match=r"more taxels than frames \(3 x 40 in recording 1\)"):
+        load_recordings(tmp_path / "a.h5", reading=Reading(rate_hz=100))
+    assert load_recordings(tmp_path / "a.h5", reading=Reading(rate_hz=100, columns=("1-40",))).taxels == 40
+
+
+def test_a_virtual_dataset_is_refused_by_name(tmp_path):
+    with h5py.File(tmp_path / "secret.h5", "w") as file:
+        file["x"] = SIGNALS[0]
+    layout = h5py.VirtualLayout((FRAMES, 3), "f8")
+    layout[:] = h5py.VirtualSource(tmp_path / "secret.h5", "x", (FRAMES, 3))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["felt/r0"] = SIGNALS[1]
+        file.create_virtual_dataset("silk/r0", layout)
+    with pytest.raises(InputError, match="array silk/r0: has its samples in other files"):
+        load_recordings(tmp_path / "a.h5", reading=Reading(rate_hz=100))
+
+
+# ---------------------------------------------------------------------- logs
+def log(path, **form):
+    """Eight touches in turn, felt at 100 and silk at 200."""
+    touches = [np.tile([100 + 100 * (number % 2), number % 7], (FRAMES, 1)) for number in range(8)]
+    return doors.write_touches(touches, list(CLASSES) * 4, path, **form)
+
+
+def pure(recordings) -> bool:
+    """Whether every recording is of its class alone."""
+    codes = [{*recordings.recording(index)[:, 0].tolist()} for index in range(len(recordings))]
+    return codes == [{100 + 100 * int(label)} for label in recordings.labels]
+
+
+@each_row(
+    "form", [{"off": -0.25}, {"off": 2.5}, {"stamp": ("secs", "nsecs")}, {"zero": 5}, {"off": -2, "zero": 1}]
+)
+def test_frames_and_labels_go_by_the_logs_clock(tmp_path, form):
+    recordings = load_recordings(log(tmp_path / "a.mcap", **form), reading=Reading(label="/touched"))
+    assert len(recordings) == 8 and pure(recordings) and recordings.sample_rate_hz == 100
+    notes = "\n".join(recordings.notes)
+    assert ("s off the log's" in notes) == (abs(form.get("off", 0)) > 1)
+    assert ("stamps in the headers of topic /skin are 0" in notes) == ("zero" in form)
+
+
+def test_the_headers_clock_is_asked_for(tmp_path):
+    reading = Reading(label="/touched", clock="header")
+    assert pure(load_recordings(log(tmp_path / "a.mcap", off=-3, stamped_labels=True), reading=reading))
+    for form, topic in (({}, "/touched"), ({"zero": 3}, "/skin")):
+        with pytest.raises(InputError, match=f"--clock header: .* messages of topic {topic} have no stamp"):
+            load_recordings(log(tmp_path / "a.mcap", **form), reading=reading)
+    with pytest.raises(InputError, match="--clock is for one log"):
+        load_recordings(tmp_path, reading=reading)
+
+
+def test_rows_of_times_that_overlap_are_refused_with_both(tmp_path):
+    (tmp_path / "t.csv").write_text("start,end,class\n1,1.5,felt\n0,0.5,silk\n0.4,1,felt\n1.5,2,silk\n")
+    with pytest.raises(InputError, match=r"t.csv', line 4: begins at 0.4 s, before line 3 ends at 0.5 s"):
+        load_recordings(log(tmp_path / "a.mcap"), reading=Reading(labels=tmp_path / "t.csv", samples="/skin"))
+
+
+def test_a_log_that_unpacks_to_far_more_is_refused(tmp_path, monkeypatch, make_recordings):
+    """MCAP and ROS 1, whatever a chunk says of its size."""
+    monkeypatch.setattr("eskin.data.table.UNPACKED_BYTES", 1 << 20)
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4, chunk_size=1 << 30)
+        writer.start()
+        skin = writer.register_channel(
+            "/skin", "json", writer.register_schema("MultiArray", "jsonschema", b"{}")
+        )
+        for at in range(3):
+            writer.add_message(skin, at, b'{"data":[' + b"0," * (1 << 20) + b"0]}", at)
+        writer.finish()
+    doors.write_bag(make_recordings([20, 20]), tmp_path / "a.bag", plugin=None)
+    head = b"\x0b\0\0\0op=\x05" + b"\x0f\0\0\0compression=bz2"
+    packed = bz2.compress(bytes(8 << 20))
+    with (tmp_path / "a.bag").open("ab") as file:
+        file.write(
+            struct.pack("<I", 0)[:0]
+            + struct.pack("<I", len(head))
+            + head
+            + struct.pack("<I", len(packed))
+            + packed
+        )
+    for name in ("a.mcap", "a.bag"):
+        with pytest.raises(InputError, match=rf"{name}': has \d+ bytes and unpacks to"):
+            load_recordings(tmp_path / name, reading=Reading(rate_hz=100))
+
+
+def test_a_parquet_file_of_one_long_text_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    import pandas as pd
+
+    monkeypatch.setattr("eskin.data.table.UNPACKED_BYTES", 1 << 20)
+    frame = pd.DataFrame({"class": ["x" * 10_000] * 200, "t0": range(200)})
+    frame.to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a.parquet': has \d+ bytes and unpacks to 2 MB"):
+        load_recordings(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("mode", ["MESSAGE", "FILE"])
+def test_a_packed_ros_2_bag(tmp_path, monkeypatch, make_recordings, mode):
+    """It is read, and refused where it unpacks to far more."""
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode
+    from rosbags.rosbag2 import Writer as BagWriter
+
+    kept = BagWriter.__init__
+
+    def packed(self, *arguments, **more):
+        kept(self, *arguments, **more)
+        self.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+
+    monkeypatch.setattr(BagWriter, "__init__", packed)
+    known = make_recordings([30, 30], labels=[0, 1], sample_rate_hz=100.0)
+    doors.write_bag(known, tmp_path / "bag", plugin=doors.StoragePlugin.SQLITE3)
+    assert np.array_equal(
+        load_recordings(tmp_path / "bag", reading=Reading(label="/touched")).samples, known.samples
+    )
+    monkeypatch.setattr("eskin.data.table.UNPACKED_BYTES", 1000)
+    monkeypatch.setattr("eskin.data.table.MOST_TIMES", 0)
+    with pytest.raises(InputError, match="bag': has .* unpacks to"):
+        load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
+
+
+# ---------------------------------------------------------------------- text
+def rows(number, time=True):
+    return [
+        ",".join([*([f"{k / 100:.2f}"] if time else []), *map(str, row)])
+        for k, row in enumerate(SIGNALS[number])
+    ]
+
+
+def test_blank_lines_and_rows_of_separators_part_recordings(tmp_path):
+    for time in (True, False):
+        for parting, told in (("", False), (",,,", True), ("\n\n", False)):
+            root = tmp_path / f"{time}{len(parting)}"
+            for place, label in enumerate(CLASSES):
+                (root / label).mkdir(parents=True)
+                text = "\n".join(
+                    [
+                        "time,a,b,c" if time else "a,b,c",
+                        *rows(place, time),
+                        parting,
+                        *rows(place + 2, time),
+                        "",
+                    ]
+                )
+                (root / label / "all.csv").write_text(text)
+            recordings = load_recordings(root, reading=Reading(rate_hz=100))
+            check(recordings)
+            assert any("rows of separators alone, first line 42" in note for note in recordings.notes) == told
+
+
+def test_a_blank_line_over_which_the_clock_runs_on_parts_nothing(tmp_path):
+    text = lambda number: "\n".join(["time,a,b,c", *rows(number)[:17], "", *rows(number)[17:]])
+    recordings = load_recordings(files(tmp_path, ".csv", lambda path, number: path.write_text(text(number))))
+    check(recordings)
+    assert any("runs on over 4 blank lines or heads" in note for note in recordings.notes)
+
+
+@each_row(
+    ("head", "row", "notes"),
+    [
+        ("sep=;\ntime;a;b;c", lambda row: row.replace(",", ";"), []),
+        ('"sep=,"\ntime,a,b,c', lambda row: row, []),
+        ("time,a,b,c,sampling_hz", lambda row: f"{row},100", ["'sampling_hz' is called like a rate"]),
+        ("time,a,b,c,heart_rate", lambda row: f"{row},61.5", ["'heart_rate' is called like a rate"]),
+        ("a,b,c,Fs", lambda row: f"{row.partition(',')[2]},100", ["'Fs' is called like a rate"]),
+    ],
+)
+def test_heads_and_columns_that_are_no_taxels(tmp_path, head, row, notes):
+    write = lambda path, number: path.write_text("\n".join([head, *map(row, rows(number))]))
+    recordings = load_recordings(files(tmp_path, ".csv", write))
+    check(recordings)
+    assert all(any(said in note for note in recordings.notes) for said in notes)
+
+
+def test_dates_in_words_name_the_option_and_columns_their_number_in_the_file(tmp_path):
+    dated = lambda path, number: path.write_text(
+        "\n".join(["time,a,b,c", *(f"26.11.2026 12:00:{row}" for row in rows(number))])
+    )
+    root = files(tmp_path / "dated", ".csv", dated)
+    with pytest.raises(InputError, match=r"line 2: column 'time' holds '26.11.2026 12:00:0.00'.* --rate HZ"):
+        load_recordings(root)
+    check(load_recordings(root, reading=Reading(rate_hz=100, columns=("a", "b", "c"))))
+    odd = lambda path, number: path.write_text(
+        "\n".join([*rows(number)[:9], "0.09,1,x,2", *rows(number)[10:]])
+    )
+    with pytest.raises(InputError, match="line 10, column 3: 'x' is no number"):
+        load_recordings(files(tmp_path / "odd", ".csv", odd), reading=Reading(columns=("3-4",), rate_hz=100))
+
+
+# ---------------------------------------------------------------------- folders and .mat
+def save_h5(path, number):
+    with h5py.File(path, "w") as file:
+        file["skin"], file.attrs["fs"] = SIGNALS[number], 100
+
+
+@each_row(
+    ("suffix", "write", "rate"),
+    [
+        (".npy", lambda path, number: np.save(path, SIGNALS[number]), 100),
+        (".mat", lambda path, number: savemat(path, {"x": SIGNALS[number], "fs": 100}), None),
+        (".h5", save_h5, None),
+        (".csv", lambda path, number: path.write_text("\n".join(["time,a,b,c", *rows(number)])), None),
+    ],
+)
+def test_levels_between_class_and_file_are_groups(tmp_path, suffix, write, rate):
+    for between, group, values in (("session{}", "session", [0, 1, 0, 1]), ("d{}", "d", [0, 1, 0, 1])):
+        root = files(tmp_path / group, suffix, write, between)
+        recordings = load_recordings(root, reading=Reading(rate_hz=rate))
+        check(recordings)
+        assert recordings.groups[group].tolist() == values
+    (root / "felt" / "d0" / f"a{'.mat' if suffix == '.npy' else '.npy'}").write_bytes(b"")
+    with (
+        pytest.raises(InputError, match="holds files of several kinds")
+        if suffix == ".csv"
+        else pytest.raises(InputError)
+    ):
+        load_recordings(root, reading=Reading(rate_hz=rate))
+
+
+def test_levels_in_another_order_are_refused(tmp_path):
+    for number in range(4):
+        path = tmp_path / f"p{number // 2}" / CLASSES[number % 2] / "r.csv"
+        path.parent.mkdir(parents=True)
+        path.write_text("\n".join(["time,a,b,c", *rows(number)]))
+    with pytest.raises(InputError, match="p0, p1 stand above other folders and are called as groups are"):
+        load_recordings(tmp_path)
+
+
+def test_an_array_of_structs(tmp_path):
+    touches = np.zeros(4, dtype=[("emg", "O"), ("material", "O"), ("person", "O")])
+    for number, signal in enumerate(SIGNALS):
+        touches[number] = (signal, CLASSES[number % 2], number // 2)
+    savemat(tmp_path / "a.mat", {"touches": touches, "Fs": 100.0})
+    for reading in (Reading(), Reading(samples="touches.emg", label="touches.material")):
+        recordings = load_recordings(tmp_path / "a.mat", reading=reading)
+        assert [recordings.class_names[label] for label in recordings.labels] == ["felt", "silk"] * 2
+        assert recordings.groups["person"].tolist() == [0, 0, 1, 1] and recordings.sample_rate_hz == 100
+    with pytest.raises(
+        InputError, match="--class touches: is a group or struct with the fields emg, material, person"
+    ):
+        load_recordings(tmp_path / "a.mat", reading=Reading(label="touches"))
+
+
+@each_row(
+    ("values", "why"),
+    [
+        ([1, 1, 2, 2], "tells the class, too,"),
+        ([4, 7, 8, 8], "has each of its values in one class alone, so is no group,"),
+        ([3, 1, 2, 4], "has another value in each recording, so is no group,"),
+        ([0, 1, 0, 1], ""),
+        ([0, 1, 1, 1], ""),
+    ],
+)
+def test_what_is_no_group_is_not_left_out(values, why):
+    labels = np.array([0, 0, 1, 1])
+    assert no_group(np.array(values), labels) == why
+    made = Recordings.of(SIGNALS, labels, sample_rate_hz=100, groups={"hand": values})
+    if why:
+        with pytest.raises(InputError, match=f"array hand {why.rstrip(',')}.* --group"):
+            check_split(made, ["hand"], 2)
+    else:
+        check_split(made, ["hand"], 2)
+
+
+def test_the_class_in_file_names_is_no_group(tmp_path):
+    for number in range(8):
+        path = tmp_path / f"gesture{number % 2}" / f"gesture{number % 2}_p{number // 4}_n{number}.csv"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("\n".join(["time,a,b,c", *rows(number % 4)]))
+    recordings = load_recordings(tmp_path)
+    assert {*recordings.groups} == {"person", "source_file"}
+    assert any("'gesture' in the names of files tells the class" in note for note in recordings.notes)

@@ -1,0 +1,118 @@
+"""eskin/study/baselines.py: each method learns a task it can learn, is counted right, and sees nothing of a part
+that was left out; figures of the runs; what is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eskin.golden.core import InputError
+from eskin.study import baselines
+from eskin.study.baselines import METHODS, Fitted, Piece, Scene, judge, judge_baseline, row_of, timed
+from eskin.training import recipe as recipes
+from tests.support.result_case import ROW_KEYS
+from tests.support.touch_scenes import SMALL, scene
+
+
+@dataclasses.dataclass(frozen=True)
+class Made:
+    """A method of the tests: ``decides`` for each part."""
+
+    decides: object
+    name: str = "made"
+    label: str = "made"
+    hardware: bool = False
+    one_seed: bool = False
+
+    def fit(self, scene, parts, seed):
+        return [Fitted(lambda rows: self.decides(scene, rows), 1, 1) for _ in parts]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_each_learns_the_scene(name, monkeypatch):
+    quick = {key: dataclasses.replace(recipe, updates=150) for key, recipe in recipes.RECIPES.items()}
+    monkeypatch.setattr(recipes, "RECIPES", quick)
+    shared = baselines._Held((scene(60, seed=3), SMALL))
+    runs = judge(shared, Piece(METHODS[name], ("person",), (1,), 5))["runs"]
+    assert [run["fold"] for run in runs] == [*range(5)] and sum(run["recordings"] for run in runs) == 60
+    assert 0.7 < np.mean([run["accuracy"] for run in runs]) <= 59 / 60  # one recording is never touched
+    assert all(run["train_s"] > 0 and run["decision_us"] and min(run["decision_us"]) > 0 for run in runs)
+    inputs = SMALL.windows.steps * SMALL.inputs
+    counts = {
+        "logistic": (3 * inputs, 0),
+        "neighbours": (len(Scene.of(*shared).labels) * inputs, 0),
+        "gru": (SMALL.windows.steps * 12 * (SMALL.inputs + 12), 0),
+        "forest": (0, 200),
+    }
+    multiplies, comparisons = counts.get(name, (inputs, 0))
+    assert runs[0]["comparisons"] >= comparisons and runs[0]["bytes"] == 4 * runs[0]["parameters"]
+    if name in ("logistic", "forest"):
+        assert runs[0]["multiplies"] == multiplies
+    assert 0.7 * multiplies <= runs[0]["multiplies"]
+
+
+def test_labels_of_the_test_part_are_not_seen():
+    """What can only be learnt by heart is not known of a part that was left out."""
+    recordings = scene(60, seed=3)
+    shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
+    for name in ("neighbours", "forest"):
+        (split,) = judge_baseline(name, shuffled, SMALL, [["person"]], (0,), 5)["splits"]
+        assert split["accuracy"] < 0.5
+
+
+def test_a_part_of_one_class_decides_that_class():
+    recordings = scene(40, seed=1)
+    recordings.groups["kind"] = (recordings.labels > 0).astype(int)
+    runs = judge(baselines._Held((recordings, SMALL)), Piece(METHODS["svm"], ("kind",), (0,), 5))["runs"]
+    assert {run["fold"] for run in runs} == {0, 1} and min(run["accuracy"] for run in runs) == 0.0
+
+
+def run(fold, accuracy, recordings=10, seed=0, **more):
+    size = {"parameters": 8, "multiplies": 6, "bytes": 32, "comparisons": 0, "train_s": 2.0}
+    common = {"fold": fold, "seed": seed, "recordings": recordings, "accuracy": accuracy}
+    return common | size | {"decision_us": [1.0, 3.0]} | more
+
+
+def test_a_row_weighs_recordings_and_spreads_over_runs():
+    runs = [
+        run(0, 0.5, 30),
+        run(1, 1.0, 10, decision_us=[2.0, 100.0]),
+        run(0, 0.7, 30, seed=1),
+        run(1, 0.8, 10, seed=1, parameters=12),
+    ]
+    outcome = row_of(METHODS["svm"], ["person"], runs)
+    assert outcome["accuracy"] == pytest.approx((15 + 10 + 21 + 8) / 80)
+    assert outcome["spread"] == pytest.approx(np.std([0.5, 1.0, 0.7, 0.8]))
+    assert (outcome["best"], outcome["seeds"], outcome["split"]) == (1.0, 2, "person")
+    # 40 recordings, twice
+    error = np.sqrt(outcome["accuracy"] * (1 - outcome["accuracy"]) / 40)
+    assert outcome["standard_error"] == pytest.approx(error)
+    assert (outcome["parameters"], outcome["decision_us"], outcome["hardware"]) == (9, 2.5, False)
+    assert outcome["decision_us_99"] > 90 and set(outcome) >= ROW_KEYS
+    assert row_of(METHODS["gru"], [], runs)["hardware"]
+
+
+def test_what_a_method_refuses_is_left_out():
+    class Refusing(Made):
+        def fit(self, scene, parts, seed):
+            raise InputError("not these")
+
+    methods = [Refusing(None), Made(lambda touches, rows: touches.labels[rows], name="knows")]
+    result = baselines.results(scene(20), SMALL, [["person"]], methods=methods, seeds=range(2))
+    assert result["left_out"] == [{"method": "made", "split": "person", "reason": "not these"}]
+    assert [(row["method"], row["seeds"]) for row in result["rows"]] == [("knows", 2)]
+    assert result["rows"][0]["accuracy"] == pytest.approx(19 / 20)
+    with pytest.raises(InputError, match="the first says: not these"):
+        baselines.results(scene(20), SMALL, [["person"]], methods=methods[:1])
+
+
+def test_decisions_are_timed_one_by_one():
+    seen = []
+    noting = Fitted(None, 1, 1, alone=seen.append)
+    assert len(timed(noting, np.arange(100))) == 40 and seen == list(range(41))
+    assert timed(noting, np.arange(0)) == []
+
+
+def test_no_touch_is_one_sentence():
+    with pytest.raises(InputError, match="no recording has a touch with a completed window"):
+        Scene.of(scene(20), SMALL.replace(onset_threshold=30000))

@@ -1,0 +1,114 @@
+"""eskin/study/leak.py: the touch really is taken out, a clean scene passes, and what knows the class
+without a touch is found."""
+
+import dataclasses
+
+import numpy as np
+
+from eskin.choose import doubts
+from eskin.golden.model import find_onsets, find_touches, random_integer_model
+from eskin.study.leak import known_without_touch, without_touches
+from eskin.training import recipe as recipes
+from eskin.training.datasets import Datasets
+from eskin.training.fit import fit_networks
+from eskin.training.quantise import profile, quantise_model
+from tests.support.parts import of_parts
+from tests.support.table import each_row
+from tests.support.touch_scenes import SMALL, scene
+
+RECIPE = dataclasses.replace(recipes.RECIPES["onset"], updates=80, batch=32)
+
+
+def checked(recordings, config=SMALL, left_in=0):
+    """What a network trained on half of the recordings knows of the other half without their touches."""
+    halves = [recordings.subset(np.arange(begin, len(recordings), 2)) for begin in (0, 1)]
+    data = Datasets(halves[0]).of(config, RECIPE)
+    (model,) = fit_networks(data, config, RECIPE, [np.arange(len(data.touches))], 0, lambda done, total: None)
+    integer = quantise_model(model, profile(model, data.touches))
+    return known_without_touch(integer, halves[1], left_in=left_in)
+
+
+RAW = SMALL.replace(rest="none", rest_frames=0, onset="band", band_low=0, band_high=100)
+"""A front end that leaves the resting level in."""
+
+
+def resting(recordings=60, seed=2):
+    """Every touch is the same tap; only the resting level, higher on the taxel of the class, tells them
+    apart."""
+    rng = np.random.default_rng(seed)
+    labels = np.arange(recordings) % 3
+    parts = []
+    for label in labels:
+        quiet = int(rng.integers(60, 90))
+        course = np.full((quiet + 100, 4), 20.0)
+        course[quiet : quiet + 20] = 120.0
+        course[:, label] += 40
+        parts.append(np.rint(course + rng.normal(0, 2, course.shape)).astype(np.int32))
+    return of_parts(scene(recordings), parts, labels=labels)
+
+
+# ---------------------------------------------------------------------- what is judged
+@each_row("left_in", [0, 7, 10**6])
+def test_the_lead_in_repeated_stands_where_the_touch_was(left_in):
+    recordings = scene(20)
+    onsets = find_onsets(SMALL, recordings)
+    replaced = without_touches(recordings, SMALL, onsets, left_in)
+    np.testing.assert_array_equal(replaced.offsets, recordings.offsets)
+    assert onsets[0] == -1
+    for index, onset in enumerate(onsets):
+        old, new = recordings.recording(index), replaced.recording(index)
+        if onset < 0:
+            np.testing.assert_array_equal(new, old)
+            continue
+        quiet = onset - SMALL.onset_rule.onset_mean_frames
+        for frame, values in enumerate(new, 1):
+            first = onset + left_in if left_in else quiet + 1
+            source = frame if frame < first else (frame - first) % quiet + 1
+            np.testing.assert_array_equal(values, old[source - 1])
+
+
+def test_no_frame_of_the_touch_stays_in():
+    """Not those in whose mean the onset was found, nor the frame that left the band."""
+    samples = np.repeat(np.where(np.arange(60) < 41, 10, 500), 4).reshape(60, 4).astype(np.int32)
+    touch = dataclasses.replace(scene(1), samples=samples, offsets=np.array([0, 60]), labels=np.array([0]))
+    for config in (RAW, SMALL):
+        onsets = find_onsets(config, touch)
+        assert onsets[0] >= 42 and without_touches(touch, config, onsets).samples.max() == 10
+
+
+def test_a_forced_gate_opens_where_it_is_told_and_nowhere_else():
+    recordings = scene(20, seed=3)
+    onsets = find_onsets(SMALL, recordings)
+    free, forced = find_touches(SMALL, recordings), find_touches(SMALL, recordings, onsets=onsets)
+    first = free.first_touch()[free.first_touch() >= 0]
+    assert len(forced) == len(first) < len(free)
+    for name in ("recording", "onset_frame", "start_frame", "completed", "partial", "sums"):
+        np.testing.assert_array_equal(getattr(forced, name), getattr(free, name)[first])
+    empty = without_touches(recordings, SMALL, onsets)
+    quiet = find_touches(SMALL, empty, onsets=onsets)
+    np.testing.assert_array_equal(quiet.completed, forced.completed)
+    assert np.abs(quiet.sums[:, 2:]).max() < 0.1 * np.abs(forced.sums[:, 2:]).max()
+
+
+# ---------------------------------------------------------------------- the verdict
+def test_a_clean_scene_passes_and_touches_left_in_do_not():
+    recordings = scene(90, seed=1)
+    clean = checked(recordings)
+    assert clean.accuracy <= clean.limit < 0.5 and 30 < clean.recordings < 45
+    assert doubts.leaks(**vars(clean)) == []
+    for left_in in (40, 10**6):
+        leaking = checked(recordings, left_in=left_in)
+        assert (
+            leaking.accuracy > leaking.limit
+            and "it knows the class" in doubts.leaks(**vars(leaking))[0]["text"]
+        )
+
+
+def test_a_class_that_shows_before_the_touch_is_found():
+    leak = checked(resting(), RAW)
+    assert leak.accuracy > 0.9 > leak.limit and leak.recordings == 30
+
+
+def test_recordings_without_a_lead_in_say_nothing():
+    model = random_integer_model(SMALL.replace(rest_frames=512), 1)
+    assert known_without_touch(model, scene(20)) is None
