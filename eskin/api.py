@@ -648,7 +648,7 @@ class Model(Estimator):
             What ``eskin cosim --json`` writes: ``bit_exact``, ``mismatches``, ``compared_values``,
             ``cycles``, ``budgets``, ...
         """
-        from eskin.golden.core import Jobs
+        from eskin.jobs import Jobs
         from eskin.verbs import cosim_job
 
         options = {"lanes": lanes, "lane_type": lane_type, "simulator": simulator, **options}

@@ -223,6 +223,14 @@ class ConvertRequest:
     scale: Annotated[
         float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")
     ] = None
+    like: Annotated[
+        Path | None,
+        option(
+            "A model folder or an archive whose scale, columns, classes and rate these recordings are to have, where "
+            "nothing else is said.",
+            metavar="MODEL|FILE",
+        ),
+    ] = None
     size: Annotated[str | None, option("Images: bring them to so many pixels, 26x47 say.", metavar="HxW")] = (
         None
     )

@@ -28,11 +28,11 @@ from scipy.linalg import solve
 
 from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
 from eskin.choose.cost import Market
+from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.groups import Features
 from eskin.golden.data import Recordings
-from eskin.golden.model import first_touches, normalise, normaliser_constants, real_features
-from eskin.golden.model.preprocess import FirstTouches, cut_windows
+from eskin.golden.model import normalise, normaliser_constants, real_features
 from eskin.training.datasets import scaling
 from eskin.training.derive import (
     CONVERTERS,

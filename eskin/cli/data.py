@@ -1,10 +1,11 @@
 """Verbs that look at recordings."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
-from eskin.cli.common import app, load_data, show, show_text
-from eskin.golden.core import InputError, Record, check_target
+from eskin.cli.common import app, load_data, show, show_text, warn
+from eskin.golden.core import AcceleratorConfig, InputError, Record, check_target
 from eskin.requests import ConvertRequest, InspectRequest, names_of
 
 
@@ -38,7 +39,7 @@ def inspect(asked: InspectRequest) -> Record:
 def convert(asked: ConvertRequest) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
     from eskin.data import Reading, image_size, load_recordings, resized
-    from eskin.golden.data import save_archive
+    from eskin.golden.data import check_fit, rescaled, save_archive
 
     if asked.out.suffix != ".npz":
         raise InputError(f"--out {asked.out}: is no archive's name; end it in .npz")
@@ -57,8 +58,49 @@ def convert(asked: ConvertRequest) -> None:
         clock=asked.clock,
         scale=asked.scale,
     )
+    if asked.like is not None:
+        model, columns_of, unit = _sensor_of(asked.like)
+        reading = replace(reading, columns=reading.columns or columns_of)
+        if asked.columns is None and not columns_of:
+            warn(f"--like {asked.like}: does not name its columns, so they are found out; or give --columns")
+        if model.sensor.volt_per_code and asked.scale is None:
+            reading = replace(reading, scale=model.sensor.volt_per_code)
+        reading = replace(reading, rate_hz=asked.rate or model.sensor.sample_rate_hz)
     recordings = load_recordings(asked.source, reading=reading)
+    if asked.like is not None:
+        if unit and recordings.unit and unit != recordings.unit:
+            raise InputError(
+                f"--like {asked.like}: its samples are in {unit}, those of '{asked.source}' in {recordings.unit}; bring them to one "
+                "unit"
+            )
+        recordings = recordings.of_classes(model.network.class_names, f"--like {asked.like}")
+        recordings = rescaled(recordings, model)
+        check_fit(recordings, model)
     if asked.size is not None:
         recordings = resized(recordings, *image_size(asked.size))
     save_archive(recordings, asked.out)
     show("convert", source=asked.source, recordings=recordings, out=asked.out)
+
+
+def _sensor_of(like: Path) -> tuple[AcceleratorConfig, tuple[str, ...], str]:
+    """(a configuration with the sensor and the classes, the names of the columns and the unit, empty where they are
+    not said) of a model folder or an archive."""
+    from eskin.data import load_recordings
+    from eskin.golden.model import load_config, load_training
+
+    if like.is_dir():
+        record = load_training(like)
+        names, unit = record.get("channel_names", []), record.get("unit", "")
+        return load_config(like), tuple(map(str, names)) if isinstance(names, list) else (), str(unit)
+    of = load_recordings(like)
+    if of.image_shape:
+        raise InputError(f"--like {like}: holds images, which have no scale; leave it out")
+    sensor: Record = {
+        "taxels": of.taxels,
+        "sample_rate_hz": of.sample_rate_hz,
+        "sample_bits": of.sample_bits,
+        "sample_signed": of.sample_signed,
+        "volt_per_code": of.volt_per_code,
+        "clock_hz": 4.0 * of.taxels * of.sample_rate_hz,  # whatever takes the frames
+    }
+    return AcceleratorConfig.of(**sensor, class_names=of.class_names), of.channel_names, of.unit

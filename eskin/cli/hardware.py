@@ -93,7 +93,7 @@ def cosim(asked: CosimRequest) -> Record:
     Many recordings are split into parts that run beside each other; interrupted, the same command goes on
     where it stopped.
     """
-    from eskin.golden.core import Jobs
+    from eskin.jobs import Jobs
     from eskin.verbs import cosim_job
     from eskin.verbs.flow import cosimulate
 

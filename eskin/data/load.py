@@ -98,7 +98,8 @@ def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Rec
     if path.is_dir() and not is_log(path):
         return load_picture_folder(path) if is_picture_folder(path) else _folder(path, reading, config)
     if path.suffix == ".npz":
-        return load_archive(path, reading.scale or (config.sensor.volt_per_code or None if config else None))
+        worth = config.sensor.volt_per_code or None if config else None
+        return load_archive(path, reading.scale or worth, asked=reading.scale is not None)
     if _kind(path) is None:
         why = f"ends in '{path.suffix}', which is no format of recordings"
         raise InputError(f"recordings '{path}': {why}; give {FORMS}")

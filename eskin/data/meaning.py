@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from eskin.data.folds import no_group
 from eskin.data.table import TIME, Reading, Table
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import no_group
 from eskin.golden.data.codes import to_codes
 from eskin.golden.data.recordings import Recordings, natural, recordings_of
 
@@ -105,7 +105,13 @@ def understand(
         worth = PRESETS["thesis"].sensor.volt_per_code
         scale = worth if values.min() >= 0 and values.max() <= 65535 * worth else None
     said = {str(each[name]) for name in found.attributes if name in UNIT for each in table.attributes}
-    codes, step, sentences = to_codes(values, f"recordings '{source}'", scale)
+    codes, step, sentences = to_codes(
+        values,
+        f"recordings '{source}'",
+        scale,
+        names=[table.names[column] for column in taxels] if table.names else (),
+        asked=reading.scale is not None,
+    )
     arrays = {
         "samples": codes,
         "offsets": found.offsets,
@@ -114,6 +120,7 @@ def understand(
         "sample_rate_hz": np.array(rate),
         "unit": np.array(table.unit(taxels) or (said.pop() if len(said) == 1 else "")),
         **({"lsb_volt": np.array(step)} if step else {}),
+        **({"channel_names": np.array([table.names[column] for column in taxels])} if table.names else {}),
     }
     told = [f"{class_is}; {_listed(table, taxels)}", *notes, *table.notes, *found.notes, why, *sentences]
     return recordings_of(arrays, source, groups=found.groups, notes=told)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eskin.data.folds import no_group
+from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
 from eskin.golden.core.images import network, stages_of
-from eskin.golden.data import Recordings, no_group
-from eskin.golden.data.rate import wrong_rate
+from eskin.golden.data import Recordings
 from eskin.golden.model import find_onsets, images_of
 from eskin.pages.charts import draw_events
 from eskin.training.derive import derive_config

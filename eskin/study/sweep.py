@@ -18,10 +18,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eskin.choose.cost import pareto
-from eskin.golden.core import AcceleratorConfig, InputError, Jobs, Memo, Record, content_key
+from eskin.golden.core import AcceleratorConfig, InputError, Memo, Record, content_key
 from eskin.golden.core.groups import Network
 from eskin.golden.data import Recordings
 from eskin.golden.model import with_network
+from eskin.jobs import Jobs
 from eskin.study.baselines import judge_baseline
 from eskin.training.crossval import cross_validate
 from eskin.training.quantise import COVERED_FEATURE, choose_formats

@@ -10,8 +10,9 @@ import numpy as np
 from eskin.choose.choice import search_inside
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import FrontEnds
+from eskin.data.folds import grouped_folds
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
-from eskin.golden.data import Recordings, grouped_folds
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.teach.enrol import Pair, fit, right
 from eskin.training.datasets import Dataset, find_dataset, touch_rows

@@ -7,9 +7,9 @@ import numpy as np
 
 from eskin.golden.core import Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import logit_error, step_times
+from eskin.golden.model import step_times
 from eskin.golden.model.image_network import image_seconds
-from eskin.golden.model.stage_error import records
+from eskin.training.stage_error import logit_error, records
 from eskin.training.task import task_of
 
 MAX_LOSS = 0.01
@@ -35,7 +35,7 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     of the class that most recordings have: what always naming it would reach), logit_error ({mean, max,
     stage}: how far integer logits are from float ones over all completed steps, and the stage that alone
     brings about the largest; None without a step), stages (a record for each stage:
-    ``eskin.golden.model.stage_error.StageError``), passed (``held``).
+    ``eskin.training.stage_error.StageError``), passed (``held``).
 
     Raises
     ------
@@ -55,7 +55,7 @@ def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
     model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same
     global decision), local_agreement (share of steps with the same class; None of images), logit_error,
     stages (as ``evaluate``), signals (a record for each array of weights and each stage:
-    ``eskin.golden.model.stage_error.SignalProfile``).
+    ``eskin.training.stage_error.SignalProfile``).
 
     Raises
     ------

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Jobs, Memo, Record, content_key
+from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Memo, Record, content_key
 from eskin.golden.core.images import network
 from eskin.golden.data import Recordings, check_fit
 from eskin.golden.model import FloatModel, IntegerModel, check_model_target, images_of
 from eskin.golden.model.image_network import image_seconds
+from eskin.jobs import Jobs
 from eskin.training.crossval import FoldDecisions, Progress, named, split_record
 from eskin.training.fit import one_thread
 from eskin.training.image_formats import check_weight_bits, profile_images
@@ -247,7 +248,7 @@ def judged_pieces(
     pieces:
         Of each network a list for each seed, in it a piece for each fold.
     jobs, keep, what:
-        As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code
+        As for `eskin.jobs.Jobs.results`. A result is named by all that it depends on, the code
         with it.
     """
     code = CODE()

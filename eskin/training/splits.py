@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from eskin.data.folds import grouped_folds, no_group
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import Recordings, grouped_folds, no_group
+from eskin.golden.data import Recordings
 from eskin.training.derive import fits_sensor
 
 SPLITS: dict[str, list[list[str]]] = {

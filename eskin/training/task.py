@@ -2,7 +2,7 @@
 integers on the same data.
 
 What a step and a stage are differs: a touch has several steps, and its stages are those of
-`eskin.golden.model.stage_error.STAGES`; an image is one step, and its stages are its layers with weights.
+`eskin.training.stage_error.STAGES`; an image is one step, and its stages are its layers with weights.
 """
 
 from functools import cached_property
@@ -22,10 +22,9 @@ from eskin.golden.model import (
     layer_formats,
     run,
     run_images,
-    stage_errors,
 )
 from eskin.golden.model.image_network import layer_by_layer
-from eskin.golden.model.stage_error import SignalProfile, StageError, profile_of, signal_profiles
+from eskin.training.stage_error import SignalProfile, StageError, profile_of, signal_profiles, stage_errors
 
 LOOKED_AT = 200
 """Images on which errors are taken layer by layer."""

@@ -140,6 +140,8 @@ def train(
         "recipe": dataclasses.asdict(recipe),
         "config": config.to_dict(),
         "data": str(recordings.source),
+        "unit": recordings.unit,
+        "channel_names": list(recordings.channel_names),
         "recordings": len(recordings),
         "touched": int((data.index >= 0).sum()),
         "parameters": model.parameter_count,

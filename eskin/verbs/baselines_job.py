@@ -8,7 +8,6 @@ from pathlib import Path
 
 from eskin.golden.core import (
     AcceleratorConfig,
-    Jobs,
     Memo,
     Progress,
     Record,
@@ -17,6 +16,7 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.data import Recordings
+from eskin.jobs import Jobs
 from eskin.requests import BaselinesRequest
 from eskin.study import baselines
 from eskin.training import LEARNING

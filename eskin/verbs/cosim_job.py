@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cosim.flow import joined
-from eskin.golden.core import Jobs, Memo, Record, code_version, content_key
+from eskin.golden.core import Memo, Record, code_version, content_key
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
+from eskin.jobs import Jobs
 from eskin.verbs import flow
 
 CACHE = flow.BUILD / "cosim_parts"

@@ -21,7 +21,6 @@ from eskin.cosim.device import FOREVER, Design, Device
 from eskin.golden.core import (
     PRESETS,
     AcceleratorConfig,
-    Jobs,
     Memo,
     Progress,
     Record,
@@ -30,10 +29,10 @@ from eskin.golden.core import (
     content_key,
     write_json,
 )
-from eskin.golden.core.jobs import Function
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, find_touches, load_config
 from eskin.golden.model import run as run_golden
+from eskin.jobs import Function, Jobs
 from eskin.pages.stability_page import PAGE, write_page
 from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export

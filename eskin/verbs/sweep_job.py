@@ -10,7 +10,6 @@ from typing import Any
 from eskin.golden.core import (
     AcceleratorConfig,
     InputError,
-    Jobs,
     Memo,
     Progress,
     Record,
@@ -20,6 +19,7 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.data import Recordings
+from eskin.jobs import Jobs
 from eskin.pages import sweep_charts
 from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles

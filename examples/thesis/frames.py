@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from eskin.choose.first_touches import first_touches
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import first_touches
 from eskin.study.baselines import Scene
 
 

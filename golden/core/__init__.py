@@ -20,5 +20,5 @@ from eskin.golden.core.files import (
 from eskin.golden.core.formats import QFormat, clamp, narrow, signed_bits
 from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.core.images import NETWORKS, Conv, Dense, Pool
-from eskin.golden.core.jobs import Arrays, Jobs, Progress, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
+from eskin.golden.core.types import Arrays, Progress, Record

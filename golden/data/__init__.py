@@ -1,5 +1,4 @@
 """Public names of golden.data: recordings, their archives and their folds."""
 
 from eskin.golden.data.archive import load_archive, save_archive
-from eskin.golden.data.folds import grouped_folds, no_group
-from eskin.golden.data.recordings import Recordings, check_fit
+from eskin.golden.data.recordings import Recordings, check_fit, rescaled

@@ -8,9 +8,9 @@ from eskin.golden.core import ArchiveError, InputError, read_arrays, replacing
 from eskin.golden.data.recordings import Recordings, recordings_of
 
 
-def load_archive(path: Path, scale: float | None = None) -> Recordings:
+def load_archive(path: Path, scale: float | None = None, *, asked: bool = False) -> Recordings:
     """The recordings of an npz archive. ``scale``: what one code is worth where samples are real and the
-    archive does not say it.
+    archive does not say it. ``asked``: as `eskin.golden.data.codes.to_codes`.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def load_archive(path: Path, scale: float | None = None) -> Recordings:
             "numpy.savez_compressed"
         ) from None
 
-    return recordings_of(arrays, str(path), scale=scale)
+    return recordings_of(arrays, str(path), scale=scale, asked=asked)
 
 
 def save_archive(recordings: Recordings, path: str | Path) -> None:
@@ -46,6 +46,7 @@ def save_archive(recordings: Recordings, path: str | Path) -> None:
             **classes,
             "sample_rate_hz": np.array(recordings.sample_rate_hz),
             **({"lsb_volt": np.array(volt)} if volt else {}),
+            **({"channel_names": np.array(recordings.channel_names)} if recordings.channel_names else {}),
             # volt is what a reader takes for granted beside lsb_volt
             **({"unit": np.array(recordings.unit)} if recordings.unit != ("V" if volt else "") else {}),
         }

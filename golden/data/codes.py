@@ -1,6 +1,7 @@
 """Samples as codes: whole numbers stay, real ones are scaled, and the scale is said and kept."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,6 +9,8 @@ from eskin.golden.core import InputError, QFormat
 
 HEADROOM = 2.0
 """How far later recordings may exceed the largest value of those that choose the scale."""
+MOST_CLIPPED = 0.01
+"""Share of a taxel's samples that a scale which was asked for may clip."""
 FEW_CODES = 16
 """A taxel that moves by fewer codes, from its 1 % to its 99 % quantile, has lost its signal to the scale."""
 
@@ -28,8 +31,30 @@ def round_step(largest: float, top: int) -> float:
     )
 
 
+def called(taxels: Sequence[int] | np.ndarray, names: Sequence[str] = ()) -> str:
+    """Some taxels in words, by their names, else by their numbers from 0."""
+    words = [names[taxel] if len(names) else str(taxel) for taxel in taxels]
+    listed = ", ".join(words[:8]) + (f" and {len(words) - 8} more" if len(words) > 8 else "")
+    return f"taxel{'s' if len(words) > 1 else ''} {listed}"
+
+
+def clipped_to(codes: np.ndarray, fmt: QFormat, names: Sequence[str] = ()) -> tuple[np.ndarray, list[str]]:
+    """(the share of each taxel's codes outside of a format, a sentence about them where there are any)."""
+    outside = ((codes < fmt.min_code) | (codes > fmt.max_code)).mean(axis=0)
+    if not outside.any():
+        return outside, []
+    which, share = called(np.flatnonzero(outside), names), float(outside.mean())
+    span = f"{fmt.min_code}..{fmt.max_code}"
+    return outside, [f"{share:.2g} of the samples lie beyond {span} and were held at its ends: {which}"]
+
+
 def to_codes(
-    values: np.ndarray, source: str, scale: float | None = None
+    values: np.ndarray,
+    source: str,
+    scale: float | None = None,
+    *,
+    names: Sequence[str] = (),
+    asked: bool = False,
 ) -> tuple[np.ndarray, float, list[str]]:
     """Finite real samples as codes ``rint(value / scale)``.
 
@@ -42,6 +67,10 @@ def to_codes(
     scale:
         What one code is worth; None: whole numbers of at most 16 bits are codes already, others get a scale
         that leaves twice their range.
+    names:
+        Of the taxels, for messages; none: their numbers.
+    asked:
+        Somebody asked for this scale: it is refused where it clips more than MOST_CLIPPED of a taxel's samples.
 
     Returns
     -------
@@ -79,16 +108,21 @@ def to_codes(
         scale = round_step(HEADROOM * largest, bounds.max_code)
         origin = f"twice the largest value of {largest:.6g} fits 16 bits"
     codes = np.rint(values / scale)
-    beyond = int(np.count_nonzero((codes < bounds.min_code) | (codes > bounds.max_code)))
+    clipped, held = clipped_to(codes, bounds, names)
+    if asked and clipped.max() > MOST_CLIPPED:
+        worst = int(np.argmax(clipped))
+        raise InputError(
+            f"{source}, {called([worst], names)}: a scale of {scale:.6g} puts {clipped[worst]:.1%} of its samples beyond "
+            f"16 bits; give {round_step(largest, bounds.max_code):.6g}, which holds all, or leave --scale out"
+        )
     notes = [f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {scale:.6g} ({origin})"]
-    if beyond:
-        notes.append(f"{beyond} samples lie beyond 16 bits and were held at the end of the range")
+    notes += held
     # every so many frames: a quantile of some 100 000 is as good as of all
     moves = np.subtract(*np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)) / scale
-    coarse = int(np.count_nonzero((moves < FEW_CODES) & (moves > 0)))
-    if coarse:
+    coarse = np.flatnonzero((moves < FEW_CODES) & (moves > 0))
+    if len(coarse):
         notes.append(
-            f"{coarse} taxels move by fewer than {FEW_CODES} codes, {moves[moves > 0].min():.2g} the least: "
-            "take off the level that they share, or give a smaller scale"
+            f"{called(coarse, names)}: fewer than {FEW_CODES} codes between rest and touch, "
+            f"{moves[coarse].min():.2g} the least: take off the level that taxels share, or give a smaller scale"
         )
     return np.clip(codes, bounds.min_code, bounds.max_code).astype(np.int32), scale, notes

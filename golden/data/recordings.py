@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat, array_of
 from eskin.golden.core.config import IMAGE_ROWS_HZ
-from eskin.golden.data.codes import place_of, to_codes
+from eskin.golden.data.codes import clipped_to, place_of, to_codes
 
 ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz")
 """The arrays every archive must hold."""
@@ -71,6 +71,8 @@ class Recordings:
     image_shape:
         Height and width where the recordings are still images: one recording is an image then, its rows are
         the frames, from the top.
+    channel_names:
+        What the source calls its taxels; empty: nothing.
     """
 
     samples: np.ndarray
@@ -86,6 +88,7 @@ class Recordings:
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
     image_shape: tuple[int, int] | None = None
+    channel_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Give groups with a name of the archive's another one: a column called labels would replace the
@@ -305,6 +308,7 @@ def recordings_of(
     *,
     groups: Mapping[str, Any] | None = None,
     scale: float | None = None,
+    asked: bool = False,
     notes: Sequence[str] = (),
 ) -> Recordings:
     """The recordings that arrays hold, as an archive has them (docs/recordings.md).
@@ -317,7 +321,7 @@ def recordings_of(
         Name -> one value a recording; None: the other arrays of that length.
     scale:
         What one code is worth where samples are real numbers and the arrays do not say it; None: chosen
-        (``eskin.golden.data.codes``).
+        (``eskin.golden.data.codes``). asked: as `eskin.golden.data.codes.to_codes`.
     notes:
         Sentences about choices that were made before.
 
@@ -337,7 +341,7 @@ def recordings_of(
         if name not in arrays:
             refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
 
-    samples, volt, scaling = _samples(arrays, source, scale, refuse)
+    samples, volt, scaling = _samples(arrays, source, scale, asked, refuse)
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
         refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
@@ -362,6 +366,7 @@ def recordings_of(
         source=source,
         volt_per_code=volt,
         unit=_unit(arrays),
+        channel_names=_channel_names(arrays, samples.shape[1]),
         sample_bits=bits,
         sample_signed=signed,
         notes=(*notes, *scaling),
@@ -369,7 +374,7 @@ def recordings_of(
 
 
 def _samples(
-    arrays: Arrays, source: str, scale: float | None, refuse: Refuse
+    arrays: Arrays, source: str, scale: float | None, asked: bool, refuse: Refuse
 ) -> tuple[np.ndarray, float, list[str]]:
     """The codes, what one is worth in volt (0: not said), and sentences about a scale that was chosen."""
     samples = arrays["samples"]
@@ -398,7 +403,9 @@ def _samples(
             )
         with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
             samples = samples.astype(np.float64)
-        return to_codes(samples, f"recordings '{source}', array samples", volt or scale)
+        return to_codes(
+            samples, f"recordings '{source}', array samples", volt or scale, asked=asked and not volt
+        )
     return samples, volt, []
 
 
@@ -429,6 +436,12 @@ def _check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
             f"makes recording {int(np.argmax(offsets[1:] == offsets[:-1]))} empty (0 frames); leave that "
             "recording out",
         )
+
+
+def _channel_names(arrays: Arrays, taxels: int) -> tuple[str, ...]:
+    """What the source calls its taxels; empty where it does not say it."""
+    named = arrays.get("channel_names", np.array(()))
+    return tuple(map(str, named.tolist())) if named.shape == (taxels,) and named.dtype.kind == "U" else ()
 
 
 def _unit(arrays: Arrays) -> str:
@@ -594,6 +607,25 @@ def _positive_number(value: np.ndarray) -> float | None:
 
 def _shown(value: np.ndarray) -> str:
     return str(value.reshape(())) if value.size == 1 else f"of shape {value.shape}"
+
+
+def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
+    """``recordings`` in the codes of a configuration's sensor, where both say what one is worth and these differ;
+    how much that clips stands in their notes."""
+    step, of_model = recordings.volt_per_code, config.sensor.volt_per_code
+    if not (step and of_model) or abs(step / of_model - 1.0) <= 0.01:
+        return recordings
+    fmt, unit = config.sample_format, recordings.unit or "V"
+    codes = np.rint(recordings.samples * (step / of_model))
+    said = f"one code is {step:.6g} {unit}, of configuration '{config.name}' {of_model:.6g}: brought to its codes"
+    return dataclasses.replace(
+        recordings,
+        samples=np.clip(codes, fmt.min_code, fmt.max_code).astype(np.int32),
+        volt_per_code=of_model,
+        sample_bits=config.sensor.sample_bits,
+        sample_signed=config.sensor.sample_signed,
+        notes=(*recordings.notes, said, *clipped_to(codes, fmt)[1]),
+    )
 
 
 def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:

@@ -27,15 +27,7 @@ from eskin.golden.model.model import (
     with_network,
 )
 from eskin.golden.model.pipeline import Trace, decide_touches, float_features, run, step_times
-from eskin.golden.model.preprocess import (
-    Touches,
-    find_onsets,
-    find_touches,
-    first_touches,
-    normalise,
-    real_features,
-)
-from eskin.golden.model.stage_error import logit_error, stage_errors
+from eskin.golden.model.preprocess import Touches, find_onsets, find_touches, normalise, real_features
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import (
     completing_frames,

@@ -9,11 +9,11 @@ import pytest
 from eskin.choose.candidate import Candidate, Judged, choose
 from eskin.choose.choice import choose_front_end, choose_split, configure, inner_folds, search_inside
 from eskin.choose.choice_table import ROWS, front_end_table, front_end_words
+from eskin.choose.first_touches import cut_windows, first_touches
 from eskin.choose.front_ends import PENALTIES, FrontEnds, Judge, Screen, blocked_ridge, features, listed
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_touches, first_touches
-from eskin.golden.model.preprocess import cut_windows
+from eskin.golden.model import find_touches
 from eskin.training.level import TIE
 from eskin.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings

@@ -7,7 +7,7 @@ from eskin.choose import doubts
 from eskin.cli.common import PANELS, app
 from eskin.golden.core import PRESETS
 from eskin.golden.model import with_network
-from eskin.golden.model.stage_error import STAGES
+from eskin.training.stage_error import STAGES
 from tests.eskin.choose.test_doubts import baseline, split
 from tests.support.table import each_row
 

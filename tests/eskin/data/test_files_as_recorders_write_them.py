@@ -10,8 +10,9 @@ from mcap.writer import CompressionType, Writer
 from scipy.io import savemat
 
 from eskin.data import Reading, load_recordings
+from eskin.data.folds import no_group
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, no_group
+from eskin.golden.data import Recordings
 from eskin.training.splits import check_split
 from tests.support import doors
 from tests.support.table import each_row

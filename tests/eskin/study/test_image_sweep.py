@@ -4,7 +4,8 @@ trained but in one test."""
 import numpy as np
 import pytest
 
-from eskin.golden.core import InputError, Jobs, Memo
+from eskin.golden.core import InputError, Memo
+from eskin.jobs import Jobs
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.requests import SweepRequest
 from eskin.rtl.program.image_passes import plan_of

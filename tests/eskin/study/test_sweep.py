@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Jobs, Memo
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Memo
+from eskin.jobs import Jobs
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, schedule, step_cycles
 from eskin.study import sweep as sweeping
 from eskin.study.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES

@@ -35,7 +35,6 @@ from eskin.training.quantise import (
     quantise,
     quantise_model,
 )
-from eskin.training.widths import quantise_by_error
 from tests.golden.model.test_cells import CELLS
 from tests.support.folder import contents
 from tests.support.table import each_row
@@ -227,18 +226,15 @@ def edit(folder, **fields):
 
 
 def test_what_config_json_says_stays(tmp_path):
-    """Edited before the first quantisation, between two, and before widths are chosen by error."""
+    """Edited before the first quantisation and between two."""
     folder = tmp_path / "model"
-    recordings = saved(folder)
+    saved(folder)
     edit(folder, table_entries=256, watchdog=True, class_names=("up", "down", "beat"))
     quantise(folder, weight_bits=6)
     edit(folder, lanes=2, onset_threshold=9, decision="early", early_steps=2, early_margin=5)
-    recordings = dataclasses.replace(recordings, class_names=("up", "down", "beat"))
-    with pytest.raises(InputError, match="field table_entries: is 256 in config.json, and the integers need"):
-        quantise_by_error(folder, recordings, 50.0)
     for entries in (256, 512):
         edit(folder, table_entries=entries)
-        _ = quantise(folder) if entries == 256 else quantise_by_error(folder, recordings, 50.0)
+        quantise(folder)
         after = load_config(folder)
         assert after.hardware.watchdog and after.network.class_names == ("up", "down", "beat")
         assert (after.hardware.lanes, after.onset_rule.onset_threshold) == (2, 9)

@@ -6,8 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 from eskin.cosim.flow import joined
-from eskin.golden.core import InputError, Jobs
+from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.jobs import Jobs
 from eskin.verbs import cosim_job, flow
 from tests.support.touch_scenes import SMALL, scene
 

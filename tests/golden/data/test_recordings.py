@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import load_recordings
+from eskin.data.folds import grouped_folds
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.data import Recordings, grouped_folds
+from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
 LSB = PRESETS["thesis"].sensor.volt_per_code

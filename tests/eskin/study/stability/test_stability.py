@@ -7,8 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from eskin.golden.core import AcceleratorConfig, InputError, Jobs, QFormat
+from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.model import preprocess
+from eskin.jobs import Jobs
 from eskin.pages.stability_page import figure_in_words, write_page
 from eskin.pages.views import words
 from eskin.requests import StabilityRequest

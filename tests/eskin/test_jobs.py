@@ -1,4 +1,4 @@
-"""golden/core/jobs.py: results in order and by content, on processes and on a cluster; interrupts, errors,
+"""eskin/jobs.py: results in order and by content, on processes and on a cluster; interrupts, errors,
 dead workers."""
 
 import contextlib
@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from eskin.golden.core import InputError, Jobs, Memo
+from eskin.golden.core import InputError, Memo
+from eskin.jobs import Jobs
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -105,7 +106,7 @@ def test_a_worker_computes_in_one_thread():
 SLOW = """
 import os, signal, subprocess, sys, time
 from pathlib import Path
-from eskin.golden.core.jobs import Jobs
+from eskin.jobs import Jobs
 from eskin.golden.core.memo import Memo
 
 def work(shared, piece):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from eskin.data.rate import wrong_rate
 from eskin.golden.data import Recordings
-from eskin.golden.data.rate import wrong_rate
 from eskin.pages.inspect_data import in_rows, inspect
 from eskin.pages.views import words
 from tests.support.table import each_row

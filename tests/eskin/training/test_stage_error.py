@@ -14,14 +14,12 @@ from eskin.golden.model import (
     decide_touches,
     find_touches,
     float_features,
-    logit_error,
     network_formats,
     network_shapes,
     normaliser_constants,
     random_recordings,
-    stage_errors,
 )
-from eskin.golden.model.stage_error import QUANTILES, STAGES, signal_profiles
+from eskin.training.stage_error import QUANTILES, STAGES, logit_error, signal_profiles, stage_errors
 from tests.support.table import each_row
 
 WIDE = AcceleratorConfig.of(

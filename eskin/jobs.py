@@ -19,19 +19,10 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-import numpy as np
-
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.memo import Memo
+from eskin.golden.core import InputError, Memo, Progress, Record
 
 Function = Callable[[Any, Any], Any]
 """(shared, piece) -> result; a worker finds it by its module and name."""
-Progress = Callable[[str, int, int], None]
-"""Called with (what, done, in all)."""
-Record = dict[str, Any]
-"""Named values: a result, a row of it, options; as JSON holds them."""
-Arrays = Mapping[str, np.ndarray]
-"""Arrays by name, as a model has them."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a worker: there are as many workers as cores."""

@@ -1,0 +1,13 @@
+"""Types that results, models and long work share."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+Progress = Callable[[str, int, int], None]
+"""Called with (what, done, in all)."""
+Record = dict[str, Any]
+"""Named values: a result, a row of it, options; as JSON holds them."""
+Arrays = Mapping[str, np.ndarray]
+"""Arrays by name, as a model has them."""
