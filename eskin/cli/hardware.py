@@ -5,7 +5,6 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -124,8 +123,7 @@ def cosim(asked: CosimRequest) -> Record:
         options |= {"lowest": True} if lowest else {"pace": asked.pace, "clock_hz": hertz}
         played = loaded.subset(numbers)
         if lowest or (asked.dask is None and len(numbers) <= cosim_job.PART[simulator]):
-            frames = partial(report, "simulated frames")
-            result = cosimulate(integer, played, numbers=numbers, work=work, progress=frames, **options)
+            result = cosimulate(integer, played, numbers=numbers, work=work, **options)
         else:
             where = Jobs(dask=asked.dask, progress=report, version=cosim_job.CODE)
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
