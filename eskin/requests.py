@@ -19,6 +19,8 @@ Cell = Literal["gru", "lstm", "linear"]
 Reset = Literal["before", "after"]
 CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
 """Cells, networks for images, and auto: the smallest network that is enough."""
+FORMATS = ("feature_bits", "gate_bits", "table_entries")
+"""What ``quantise --formats`` sets."""
 SEED_MAX = 2**31 - 1
 DATA = (
     "An .npz archive, a folder of .csv, .parquet, .lvm or .png files or logs (one sub-folder a class), a long "
@@ -350,12 +352,14 @@ class QuantiseRequest(Grouped):
     ] = None
     weight_bits: Annotated[int | None, option("Bits of a weight.")] = None
     state_bits: Annotated[int | None, option("Bits of the hidden state.")] = None
-    feature_bits: Annotated[int | None, option("Bits of a feature.")] = None
-    gate_bits: Annotated[int | None, option("Fraction bits of a gate.")] = None
-    table_entries: Annotated[int | None, option("Entries of an activation table.")] = None
-    lean: Annotated[
-        bool, option("Formats of features and logits that need the fewest logic cells.", "--lean")
-    ] = False
+    formats: Annotated[
+        str | None,
+        option(
+            "feature_bits=B, gate_bits=B (of its fraction), table_entries=N, one or more with commas; or the word "
+            "lean: features and logits that need the fewest logic cells.",
+            metavar="NAME=N,..|lean",
+        ),
+    ] = None
     quantisation_aware: Annotated[
         bool, option("Train on in integer arithmetic of these widths; needs --data.", "--quantisation-aware")
     ] = False
@@ -402,8 +406,19 @@ class QuantiseRequest(Grouped):
     @property
     def widths(self) -> dict[str, Any]:
         """Those that were asked for, by the names of ``eskin.training.quantise.choose_formats``."""
-        names = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        bits = {"weight_bits": self.weight_bits, "state_bits": self.state_bits}
+        widths: dict[str, Any] = {name: value for name, value in bits.items() if value is not None}
+        if self.formats == "lean":
+            return widths | {"lean": True}
+        for word in names_of(self.formats or ""):
+            name, _, number = word.partition("=")
+            if name not in FORMATS or not (number.isdecimal() and len(number) < 5):
+                raise InputError(
+                    f"--formats {word[:40]}: is no format; give {', '.join(FORMATS)} with a number, such as "
+                    "gate_bits=9, or the word lean"
+                )
+            widths[name] = int(number)
+        return widths
 
     @property
     def of_readout(self) -> dict[str, Any]:

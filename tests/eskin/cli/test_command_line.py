@@ -237,6 +237,9 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
     status, out, err = call(*"quantise model --data data.npz --weight-bits 6".split())
     assert status == 0, err
     assert AcceleratorConfig.load("model/config.json").formats.weight_format.width == 6 and "weight" in out
+    status, out, err = call(*"quantise model --formats gate_bits=10,table_entries=128".split())
+    formats = AcceleratorConfig.load("model/config.json").formats
+    assert (status, formats.gate_frac, formats.table_entries) == (0, 10, 128), err
     status, out, err = call(*"generate model --out design --lanes 2 --data data.npz".split())
     assert status == 0, err
     assert AcceleratorConfig.load("design/config.json").hardware.lanes == 2
@@ -372,6 +375,12 @@ REFUSED = [
     ("stability {0} --data data.npz --out t", "none", "config.json"),
     ("stability model --data data.npz --out {0} --no-cosim --mode frames", "s", "s is a file"),
     ("train --data data.npz --out new --group {0}", "person", "has no group array 'person'; it has trial"),
+    (
+        "quantise model --formats {0}",
+        "weight_bits=4",
+        "--formats weight_bits=4: is no format; give feature_bits, gate_bits, table_entries",
+    ),
+    ("quantise model --formats {0}", "gate_bits", "--formats gate_bits: is no format"),
     (
         "quantise model --quantisation-aware --state-bits {0}",
         "12",
