@@ -404,7 +404,11 @@ def _samples(
         with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
             samples = samples.astype(np.float64)
         return to_codes(
-            samples, f"recordings '{source}', array samples", volt or scale, asked=asked and not volt
+            samples,
+            f"recordings '{source}'",
+            volt or scale,
+            names=_channel_names(arrays, samples.shape[1]),
+            asked=asked and not volt,
         )
     return samples, volt, []
 
