@@ -62,7 +62,7 @@ def read_log(path: Path, reading: Reading) -> Table:
     Raises
     ------
     InputError
-        The log is damaged, unpacks to far more than it holds, has not one topic of frames, or no frame in a
+        The log unpacks to far more than it holds, has not one topic of frames, or no frame in a
         recording; its clock is not there.
     """
     import pandas as pd
@@ -70,24 +70,16 @@ def read_log(path: Path, reading: Reading) -> Table:
     def refuse(why: str) -> NoReturn:
         raise InputError(f"recordings '{path}': {why}")
 
-    try:
-        _check_unpacked(path, refuse)
-        log = (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, refuse)
-        topic = _topic(log, reading, refuse)
-        stamps, messages = _read(log, topic, f"topic {topic}", refuse)
-        rows = _frames(messages, topic, refuse)
-        times = _clock(stamps, topic, reading, refuse)
-        labels = None
-        if reading.labels is not None:
-            labels = _intervals(reading.labels, times)
-        elif reading.label is not None:
-            labels = _marks(log, reading, refuse)
-    except (InputError, ModuleNotFoundError):
-        raise
-    except Exception as error:  # a damaged log can fail anywhere inside the libraries
-        if isinstance(error, OSError) and error.errno:
-            raise
-        refuse(f"is damaged or no log ({type(error).__name__}); record it again, or try its own tools")
+    _check_unpacked(path, refuse)
+    log = (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, refuse)
+    topic = _topic(log, reading, refuse)
+    stamps, messages = _read(log, topic, f"topic {topic}", refuse)
+    rows, times = _frames(messages, topic, refuse), _clock(stamps, topic, reading, refuse)
+    labels = None
+    if reading.labels is not None:
+        labels = _intervals(reading.labels, times)
+    elif reading.label is not None:
+        labels = _marks(log, reading, refuse)
     frame = pd.DataFrame(rows, columns=[f"t{column}" for column in range(rows.shape[1])])
     frame.insert(0, "time", (times - times[0]) / 1e9)
     if labels is not None:

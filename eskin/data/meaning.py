@@ -51,7 +51,6 @@ def understand(
     config: AcceleratorConfig | None,
     source: str,
     *,
-    class_names: Sequence[str] = (),
     notes: Sequence[str] = (),
     of_one_file: bool = False,
 ) -> Recordings:
@@ -63,8 +62,6 @@ def understand(
         Says what one code of real samples is worth, and the rate where nothing else does.
     source:
         What all of them are called in messages.
-    class_names:
-        The classes in order, where the source lists them.
     of_one_file:
         Paths are groups inside a file, of which nobody said that the first level is the class.
 
@@ -94,8 +91,8 @@ def understand(
         "sample_rate_hz": np.array(rate),
         "unit": np.array(table.unit(taxels) or (said.pop() if len(said) == 1 else "")),
     }
-    if class_names:
-        arrays["class_names"] = np.array(class_names)
+    if of_one_file and table.class_names:
+        arrays["class_names"] = np.array(table.class_names)
     if table.names:
         arrays["channel_names"] = np.array([table.names[column] for column in taxels])
     told = [f"{class_is}; {_listed(table, taxels)}", *notes, *table.notes, *found.notes, why]
@@ -243,7 +240,7 @@ class _Meaning:
         """As ``part``, by the first level of the paths."""
         table = self.table
         self.labels = np.array([table.paths[source][0] for source in self.sources])
-        classes = sorted({*self.labels.tolist()}, key=natural)
+        classes = sorted(set(map(str, self.labels)), key=natural)
         some = ", ".join(classes[:6])
         if of_one_file and len(classes) == len(self.labels) > 1:
             why = f"its groups {some} would be as many classes as recordings; name what says the class with --class"
@@ -296,10 +293,8 @@ class _Meaning:
         if not self.on_path:
             return
         paths = [(*path[1:-1], re.sub(r"\.\w+$", "", path[-1])) for path in table.paths]
-        tags = [
-            dict(re.findall(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])", "_".join(path)))
-            for path in paths
-        ]
+        tag = re.compile(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])")
+        tags = [dict(tag.findall("_".join(path))) for path in paths]
         words = [word for word in tags[0] if all(word in each for each in tags)]
         for word in words:
             name = _LETTERS.get(word.lower(), word.lower())
@@ -429,7 +424,7 @@ class _Meaning:
 
     def rate(self, config: AcceleratorConfig | None) -> tuple[float, str]:
         """One rate for all recordings, and where it comes from, in words."""
-        table, asked, sources = self.table, self.reading.rate_hz, self.sources
+        table, asked = self.table, self.reading.rate_hz
         rates: list[tuple[float, str]] = []
         try:
             rates += [] if self.time is None else self._of_clock(self.time)
@@ -442,13 +437,14 @@ class _Meaning:
             but = f", {asked:g} Hz; but the time columns say {middle:g} Hz" if other else ""
             return asked, f"the sample rate is as asked for{but}"
         for key in [name for name in self.attributes if RATE.fullmatch(name)][:1]:
-            for number, source in enumerate(sources):
-                value = table.attributes[source][key]
-                if not isinstance(value, int | float) or not 0 < value < np.inf:
-                    table.refuse(
-                        f"{key} is {str(value)[:20]}; it must be one number above 0, in hertz: give --rate HZ"
-                    )
-                rates.append((float(value), f"{key} of {self._called(number)}"))
+            values = self._of_attribute(key)
+            if values.dtype.kind not in "iuf" or not ((values > 0) & np.isfinite(values)).all():
+                table.refuse(
+                    f"{key} is {str(values[0])[:20]}; it must be one number above 0, in hertz: give --rate HZ"
+                )
+            rates += [
+                (float(value), f"{key} of {self._called(number)}") for number, value in enumerate(values)
+            ]
         rates += self.rates
         if not rates and config is not None:
             why = f"there is no time column or rate; it is taken from the configuration '{config.name}'"
