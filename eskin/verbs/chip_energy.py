@@ -137,7 +137,7 @@ def measured(
     rows = np.diff(device.marks(3 + len(joule)), axis=0)
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
-    decisions = [int(word, 16) for word in device.streams()["decision"].words]
+    decisions = device.streams()["decision"][0].view(np.uint32).tolist()
     expected = [pack_decision(config, row) for row in trace.streams["decision"][0]]
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1

@@ -76,7 +76,7 @@ class Taught:
             device.write(Register.CONTROL, Control.FINISH)
             device.settle()
             told += self.stream.finish()
-        seen = [int(word, 16) for word in device.streams()["decision"].words]
+        seen = device.streams()["decision"][0].view(np.uint32).tolist()
         assert seen == [pack_decision(self.config, decision.row()) for decision in told]
         self.decisions += len(seen)
 
@@ -234,7 +234,7 @@ class Upset(Taught):
             device.settle(LIMIT)
         except SimulationError:
             came = "hung"
-        seen = [int(word, 16) for word in device.streams()["decision"].words]
+        seen = device.streams()["decision"][0].view(np.uint32).tolist()
         expected = [pack_decision(self.config, decision.row()) for decision in told]
         if device.read(Register.FAULTS) & (Fault.CHECKSUM | Fault.WATCHDOG):
             came = came or "flagged"

@@ -356,6 +356,13 @@ def test_no_group_is_on_both_sides(monkeypatch):
         assert sorted(i for test in judged[10 * seed : 10 * seed + 5] for i in test) == list(range(60))
 
 
+def test_each_split_has_the_record_that_it_has_alone():
+    recordings, linear = scene(60, seed=5), with_network(SMALL, cell="linear")
+    plain = replace(RECIPES["linear"], **recipes.AS_RECORDED)  # drawn by no seed
+    judged = lambda *splits: cross_validate(recordings, linear, splits, (0, 1), recipe=plain)
+    assert judged(["person"], []) == judged(["person"]) + judged([])
+
+
 def test_scaling_comes_from_the_training_part_only(monkeypatch):
     recordings = scene(30, seed=6)
     loud = replace(recordings, groups={"half": (np.arange(30) >= 15).astype(int)})
@@ -558,22 +565,23 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
     """Decisions, float and integer, of every fold: those of eskin.golden.model.pipeline on the same
     recordings."""
     recordings = scene(40, seed=3)
-    work = crossval.Folds(recordings, DETECTING, few(15), [["person"]], (0,), 5)
-    models = work.fit(None)
-    integers = work.quantise(models, {})
-    assert work.data.touches.faults.any() and not work.data.touches.faults.all()
-    for model, integer, test in zip(models, integers, work.tests, strict=True):
-        judged = crossval._judge(model, integer, work.data, test)
+    folds = split_folds(recordings, ["person"], 5, None)
+    pieces = crossval.pieces_of(DETECTING, few(15), len(recordings), folds, (0,))
+    trained = crossval.train_pieces(datasets.Datasets(recordings), pieces, 0)
+    faults = trained[0].data.touches.faults
+    assert faults.any() and not faults.all()
+    for network, test in zip(trained, folds, strict=True):
+        judged = network.decided()
         for trace, decision, local in (
-            (run(integer, recordings), judged.integer_global, judged.integer_local),
-            (run(model, recordings), judged.float_global, judged.float_local),
+            (run(network.integer, recordings), judged.integer_global, judged.integer_local),
+            (run(network.real, recordings), judged.float_global, judged.float_local),
         ):
             np.testing.assert_array_equal(decision, trace.decision[test])
             np.testing.assert_array_equal(local, trace.first_local()[test])
-    (record,) = work.records(models, integers)
+    (record,) = cross_validate(recordings, DETECTING, [["person"]], (0,), recipe=few(15))
     by_fold = [
         run(one, recordings.subset(test)).accuracy(recordings.labels[test])
-        for one, test in zip(integers, work.tests, strict=True)
+        for one, test in zip((network.integer for network in trained), folds, strict=True)
     ]
     assert [fold["integer_accuracy"] for fold in record["per_fold"]] == pytest.approx(by_fold)
 
