@@ -96,7 +96,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
-    "generate --streams": ("generate {model} --bus wishbone --fifo 4 --streams axis --out {out}/design", ()),
+    "generate --streams": ("generate {model} --bus wishbone --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),

@@ -36,14 +36,7 @@ from eskin.requests import (
 def generate(asked: GenerateRequest) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking
     testbench."""
-    from eskin.rtl.host.decision_queue import DEPTHS
     from eskin.verbs.generate_job import generate_design
-
-    if asked.fifo is not None and asked.bus is None:
-        raise InputError("--fifo: is of a bus; add --bus NAME")
-    depth = 2 if asked.fifo is None else asked.fifo
-    if depth not in DEPTHS:
-        raise InputError(f"--fifo: is {asked.fifo}; give 0, 2 or 4")
 
     integer = integer_model(asked.model)
     recordings = None if asked.data is None else recordings_for(asked.data, integer.config)
@@ -53,7 +46,6 @@ def generate(asked: GenerateRequest) -> None:
         "lane_type": lane_type,
         "bus": asked.bus,
         "axis": asked.streams is not None,
-        "depth": depth,
         "top": asked.top,
     }
     folder = generate_design(integer, asked.out, recordings=recordings, **design)
@@ -63,7 +55,7 @@ def generate(asked: GenerateRequest) -> None:
 @app.command(
     epilog="Example: eskin export model --to c --out controller, or eskin export model --to onnx --out net"
 )
-def export(asked: ExportRequest) -> Record:
+def export(asked: ExportRequest) -> None:
     """Write a model in the words of other tools, with what checks it."""
     from eskin.golden.model import FloatModel
     from eskin.verbs.export_job import export_c, export_onnx
@@ -79,9 +71,7 @@ def export(asked: ExportRequest) -> Record:
         raise InputError("--prefix: is for --to c; an ONNX file declares no names")
     else:
         result = export_onnx(exported, asked.out, recordings=recordings)
-    result = {"to": asked.to} | result
-    show("export", **result)
-    return result
+    show("export", to=asked.to, **result)
 
 
 @app.command(
@@ -180,20 +170,16 @@ def build(asked: BoardRequest) -> None:
     from eskin.verbs import build_job as job
     from eskin.verbs.flow import with_converter
 
-    if asked.class_pins and not asked.link:
-        raise InputError("--class-pins: is for a build with the link; leave it out, or leave out --no-link")
     if asked.stimulator and not (asked.standalone or asked.converter):
         raise InputError(
             "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
         )
-    if asked.converter and not asked.standalone and (not asked.link or asked.class_pins is not None):
-        raise InputError(
-            "--converter: goes with the link or --standalone; leave out --no-link and --class-pins"
-        )
+    if asked.converter and not (asked.standalone or asked.link):
+        raise InputError("--converter: goes with the link or --standalone; leave out --no-link")
     if asked.flash and not asked.standalone:
         raise InputError("--flash: is for a board without a host; add --standalone")
-    if asked.standalone and (not asked.link or asked.baud is not None or asked.class_pins is not None):
-        raise InputError("--standalone: has no link; leave out --no-link, --baud and --class-pins")
+    if asked.standalone and not asked.link:
+        raise InputError("--standalone: has no link; leave out --no-link")
     target, (lanes, lane_type) = board(asked.target), lanes_of(asked.lanes)
     folder = asked.out or job.BOARDS / asked.target
     check_folder(folder, job.MARK)
@@ -211,8 +197,6 @@ def build(asked: BoardRequest) -> None:
         flash=asked.flash,
         sensing=bool(asked.converter) and not asked.standalone,
         clock_hz=asked.clock,
-        baud=asked.baud,
-        class_pins=asked.class_pins,
         lanes_asked=lanes is not None,
         seeds=asked.seeds,
     )
