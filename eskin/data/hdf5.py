@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from eskin.data.arrays import Group
-from eskin.data.table import Refuse, check_regular, check_unpacked
-from eskin.golden.core import InputError
+from eskin.data.table import Refuse, check_unpacked
 
 _OWN = ("IMAGE", "DIMENSION_SCALE", "GROUP", "ARRAY", "CARRAY", "EARRAY", "VLARRAY", "TABLE", "PALETTE")
 """What HDF5's libraries say in an attribute CLASS of their own."""
@@ -19,12 +18,11 @@ def read_hdf5(path: Path, refuse: Refuse) -> Group:
     Raises
     ------
     InputError
-        The file is damaged or unpacks to far more than it holds; a dataset's samples stand in another file,
+        The file unpacks to far more than it holds; a dataset's samples stand in another file,
         which a hostile one could have chosen.
     """
     import h5py
 
-    check_regular(path, refuse)
     root = Group()
 
     def check(name: str, item: Any) -> None:
@@ -35,27 +33,20 @@ def read_hdf5(path: Path, refuse: Refuse) -> Group:
         datasets[name] = item
 
     datasets: dict[str, Any] = {}
-    try:
-        with h5py.File(path) as file:
-            file.visititems(check)
-            check_unpacked(path, sum(item.nbytes for item in datasets.values()), refuse)
-            root.attributes |= _attributes(file)
-            for name, item in datasets.items():
-                *above, leaf = name.split("/")
-                group, holder = root, file
-                for level in above:
-                    group, holder = group.groups.setdefault(level, Group()), holder[level]
-                    group.attributes |= _attributes(holder)
-                group.of_arrays[leaf] = _attributes(item)
-                values = _values(item)
-                if values is not None:
-                    group.take(leaf, values)
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file can fail anywhere inside the library
-        if isinstance(error, OSError) and error.errno and not isinstance(error, BlockingIOError):
-            raise
-        refuse("is damaged or no HDF5 file; write it again")
+    with h5py.File(path) as file:
+        file.visititems(check)
+        check_unpacked(path, sum(item.nbytes for item in datasets.values()), refuse)
+        root.attributes |= _attributes(file)
+        for name, item in datasets.items():
+            *above, leaf = name.split("/")
+            group, holder = root, file
+            for level in above:
+                group, holder = group.groups.setdefault(level, Group()), holder[level]
+                group.attributes |= _attributes(holder)
+            group.of_arrays[leaf] = _attributes(item)
+            values = _values(item)
+            if values is not None:
+                group.take(leaf, values)
     return root
 
 
