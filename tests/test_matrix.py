@@ -25,10 +25,11 @@ import numpy as np
 import pytest
 
 from eskin.cli import main as command_line
-from eskin.data import load_recordings
+from eskin.data import load_recordings, turns
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.memo import locked
-from eskin.golden.model import IntegerModel
+from eskin.golden.data import save_archive
+from eskin.golden.model import IntegerModel, load_config
 from eskin.training import recipe
 from eskin.verbs import energy_job
 from tests.support.link_device import Device, golden_decisions
@@ -66,8 +67,10 @@ KINDS: dict[str, dict[str, Any]] = {
     "converter": {"converter": "matrix", "rows": 2, "columns": 2},
     "prototypes": {},
     "image": {},
+    "chosen": {},
 }
-"""Kinds of model: the fields in which each differs from TOUCHES; the last one is IMAGES."""
+"""Kinds of model: the fields in which each differs from TOUCHES; ``image`` is IMAGES, ``chosen`` what the main job
+itself makes of the synthetic scene."""
 
 ALL = tuple(KINDS)
 JUDGED = "--data {data} --config {config} --group person --seeds 1"
@@ -162,7 +165,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     ),
     (
         ("enrol --teach",),
-        tuple(kind for kind in KINDS if kind not in ("prototypes", "image")),
+        tuple(kind for kind in KINDS if kind not in ("prototypes", "image", "chosen")),
         "field readout: is 'dense', which is trained and not taught",
     ),
     (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
@@ -292,6 +295,8 @@ class Case:
 
     @property
     def configuration(self) -> AcceleratorConfig:
+        if self.kind == "chosen":
+            return load_config(self.job() / "model")
         return IMAGES if self.kind == "image" else TOUCHES.replace(name=self.kind, **KINDS[self.kind])
 
     def made(self, name: str, make: Callable[[Path], None]) -> Path:
@@ -302,12 +307,33 @@ class Case:
         return path
 
     def data(self) -> Path:
+        if self.kind == "chosen":
+            scene = turns.turn_recordings(persons=4, trials=2)
+            return self.made("scene.npz", lambda path: save_archive(scene, path))
         return self.shop / ("images.npz" if self.kind == "image" else "data.npz")
+
+    def job(self) -> Path:
+        """Result of the main job."""
+
+        def run(path: Path) -> None:
+            new = path.with_name(f"{path.name}-new")
+            words = "--group", "person", "--seeds", "1", "--recordings", "1"
+            words = words if self.kind == "chosen" else ("--config", f"{self.config()}", *words)
+            assert call("run", "--data", f"{self.data()}", *words, "--out", f"{new}") in (
+                0,
+                1,
+            )  # the row judges
+            new.rename(path)
+
+        return self.made("run", run)
 
     def config(self) -> Path:
         return self.made("config.json", lambda path: path.write_text(self.configuration.to_json()))
 
     def model(self) -> Path:
+        if self.kind == "chosen":
+            return Path(shutil.copytree(self.job() / "model", self.out / "trained"))
+
         def train(path: Path) -> None:
             new = path.with_name(f"{path.name}-new")
             assert (
@@ -331,12 +357,7 @@ class Case:
         return Path(shutil.copytree(self.made("model", train), self.out / "trained"))
 
     def result(self) -> Path:
-        def run(path: Path) -> None:
-            new = dataclasses.replace(self, out=path.with_name(f"{path.name}-new"))
-            assert call(*new.words("run")) in (0, 1)  # the row "run" judges which
-            new.out.rename(path)
-
-        return Path(shutil.copytree(self.made("run", run) / "result", self.out / "result"))
+        return Path(shutil.copytree(self.job(), self.out / "result"))
 
     def free(self) -> int:
         """A port that no program listens on."""
@@ -397,10 +418,20 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
 
 
 def cells() -> list[Any]:
-    """Every row on every kind, slow ones marked."""
+    """Every row on every kind, slow ones marked. Of each verb that takes a model a row is tried on what the main
+    job chose."""
+    verbs = {
+        row.partition(" ")[0]: row
+        for row, (command, _) in reversed(ROWS.items())
+        if {"{model}", "{result}"} & {*command.split()}
+    }
+    quick = {(row, kind) for row in ROWS for kind in ROWS[row][1]} | {
+        (row, "chosen") for row in verbs.values()
+    }
     return [
-        pytest.param(row, kind, id=f"{row} {kind}", marks=() if kind in ROWS[row][1] else pytest.mark.slow)
-        for row, kind in itertools.product(ROWS, KINDS)
+        pytest.param(*cell, id=" ".join(cell), marks=() if cell in quick else pytest.mark.slow)
+        for cell in itertools.product(ROWS, KINDS)
+        if cell in quick or cell[1] != "chosen"
     ]
 
 
