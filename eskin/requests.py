@@ -39,7 +39,6 @@ def argument(help: str, **settings: Any) -> Any:
     return typer.Argument(help=help, **settings)
 
 
-Count = Annotated[str, option("How many, the same every time, spread over the classes.", metavar="N|all")]
 Seed = Annotated[int, option("First seed, that of the model written.", min=0, max=SEED_MAX)]
 Lanes = Annotated[
     str | None,
@@ -551,7 +550,6 @@ class OnLanes(OfModel):
 class ReplayRequest(ModelOnData, InJson):
     model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")]
     port: Annotated[str, option("The board's serial port.")]
-    recordings: Count = "all"
     teach: Annotated[
         str | None,
         option("The last touch of each recording is taught as this class when it is over.", metavar="CLASS"),
@@ -573,10 +571,6 @@ class EnergyRequest(ModelOnData):
         option(
             "A board, its lanes and their type; may be given several times.", metavar="TARGET:LANES[:TYPE]"
         ),
-    ] = None
-    chip: Annotated[
-        list[Path] | None,
-        option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE"),
     ] = None
     recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2
     out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy")
@@ -614,7 +608,9 @@ class GenerateRequest(OnLanes):
 
 @dataclass(frozen=True, kw_only=True)
 class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
-    recordings: Count = "all"
+    recordings: Annotated[
+        str, option("How many, the same every time, spread over the classes.", metavar="N|all")
+    ] = "all"
     simulator: Annotated[
         Literal["verilator", "icarus", "compiled"] | None,
         option(

@@ -212,25 +212,22 @@ def build(asked: BoardRequest) -> None:
         stop(job.clock_sentence(result), 1)
 
 
-@app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --recordings 40")
+@app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz")
 def replay(asked: ReplayRequest) -> Record:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
     from eskin.verbs import build_job
     from eskin.verbs.replay_job import replay as play
 
     baud, lanes, lane_type = build_job.board_of(asked.model)
-    count = how_many(asked.recordings)
     integer = integer_model(asked.model).with_lanes(lanes, lane_type)
     classes = integer.config.network.class_names
     if asked.teach is not None and asked.teach not in classes:
         raise InputError(f"--teach {asked.teach}: is no class of the model; there are {', '.join(classes)}")
-    loaded = recordings_for(asked.data, integer.config)
-    numbers = loaded.evenly(len(loaded) if count is None else count)
+    recordings = recordings_for(asked.data, integer.config)
     with progress_bars() as report:
         result = play(
             integer,
-            loaded.subset(numbers),
-            numbers=numbers,
+            recordings,
             port=asked.port,
             baud=baud,
             progress=lambda done, total: report("frames played", done, total),
@@ -304,13 +301,7 @@ def energy(asked: EnergyRequest) -> Record:
     integer = integer_model(asked.model)
     loaded = recordings_for(asked.data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        options: Record = {
-            "count": asked.recordings,
-            "out": asked.out,
-            "work": work,
-            "notify": report,
-            "chips": asked.chip or (),
-        }
+        options: Record = {"count": asked.recordings, "out": asked.out, "work": work, "notify": report}
         result = job(integer, loaded, asked.configuration, **options)
     show("energy", **result, in_words=in_words, page=asked.out / PAGE)
     return result

@@ -3,7 +3,7 @@ model's."""
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,6 @@ def replay(
     model: IntegerModel,
     recordings: Recordings,
     *,
-    numbers: Sequence[int],
     port: str,
     baud: int,
     progress: Progress,
@@ -50,8 +49,6 @@ def replay(
     ----------
     model:
         With the lanes that the board's bitstream has.
-    numbers:
-        What each recording is called in messages.
     teach:
         Class that each recording's last touch is taught as, when it is over; one that is not whole is not.
     kept:
@@ -79,9 +76,7 @@ def replay(
         model = load_taught(model, kept)
     with contextlib.closing(SerialPort(port, baud)) as transport, on_port(port):
         timeout_s = answer_s(model.config, baud)
-        result = play_all(
-            transport, model, recordings, numbers, progress, teach=teach, kept=kept, timeout_s=timeout_s
-        )
+        result = play_all(transport, model, recordings, progress, teach=teach, kept=kept, timeout_s=timeout_s)
         return {"port": port, "baud": baud} | result
 
 
@@ -89,7 +84,6 @@ def play_all(
     transport: Transport,
     model: IntegerModel,
     recordings: Recordings,
-    numbers: Sequence[int],
     progress: Progress,
     *,
     teach: int | None = None,
@@ -105,14 +99,14 @@ def play_all(
     begin = time.monotonic()
     link.connect()
     link.load(boot_writes(config, model.arrays))
-    for position, number in enumerate(numbers):
-        before = int(recordings.offsets[position])
+    for number in range(len(recordings)):
+        before = int(recordings.offsets[number])
 
         def report(taken: int, before: int = before) -> None:
             progress(before + taken, recordings.frames)
 
         rows, frames, touches = next(decided)
-        got = link.play(recordings.recording(position), report)
+        got = link.play(recordings.recording(number), report)
         arrays = {"numbers": np.array([number]), "touches": np.array([touches])}
         arrays |= {"decision": rows, "decision_frame": frames, "decision_offsets": np.array([0, len(rows)])}
         scoreboard = Scoreboard(config, arrays, probes=False)

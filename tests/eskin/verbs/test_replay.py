@@ -80,12 +80,6 @@ def test_a_model_that_cannot_be_taught_is_refused(replay, options, says):
     assert status == 2 and says in errors
 
 
-def test_some_of_the_recordings(replay, model, recordings):
-    with Device(model.config, golden_decisions(model, recordings)) as device:
-        status, out, _ = replay(device.port, "--recordings", "2")
-    assert status == 0 and "of 2 recordings" in out
-
-
 @each_row(("column", "field"), [(2, "class"), (3, "margin"), (1, "step")])
 def test_one_differing_decision_is_found(replay, model, recordings, column, field):
     golden = golden_decisions(model, recordings)
@@ -170,11 +164,9 @@ def test_a_bitstream_for_other_taxels(replay, model, recordings):
     assert status == 2 and "another number of taxels" in errors
 
 
-def test_no_port_and_no_number_of_recordings(replay):
+def test_no_port(replay):
     status, _, errors = replay("/dev/no-such-port")
     assert status == 2 and "--port /dev/no-such-port: cannot be opened (there is no such port)" in errors
-    status, _, errors = replay("/dev/no-such-port", "--recordings", "none")
-    assert status == 2 and "--recordings none" in errors
 
 
 def built(folder, **changes) -> None:
@@ -290,9 +282,7 @@ def test_images_are_played_row_by_row_and_their_decisions_compared():
 
     for decide, mismatches in ((golden, 0), (wrong, 1)):
         with Device(made.config, decide) as device:
-            result = replay_job.replay(
-                made, images, numbers=range(6), port=device.port, baud=2000000, progress=lambda *_: None
-            )
+            result = replay_job.replay(made, images, port=device.port, baud=2000000, progress=lambda *_: None)
         assert result["passed"] == (not mismatches) and result["mismatches"] == mismatches, result[
             "mismatch_list"
         ]
