@@ -210,13 +210,11 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     class_folders = [entry for entry in _visible(folder) if entry.is_dir() and not is_log(entry)]
     if not class_folders:
         refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
-    kept = []
+    kept = [file for file in files if file.parent != folder and _kind(file)]
     for each in class_folders:
-        own = [file for file in files if each in file.parents and _kind(file) is not None]
-        if not own:
+        if not any(each in file.parents for file in kept):
             refuse(each, f"has no file of recordings (it holds {found(_files(each))})")
-        kept += own
-    if len({_kind(file) for file in kept}) > 1:
+    if len(set(map(_kind, kept))) > 1:
         refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")
     tables = []
     for file in kept:
