@@ -49,7 +49,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
     Parameters
     ----------
     verilog:
-        One flat module ``accelerator``, simulated in cosim/harness.sv.
+        One flat module ``accelerator``, simulated in cosim/wrapper.sv.
     block_of:
         Block of a register by its name in the flat design.
     """
@@ -75,8 +75,8 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
             enables = READ_ENABLES["DP16KD" if kind == "DP16KD" else "SB_RAM40_4K"]
             reads += [" && ".join(ports.get(port) or "1'h1" for port in names) for names in enables]
     lines = [
-        "// what the netlist does while recordings are played (harness.mode PLAY and FINISHING)",
-        "wire counting = harness.mode == 4 || harness.mode == 5;",
+        "// what the netlist does while recordings are played",
+        "wire counting = wrapper.measured;",
         "integer activity_file;",
     ]
     counters: dict[str, str] = {}

@@ -1,100 +1,448 @@
-"""The cocotb bench: reset, register checks, start, and the wait for the harness to have played everything.
+"""The cocotb bench: recorded frames go in, and every stage is compared with the golden trace as its values come.
 
-It runs in the simulator's own Python in the work folder, takes its settings from ``bench.json`` there and
-answers in ``result.json``. It drives and samples on falling edges, where both simulators agree on what a
-signal holds.
-
-bench.json
-    registers: name -> address. id: what register ID must read. measure: what LONGEST counts, a value of
-    register MEASURE. probe (or null): while the harness holds before a frame of an open touch, a weight write
-    is tried; it must be refused and flagged.
-result.json
-    registers: name -> value when all is played. probe: FAULTS before and after the refused write, and after
-    it was cleared.
+It runs in the simulator's own Python around cosim/wrapper.sv, in a work folder with two files: ``bench.json``, the
+settings (`eskin.cosim.flow`), and ``vectors.npz``, the trace that torch computed. It leaves ``result.json``. A scenario
+of another kind is a cocotb test of its own that starts from `Bench`.
 """
 
 import json
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import cocotb
-from cocotb.triggers import FallingEdge, First, RisingEdge
+import numpy as np
+from cocotb.queue import Queue
+from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 
-RESET_CYCLES = 4
+from eskin.cosim.latency import Measured
+from eskin.cosim.scoreboard import Mismatch, Recording, Scoreboard, flat_stages, recordings_of
+from eskin.golden.core import AcceleratorConfig
+
+CYCLE_NS = 10
+STAGES = ("sum", "fault", "feature", "state", "logit", "step", "decision")
+KINDS = (*STAGES, *"frame waited sent scan rested lost unstable unknown stuck".split())
+"""Kinds of events, as cosim/wrapper.sv numbers them; of a network for images ``state`` is ``map``."""
+EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
+SLICE = 16
+"""Events in one word of ``wrapper.events``."""
+REGISTERS = ("STATUS", "FAULTS", "TOUCHES", "LONGEST")
+"""Read when all is played."""
+WAVES_AFTER = 500
+"""Cycles kept behind a mismatch."""
+PATTERN = 1024
+"""Cycles after which the patterns ``offers`` and ``accepts`` begin again."""
+
+
+class Values(NamedTuple):
+    """Values of one kind in the order they came: 32-bit codes with their sign, and the cycle of each."""
+
+    codes: np.ndarray
+    cycles: np.ndarray
+
+
+class StageMonitor:
+    """The values of one stage: ``async for codes, cycles in monitor``."""
+
+    def __init__(self, stage: str) -> None:
+        self.stage = stage
+        self._came: Queue[Values] = Queue()
+
+    def put(self, values: Values) -> None:
+        """They came."""
+        self._came.put_nowait(values)
+
+    async def __aiter__(self) -> AsyncIterator[Values]:
+        while True:
+            yield await self._came.get()
+
+
+class EventReader:
+    """Reads the wrapper's events whenever it wakes, and gives those of each kind to whom they concern.
+
+    Attributes
+    ----------
+    take: kind -> what is called with its `Values`. unknown: what is called with kind, cycle and bits of an event with
+    an X in it.
+    """
+
+    def __init__(self, dut) -> None:
+        self.take: dict[str, Callable[[Values], None]] = {}
+        self.unknown: Callable[[str, int, str], None]
+        self._woken, self._count = dut.woken, dut.count
+        self._slices = [dut.events[k] for k in range(len(dut.events))]
+
+    async def run(self) -> None:
+        """For ever."""
+        while True:
+            await self._woken.value_change
+            count = self._count.value.to_unsigned()
+            words = [part.value for part in self._slices[: -(-count // SLICE)]]
+            try:
+                rows = np.frombuffer(b"".join(word.to_bytes(byteorder="little") for word in words), EVENT)[
+                    :count
+                ]
+            except ValueError:  # of an X
+                bits = "".join(map(str, reversed(words)))[-96 * count :]
+                each = (bits[at : at + 96] for at in range(len(bits) - 96, -1, -96))
+                row = next(row for row in each if set(row) - {"0", "1"})
+                self.unknown(KINDS[int(row[:8], 2)], int(row[8:64], 2), row[64:])
+                raise
+            kinds = rows["stamp"] >> np.uint64(56)
+            cycles = (rows["stamp"] & np.uint64((1 << 56) - 1)).astype(np.int64)
+            for kind in sorted(set(kinds.tolist())):
+                of = kinds == kind
+                self.take[KINDS[kind]](Values(rows["word"][of].astype(np.int32), cycles[of]))
 
 
 class HostBus:
-    """The register bus, an access at a time; usable while the harness leaves it to the host: idle, held,
-    done."""
+    """The register bus, an access at a time.
 
-    def __init__(self, dut, addresses: dict[str, int]) -> None:
-        self.dut = dut
-        self.addresses = addresses
+    Parameters
+    ----------
+    registers: name -> address. commands: those of register CONTROL, name -> bit.
+    """
 
-    async def write(self, register: str, word: int) -> None:
-        """One 16-bit word to one register, one cycle."""
-        self.dut.host_addr.value = self.addresses[register]
-        self.dut.host_w_data.value = word
-        self.dut.host_w_stb.value = 1
-        await FallingEdge(self.dut.clk)
-        self.dut.host_w_stb.value = 0
+    def __init__(self, dut, registers: Mapping[str, int], commands: Mapping[str, int]) -> None:
+        self._dut, self._registers, self._commands = dut, registers, commands
 
-    async def read(self, register: str) -> int:
-        """One register; fails on an X bit."""
-        self.dut.host_addr.value = self.addresses[register]
-        self.dut.host_r_stb.value = 1
-        await FallingEdge(self.dut.clk)
-        self.dut.host_r_stb.value = 0
-        value = self.dut.bus_r_data.value
+    async def write(self, register: str | int, word: int) -> None:
+        """A 16-bit word to a register, by its name or its address."""
+        dut = self._dut
+        dut.bus_addr.value = self._registers[register] if isinstance(register, str) else register
+        dut.bus_w_data.value = word
+        dut.bus_w_stb.value = 1
+        await FallingEdge(dut.clk)
+        dut.bus_w_stb.value = 0
+
+    async def read(self, register: str, offset: int = 0) -> int:
+        """A register, or the one ``offset`` behind it; fails on an X bit."""
+        dut = self._dut
+        dut.bus_addr.value = self._registers[register] + offset
+        dut.bus_r_stb.value = 1
+        await FallingEdge(dut.clk)
+        dut.bus_r_stb.value = 0
+        value = dut.bus_r_data.value
         assert value.is_resolvable, f"register {register} reads {value}"
         return value.to_unsigned()
 
+    async def command(self, *names: str) -> None:
+        """``ARM``, ``FINISH``, ``CLEAR_FAULTS``."""
+        await self.write("CONTROL", sum(self._commands[name] for name in names))
 
-async def refused_write(dut, bus: HostBus, bits: dict[str, int]) -> dict[str, int]:
-    """A weight write in an open touch: FAULTS before, after, and once cleared."""
-    status = await bus.read("STATUS")
-    assert status & bits["TOUCH"], (
-        f"the touch is not open where the weight write is tried: STATUS is 0x{status:04x}"
-    )
-    before = await bus.read("FAULTS")
-    await bus.write("MEMORY_SELECT", 0)
-    for _ in range(4):
-        await bus.write("MEMORY_DATA", 0x5A5A)
-    for _ in range(4):
-        await FallingEdge(dut.clk)
-    after = await bus.read("FAULTS")
-    await bus.write("CONTROL", bits["CLEAR_FAULTS"])
-    for _ in range(4):
-        await FallingEdge(dut.clk)
-    cleared = await bus.read("FAULTS")
-    return {"before": before, "after": after, "cleared": cleared}
+
+class FrameSource:
+    """Offers frames, a block of at most one hop at a time: while one is on its way the next waits in the wrapper.
+
+    Parameters
+    ----------
+    block, bits:
+        Frames of a block; bits of a number in it.
+    period:
+        Cycles from frame to frame; 0: whenever the hardware is ready.
+
+    Attributes
+    ----------
+    frames: taken so far. overruns: of these, those that were due before the hardware was ready. waited: cycles in which
+    a number was offered and not taken. taken: frame of the recording (from 1 on) -> cycle of its last number, of those
+    that were marked.
+    """
+
+    def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
+        self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
+        self._free, self._marked = Event(), deque[int]()
+        self.frames = self.overruns = self.waited = self._toggle = self._sent = 0
+        self.taken: dict[int, int] = {}
+        events.take |= {
+            "sent": lambda _: self._free.set(),
+            "waited": self._has_waited,
+            "frame": self._was_taken,
+        }
+
+    def begin(self, stalls: np.random.Generator | None = None) -> None:
+        """A recording begins: its first frame is due now. ``stalls`` draws gaps between numbers, and cycles in which no
+        decision is accepted."""
+        self._due = self._dut.cycle.value.to_unsigned() + 1
+        self._sent = 0
+        self.taken.clear()
+        if stalls is None:
+            return
+        for pattern in (self._dut.offers, self._dut.accepts):
+            # mostly short gaps, now and then a long one
+            rare = stalls.random(PATTERN) < 0.02
+            gaps = np.where(rare, stalls.integers(0, 128, PATTERN), stalls.integers(0, 3, PATTERN))
+            busy = np.concatenate([[*[0] * gap, 1] for gap in gaps.tolist()])[:PATTERN]
+            pattern.value = int("".join(map(str, busy)), 2)
+
+    async def send(self, frames: np.ndarray, marks: Iterable[int] = ()) -> None:
+        """Offer the recording's next frames (frames, numbers); returns when the last block is on its way. ``marks``:
+        frames whose end is to be noted in ``taken``."""
+        dut, numbers = self._dut, self._sent + 1 + np.arange(len(frames))
+        dues = np.ceil(self._due + (numbers - 1) * self.period) * (self.period > 0)
+        marked = np.isin(numbers, list(marks))
+        words = dues.astype("<u8") | marked.astype("<u8") << np.uint64(47)
+        for low in range(0, len(frames), self._block):
+            of = slice(low, low + self._block)
+            part, six = frames[of], words[of].view("u1").reshape(-1, 8)[:, :6]
+            dut.block.value = int.from_bytes(part.astype(self._type).tobytes(), "little")
+            dut.dues.value = int.from_bytes(six.tobytes(), "little")
+            dut.frames.value = len(part)
+            self._toggle ^= 1
+            dut.sent.value = self._toggle
+            self._marked += numbers[of][marked[of]].tolist()
+            self._sent += len(part)
+            self._free.clear()
+            await self._free.wait()
+
+    @property
+    def position(self) -> int:
+        """Frame of the recording (from 1 on) that is being offered."""
+        return max(0, self._sent - self._dut.frames.value.to_unsigned()) + int(self._dut.frame.value) + 1
+
+    async def through(self) -> None:
+        """All frames that were sent are taken."""
+        self.frames += self._sent
+        await FallingEdge(self._dut.clk)
+        if not self._dut.through.value:
+            await RisingEdge(self._dut.through)
+            await FallingEdge(self._dut.clk)
+
+    def _has_waited(self, values: Values) -> None:
+        self.overruns += int((values.codes < 0).sum())  # the top bit: it was a frame's first number
+        self.waited += int((values.codes & 0x7FFFFFFF).sum())
+
+    def _was_taken(self, values: Values) -> None:
+        for cycle in values.cycles.tolist():
+            self.taken[self._marked.popleft()] = cycle
+
+
+class ScanMonitor:
+    """The frames' way from a converter's pins: when scans begin, when its port rests, when frames are through."""
+
+    def __init__(self, dut, source: FrameSource, events: EventReader, fault: list[int] | None) -> None:
+        self._dut, self._source, self._fault = dut, source, fault
+        self.features: list[int] = []
+        self._cycles: dict[str, list[int]] = {"scan": [], "rested": []}
+        self._found: dict[str, Any] = {"scan_cycles": 0, "jitter_cycles": 0.0, "feature_cycles": None}
+        events.take |= {"scan": self._has_begun, "lost": events.take["frame"]}
+        events.take["rested"] = lambda values: self._cycles["rested"].extend(values.cycles.tolist())
+
+    def _has_begun(self, values: Values) -> None:
+        scans = self._cycles["scan"]
+        scans += values.cycles.tolist()
+        if self._fault and len(scans) == self._fault[0] + 1:
+            cocotb.start_soon(self._misbehave())
+
+    async def _misbehave(self) -> None:
+        _, frames, kind = self._fault or (0, 0, 0)
+        self._dut.misbehaves.value = kind
+        await Timer((int(frames * self._source.period) - 1) * CYCLE_NS, "ns")
+        self._dut.misbehaves.value = 0
+
+    def end(self, recording: Recording) -> None:
+        """A recording is over."""
+        through = list(self._source.taken.values())
+        scans, rests = (np.array(self._cycles[name]) for name in ("scan", "rested"))
+        begins, ends = (at[np.searchsorted(at, through, side="right") - 1] for at in (scans, rests))
+        late = begins - begins[:1] - np.arange(len(begins)) * self._source.period
+        frames = recording["decision_frame"][recording["decision"][:, 0] == 0]
+        # of two windows that end with one frame the second waits for the first, not for the converter
+        first = np.concatenate([[True], frames[1:] != frames[:-1]])[: len(self.features)]
+        waits = (np.array(self.features) - ends[frames[: len(first)] - 1])[first].tolist()
+        found = self._found
+        found["scan_cycles"] = max(found["scan_cycles"], int((ends - begins).max(initial=0)))
+        found["jitter_cycles"] = max(found["jitter_cycles"], round(float(np.abs(late).max(initial=0)), 3))
+        if waits:
+            waits += found["feature_cycles"] or []
+            found["feature_cycles"] = [int(min(waits)), int(max(waits))]
+        self.features.clear()
+        for cycles in self._cycles.values():
+            cycles.clear()
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """scan_cycles (from a scan's begin to its last channel, at most), jitter_cycles (largest distance of a scan's begin
+        from the declared rate), feature_cycles (from a frame's last channel to the first feature of the window that
+        it ends, at least and at most; None where no window was complete), faults (bits of ConverterFault)."""
+        return self._found | {"faults": self._dut.faults.value.to_unsigned()}
+
+
+class Bench:
+    """Source, bus, monitors, scoreboard and budgets around one wrapper.
+
+    ``bench.json`` holds: design (the generated folder), block, bits, period (as of `FrameSource`), patience (cycles
+    without progress that are a standstill), stalls (a seed, or null), probes (false: the hardware has none), measure (of
+    register MEASURE), and what `play_recording` does beside playing.
+    """
+
+    def __init__(self, dut) -> None:
+        self.dut = dut
+        self.settings: dict[str, Any] = json.loads(Path("bench.json").read_text())
+        design = Path(self.settings["design"])
+        self.config = AcceleratorConfig.load(design / "config.json")
+        self.map = json.loads((design / "registers.json").read_text())
+        self.boot = [divmod(int(line, 16), 1 << 16) for line in (design / "load.hex").read_text().split()]
+        with np.load("vectors.npz") as archive:
+            self.recordings = recordings_of(dict(archive))
+        self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])
+        self.events = EventReader(dut)
+        self.source = FrameSource(
+            dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
+        )
+        self.scoreboard = Scoreboard(self.config, self.recordings[0].arrays, probes=self.settings["probes"])
+        self.measured = Measured()
+        self.scans = None
+        if self.settings["frames"] == "codes":
+            self.scans = ScanMonitor(dut, self.source, self.events, self.settings["fault"])
+        self.result: dict[str, Any] = {"probe": None, "mismatch": None}
+
+    async def start(self) -> None:
+        """Reset, the monitors, register ID, the model."""
+        dut, events, self.armed_at = self.dut, self.events, 0
+        self.scoreboard.begin(self.recordings[0])
+        for stage in (*flat_stages(self.config), "decision", "step"):
+            monitor = StageMonitor(stage)
+            events.take["state" if stage == "map" else stage] = monitor.put
+            cocotb.start_soon(self._guarded(self._follow(monitor)))
+        events.unknown = lambda kind, cycle, bits: self._differs(
+            kind, "a value with unknown bits", bits, cycle
+        )
+        events.take |= {
+            "unstable": lambda _: self._differs("handshake", "a decision changed before it was taken"),
+            "unknown": lambda _: self._differs("handshake", "an X on valid, ready or busy"),
+            "stuck": lambda _: self._differs(
+                "input", "no number was taken for the watchdog's time", "a standstill"
+            ),
+        }
+        cocotb.start_soon(self._guarded(events.run()))
+        for _ in range(4):
+            await FallingEdge(dut.clk)
+        dut.rst.value = 0
+        identity = await self.bus.read("ID")
+        assert identity == self.map["id"], (
+            f"register ID reads 0x{identity:04x}, not 0x{self.map['id']:04x}: this is no accelerator"
+        )
+        for address, word in self.boot:
+            await self.bus.write(address, word)
+        await self.bus.write("MEASURE", self.map["measures"][self.settings["measure"]])
+
+    async def play_recording(self, recording: Recording) -> None:
+        """ARM, all frames, FINISH, and the registers at the end."""
+        dut, source, settings = self.dut, self.source, self.settings
+        self.scoreboard.begin(recording)
+        await self.bus.command("ARM")
+        self.armed_at = dut.cycle.value.to_unsigned()
+        await self.settle()
+        if "waves_from" in settings:
+            cocotb.start_soon(self._dump(settings["waves_from"]))
+        dut.measured.value = 1
+        seed = settings["stalls"]
+        source.begin(None if seed is None else np.random.default_rng([seed, recording.number]))
+        frames = recording[settings["frames"]]
+        marks = range(1, len(frames) + 1) if self.scans else recording["decision_frame"].tolist()
+        held = settings.get("write_at")
+        if held and held[0] == recording.number:
+            await source.send(frames[: held[1]], marks)
+            await self.settle()
+            self.result["probe"] = await self.refused_write()
+            frames = frames[held[1] :]
+        await source.send(frames, marks)
+        await source.through()
+        await self.bus.command("FINISH")
+        await self.settle()
+        dut.measured.value = 0
+        if self.scans:
+            self.scans.end(recording)
+        words = range(-(-self.config.sensor.taxels // 16) if self.config.faults.fault_frames else 0)
+        status = {name: await self.bus.read(name) for name in REGISTERS}
+        status["TAXEL_FAULTS"] = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
+        self.scoreboard.end(status)
+        self.measured.end(recording["decision_frame"].tolist(), source.taken)
+
+    async def refused_write(self) -> dict[str, int]:
+        """A weight write in an open touch: FAULTS before, after, and once cleared."""
+        status = await self.bus.read("STATUS")
+        assert status & self.map["bits"]["STATUS"]["TOUCH"], (
+            f"the touch is not open: STATUS is 0x{status:04x}"
+        )
+        found = {"before": await self.bus.read("FAULTS")}
+        await self.bus.write("MEMORY_SELECT", 0)
+        for _ in range(4):
+            await self.bus.write("MEMORY_DATA", 0x5A5A)
+        await self.settle()
+        found["after"] = await self.bus.read("FAULTS")
+        await self.bus.command("CLEAR_FAULTS")
+        await self.settle()
+        return found | {"cleared": await self.bus.read("FAULTS")}
+
+    async def settle(self) -> None:
+        """Nothing is under way any more."""
+        await FallingEdge(self.dut.clk)
+        if not self.dut.idle.value:
+            try:
+                await with_timeout(RisingEdge(self.dut.idle), self.settings["patience"] * CYCLE_NS, "ns")
+            except SimTimeoutError:
+                self._differs("input", "it stays busy for the watchdog's time", "a standstill")
+            await FallingEdge(self.dut.clk)
+
+    async def _follow(self, monitor: StageMonitor) -> None:
+        async for codes, cycles in monitor:
+            if monitor.stage == "step":
+                self.measured.steps(codes)
+                continue
+            if monitor.stage == "decision":
+                codes = codes.view(np.uint32)
+                self.measured.decisions(cycles)
+            if monitor.stage == "feature" and self.scans:
+                seen, size = self.scoreboard.seen("feature"), self.config.inputs
+                self.scans.features += cycles[-seen % size :: size].tolist()
+            self.scoreboard.check(monitor.stage, codes, cycles)
+
+    async def __aenter__(self) -> None:
+        pass
+
+    async def __aexit__(self, kind: Any, error: BaseException | None, _: Any) -> None:
+        """The result: the registers at the end, or the first mismatch, behind which the waves go on for a while."""
+        if error is not None and not isinstance(error, Mismatch):
+            return  # no answer: the log says why
+        if error is not None:
+            self.result["mismatch"] = vars(error) | {"since_arm": error.cycle - self.armed_at}
+            if "waves_from" in self.settings:
+                await Timer(WAVES_AFTER * CYCLE_NS, "ns")
+                self.dut.dump.value = 0
+                await FallingEdge(self.dut.clk)
+        else:
+            read = self.bus.read
+            self.result["registers"] = {name: await read(name) for name in REGISTERS}
+        dut, source = self.dut, self.source
+        counts = {name: getattr(source, name) for name in ("frames", "overruns", "waited")}
+        names = ("cycle", "longest", "measured_cycles", "clocked_cycles", "violations")
+        counts |= {name: getattr(dut, name).value.to_unsigned() for name in names}
+        if self.scans:
+            self.result["conversion"] = self.scans.result
+        self.result |= {**counts, **self.measured.counts, "compared": dict(self.scoreboard.compared)}
+        Path("result.json").write_text(json.dumps(self.result))
+
+    async def _guarded(self, task: Coroutine[Any, Any, None]) -> None:
+        """A difference that is found beside the test ends it."""
+        async with self:
+            await task
+
+    async def _dump(self, begin: int) -> None:
+        await Timer((begin + 1) * CYCLE_NS, "ns")
+        self.dut.dump.value = 1
+
+    def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1) -> None:
+        raise replace(self.scoreboard.mismatch(stage, 0, place, 0, got, cycle), frame=self.source.position)
 
 
 @cocotb.test()
 async def play(dut) -> None:
-    """Reset, look at the registers, let the harness play, read the counters."""
-    settings = json.loads(Path("bench.json").read_text())
-    bus = HostBus(dut, settings["registers"])
-    dut.rst.value = 1
-    for _ in range(RESET_CYCLES):
-        await FallingEdge(dut.clk)
-    dut.rst.value = 0
-    await FallingEdge(dut.clk)
-    identity = await bus.read("ID")
-    assert identity == settings["id"], (
-        f"register ID reads 0x{identity:04x}, not 0x{settings['id']:04x}: this is no accelerator"
-    )
-    result: dict[str, dict[str, int]] = {}
-    await bus.write("MEASURE", settings["measure"])
-    dut.start.value = 1
-    if settings["probe"]:
-        await First(RisingEdge(dut.held), RisingEdge(dut.done))
-        assert not dut.done.value, "all was played before the harness held for the weight write"
-        await FallingEdge(dut.clk)
-        result["probe"] = await refused_write(dut, bus, settings["bits"])
-        dut.resume.value = 1
-    if not dut.done.value:
-        await RisingEdge(dut.done)
-    await FallingEdge(dut.clk)
-    readable = ("STATUS", "FAULTS", "TOUCHES", "LONGEST")
-    result["registers"] = {name: await bus.read(name) for name in readable}
-    Path("result.json").write_text(json.dumps(result))
+    """Every recording, in order."""
+    bench = Bench(dut)
+    async with bench:
+        await bench.start()
+        for recording in bench.recordings:
+            await bench.play_recording(recording)

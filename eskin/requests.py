@@ -19,6 +19,8 @@ Cell = Literal["gru", "lstm", "linear"]
 Reset = Literal["before", "after"]
 CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
 """Cells, networks for images, and auto: the smallest network that is enough."""
+FORMATS = ("feature_bits", "gate_bits", "table_entries")
+"""What ``quantise --formats`` sets."""
 SEED_MAX = 2**31 - 1
 DATA = (
     "An .npz archive, a folder of .csv, .parquet, .lvm or .png files or logs (one sub-folder a class), a long "
@@ -37,7 +39,6 @@ def argument(help: str, **settings: Any) -> Any:
     return typer.Argument(help=help, **settings)
 
 
-Count = Annotated[str, option("How many, the same every time, spread over the classes.", metavar="N|all")]
 Seed = Annotated[int, option("First seed, that of the model written.", min=0, max=SEED_MAX)]
 Lanes = Annotated[
     str | None,
@@ -133,7 +134,6 @@ class Judged(Grouped, OnFrontEnd):
     group: Annotated[
         str | None, option("Group arrays A[,B..] of one split; default: the configuration's splits.")
     ] = None
-    folds: Annotated[int, option("Folds of each split.", min=2)] = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -350,12 +350,14 @@ class QuantiseRequest(Grouped):
     ] = None
     weight_bits: Annotated[int | None, option("Bits of a weight.")] = None
     state_bits: Annotated[int | None, option("Bits of the hidden state.")] = None
-    feature_bits: Annotated[int | None, option("Bits of a feature.")] = None
-    gate_bits: Annotated[int | None, option("Fraction bits of a gate.")] = None
-    table_entries: Annotated[int | None, option("Entries of an activation table.")] = None
-    lean: Annotated[
-        bool, option("Formats of features and logits that need the fewest logic cells.", "--lean")
-    ] = False
+    formats: Annotated[
+        str | None,
+        option(
+            "feature_bits=B, gate_bits=B (of its fraction), table_entries=N, one or more with commas; or the word "
+            "lean: features and logits that need the fewest logic cells.",
+            metavar="NAME=N,..|lean",
+        ),
+    ] = None
     quantisation_aware: Annotated[
         bool, option("Train on in integer arithmetic of these widths; needs --data.", "--quantisation-aware")
     ] = False
@@ -402,8 +404,19 @@ class QuantiseRequest(Grouped):
     @property
     def widths(self) -> dict[str, Any]:
         """Those that were asked for, by the names of ``eskin.training.quantise.choose_formats``."""
-        names = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        bits = {"weight_bits": self.weight_bits, "state_bits": self.state_bits}
+        widths: dict[str, Any] = {name: value for name, value in bits.items() if value is not None}
+        if self.formats == "lean":
+            return widths | {"lean": True}
+        for word in names_of(self.formats or ""):
+            name, _, number = word.partition("=")
+            if name not in FORMATS or not (number.isdecimal() and len(number) < 5):
+                raise InputError(
+                    f"--formats {word[:40]}: is no format; give {', '.join(FORMATS)} with a number, such as "
+                    "gate_bits=9, or the word lean"
+                )
+            widths[name] = int(number)
+        return widths
 
     @property
     def of_readout(self) -> dict[str, Any]:
@@ -460,7 +473,7 @@ class ImportRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(OfModel, InJson):
+class ExportRequest(OfModel):
     to: Annotated[
         Literal["c", "onnx"],
         option("c: the integer model as plain C99 for a microcontroller; onnx: the float network."),
@@ -495,12 +508,6 @@ class SweepRequest(Judged, OnCluster):
     latency_budget: Annotated[float | None, option("Seconds from a window's features to its decision.")] = (
         None
     )
-    energy_budget: Annotated[
-        float | None,
-        option(
-            "Joule of a touch, waiting for its frames included (estimate: iCE40UP5K, clock stops when idle)."
-        ),
-    ] = None
     seeds: Annotated[
         int | None, option("Seeds that every point is trained with; default: 3, of images 1.", min=1, max=100)
     ] = None
@@ -509,7 +516,6 @@ class SweepRequest(Judged, OnCluster):
 @dataclass(frozen=True, kw_only=True)
 class BaselinesRequest(Judged, OnCluster):
     out: Annotated[Path, option("Folder of baselines.json.")] = Path("build/baselines")
-    seeds: Annotated[int, option("Runs of each fold.", min=1, max=100)] = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -536,7 +542,6 @@ class OnLanes(OfModel):
 class ReplayRequest(ModelOnData, InJson):
     model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")]
     port: Annotated[str, option("The board's serial port.")]
-    recordings: Count = "all"
     teach: Annotated[
         str | None,
         option("The last touch of each recording is taught as this class when it is over.", metavar="CLASS"),
@@ -559,10 +564,6 @@ class EnergyRequest(ModelOnData):
             "A board, its lanes and their type; may be given several times.", metavar="TARGET:LANES[:TYPE]"
         ),
     ] = None
-    chip: Annotated[
-        list[Path] | None,
-        option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE"),
-    ] = None
     recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2
     out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy")
 
@@ -584,7 +585,6 @@ class GenerateRequest(OnLanes):
         Literal["wishbone", "axi4lite"] | None,
         option("For a CPU: registers, samples, decisions and an interrupt behind this bus, a driver in C."),
     ] = None
-    fifo: Annotated[int | None, option("With --bus: decisions that may wait, 0, 2 or 4; default 2.")] = None
     streams: Annotated[
         Literal["axis"] | None, option("Frames under AXI-Stream names; without --bus decisions too.")
     ] = None
@@ -600,7 +600,9 @@ class GenerateRequest(OnLanes):
 
 @dataclass(frozen=True, kw_only=True)
 class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
-    recordings: Count = "all"
+    recordings: Annotated[
+        str, option("How many, the same every time, spread over the classes.", metavar="N|all")
+    ] = "all"
     simulator: Annotated[
         Literal["verilator", "icarus", "compiled"] | None,
         option(
@@ -653,13 +655,6 @@ class BoardRequest(OfModel):
     link: Annotated[
         bool, option("With the serial link; without it: onset to decision alone, for its figures.")
     ] = True
-    class_pins: Annotated[
-        Literal["each", "binary", "none"] | None,
-        option(
-            "A pin for each class, the class as a binary number, or none; default: each, or binary where "
-            "pins are too few."
-        ),
-    ] = None
     converter: Annotated[
         str | None,
         option(
@@ -684,9 +679,6 @@ class BoardRequest(OfModel):
             "--flash",
         ),
     ] = False
-    baud: Annotated[
-        float | None, option("Of the serial link; default: up to 2000000, as the clock allows.", min=300)
-    ] = None
     clock: Annotated[
         float | None, option("The clock to reach; default: the board's oscillator.", min=1e3, metavar="HZ")
     ] = None

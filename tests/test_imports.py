@@ -37,7 +37,7 @@ WAY = (
 """Models and hardware, each in the order in which a folder may import from those before it, and from none
 beside it."""
 
-TORCH_MODULES = {"eskin.golden.model.straight_through"}
+TORCH_MODULES = {"eskin.golden.model.straight_through", "eskin.golden.model.torch_model"}
 """Modules of the golden model that import torch."""
 TORCH_FOLDERS = ("training", "choose", "teach", "exchange", "study")
 """Folders of eskin/ that may import torch."""

@@ -17,6 +17,7 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from string import Formatter
 from typing import Any
@@ -31,7 +32,7 @@ from eskin.golden.core.memo import locked
 from eskin.golden.data import save_archive
 from eskin.golden.model import IntegerModel, load_config
 from eskin.training import recipe
-from eskin.verbs import energy_job
+from eskin.verbs import baselines_job, energy_job, sweep_job
 from tests.support.link_device import Device, golden_decisions
 from tests.support.tiny_cells import liberty_files
 
@@ -99,7 +100,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
-    "generate --streams": ("generate {model} --bus wishbone --fifo 4 --streams axis --out {out}/design", ()),
+    "generate --streams": ("generate {model} --bus wishbone --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
@@ -127,11 +128,11 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1", ("image",)),
     "stability": ("stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}", ()),
-    "sweep": (
-        "sweep --data {data} {sweep} --grid {grid} --group person --folds 2 --seeds 1 --out {out}",
-        ("linear",),
+    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --seeds 1 --out {out}", ("linear",)),
+    "baselines": (
+        "baselines --data {data} --config {config} --group person --out {out}",
+        ("linear", "image"),
     ),
-    "baselines": (f"baselines {JUDGED} --folds 2 --out {{out}}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
         (),
@@ -413,6 +414,8 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
     monkeypatch.chdir(shop)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # workers would begin by importing torch
+    monkeypatch.setattr(sweep_job, "FOLDS", 2)
+    monkeypatch.setattr(baselines_job, "run", partial(baselines_job.run, folds=2, seeds=1))
     monkeypatch.setitem(recipe.RECIPES, "onset", dataclasses.replace(recipe.RECIPES["onset"], updates=100))
     return lambda kind: Case(shop, kind, tmp_path)
 

@@ -31,7 +31,7 @@ from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings, check_fit
-from eskin.golden.model import check_model_target, step_times
+from eskin.golden.model import check_model_target
 from eskin.training.crossval import (
     Piece,
     Progress,
@@ -39,8 +39,8 @@ from eskin.training.crossval import (
     fold_records,
     judge_pieces,
     over_folds,
+    record_of,
     share_right,
-    split_record,
 )
 from eskin.training.datasets import Datasets
 from eskin.training.derive import derive_config, settling_frames
@@ -341,17 +341,9 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
 
 def cross_validation_of(one: Judged, terms: Terms, tests: Sequence[np.ndarray]) -> Record:
     """The record of a candidate's runs, as `eskin.training.crossval.cross_validate` gives it."""
-    recordings, count = terms.recordings, len(tests)
     data = terms.datasets.of(one.config, one.candidate.recipe)
-    return split_record(
-        list(terms.groups),
-        [held_out(recordings, terms.groups, test) for test in tests],
-        tests,
-        [one.runs[fold::count] for fold in range(count)],
-        recordings,
-        list(map(int, terms.seeds))[: len(one.runs) // count],
-        step_times(one.config, data.touches),
-    )
+    seeds = list(terms.seeds)[: len(one.runs) // len(tests)]
+    return record_of(terms.recordings, terms.groups, tests, one.runs, seeds, one.config, data)
 
 
 def splits_to_report(

@@ -114,7 +114,11 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
         Of `eskin.training.evaluate.evaluate`: the network that was exported.
     """
     stage = evaluated["logit_error"].get("stage")
-    fixes = {"features": "--feature-bits 16", "accumulators": "--weight-bits 10", "gates": "--gate-bits 14"}
+    fixes = {
+        "features": "--formats feature_bits=16",
+        "accumulators": "--weight-bits 10",
+        "gates": "--formats gate_bits=14",
+    }
     fix = fixes.get(stage, "--state-bits 16")
     return [
         doubt(

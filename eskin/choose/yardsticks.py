@@ -10,8 +10,7 @@ end, or without this network.
 """
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -48,45 +47,9 @@ def raw_features(recordings: Recordings) -> np.ndarray:
     return (features - features.mean(axis=0)) / np.where(deviation > 0, deviation, 1.0)
 
 
-def stratified(labels: np.ndarray, seed: int):
-    """Three stratified folds of a training part, fewer where a class is small; None where a class has a
-    single touch."""
-    from sklearn.model_selection import StratifiedKFold
-
-    smallest = int(np.bincount(labels)[np.unique(labels)].min())
-    return StratifiedKFold(min(3, smallest), shuffle=True, random_state=seed) if smallest >= 2 else None
-
-
-def fitted(
-    model: Any,
-    x: np.ndarray,
-    labels: np.ndarray,
-    grid: Mapping[str, Sequence[float]] | None = None,
-    seed: int = 0,
-) -> Any:
-    """``model`` fitted on ``x``, with the values of ``grid`` that an inner cross-validation likes best."""
-    from sklearn.model_selection import GridSearchCV
-
-    inner = stratified(labels, seed) if grid else None
-    return (
-        model.fit(x, labels)
-        if inner is None
-        else GridSearchCV(model, grid, cv=inner).fit(x, labels).best_estimator_
-    )
-
-
-def rbf_svm(x: np.ndarray, labels: np.ndarray, classes: int, **choice: Any) -> tuple[Any, int]:
-    """Support vectors with a radial basis function, one against one, and the multiplies of a decision.
-    choice: as for ``fitted``."""
-    from sklearn.svm import SVC
-
-    model = fitted(SVC(C=PENALTY), x, labels, **choice)
-    return model, len(model.support_) * (x.shape[1] + classes)
-
-
 class SupportVectors:
-    """``rbf_svm`` in the place of ``blocked_ridge``; ``multiplies``: of a decision, mean over the fits so
-    far."""
+    """Support vectors with a radial basis function, one against one, in the place of ``blocked_ridge``;
+    multiplies: of a decision, mean over the fits so far."""
 
     def __init__(self) -> None:
         self._multiplies: list[int] = []
@@ -98,15 +61,17 @@ class SupportVectors:
     def __call__(
         self, x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int
     ) -> np.ndarray:
+        from sklearn.svm import SVC
+
         decided = np.empty(len(x), dtype=np.int64)
         for fold in folds:
             train = np.setdiff1d(np.arange(len(x)), fold)
             if len(np.unique(labels[train])) < 2:
                 decided[fold] = labels[train][0] if len(train) else -1
                 continue
-            model, multiplies = rbf_svm(x[train], labels[train], classes)
+            model = SVC(C=PENALTY).fit(x[train], labels[train])
             decided[fold] = model.predict(x[fold])
-            self._multiplies.append(multiplies)
+            self._multiplies.append(len(model.support_) * (x.shape[1] + classes))
         return decided
 
 

@@ -5,7 +5,6 @@ import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +36,7 @@ from eskin.requests import (
 def generate(asked: GenerateRequest) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking
     testbench."""
-    from eskin.rtl.host.decision_queue import DEPTHS
     from eskin.verbs.generate_job import generate_design
-
-    if asked.fifo is not None and asked.bus is None:
-        raise InputError("--fifo: is of a bus; add --bus NAME")
-    depth = 2 if asked.fifo is None else asked.fifo
-    if depth not in DEPTHS:
-        raise InputError(f"--fifo: is {asked.fifo}; give 0, 2 or 4")
 
     integer = integer_model(asked.model)
     recordings = None if asked.data is None else recordings_for(asked.data, integer.config)
@@ -54,7 +46,6 @@ def generate(asked: GenerateRequest) -> None:
         "lane_type": lane_type,
         "bus": asked.bus,
         "axis": asked.streams is not None,
-        "depth": depth,
         "top": asked.top,
     }
     folder = generate_design(integer, asked.out, recordings=recordings, **design)
@@ -64,7 +55,7 @@ def generate(asked: GenerateRequest) -> None:
 @app.command(
     epilog="Example: eskin export model --to c --out controller, or eskin export model --to onnx --out net"
 )
-def export(asked: ExportRequest) -> Record:
+def export(asked: ExportRequest) -> None:
     """Write a model in the words of other tools, with what checks it."""
     from eskin.golden.model import FloatModel
     from eskin.verbs.export_job import export_c, export_onnx
@@ -80,9 +71,7 @@ def export(asked: ExportRequest) -> Record:
         raise InputError("--prefix: is for --to c; an ONNX file declares no names")
     else:
         result = export_onnx(exported, asked.out, recordings=recordings)
-    result = {"to": asked.to} | result
-    show("export", **result)
-    return result
+    show("export", to=asked.to, **result)
 
 
 @app.command(
@@ -134,8 +123,7 @@ def cosim(asked: CosimRequest) -> Record:
         options |= {"lowest": True} if lowest else {"pace": asked.pace, "clock_hz": hertz}
         played = loaded.subset(numbers)
         if lowest or (asked.dask is None and len(numbers) <= cosim_job.PART[simulator]):
-            frames = partial(report, "simulated frames")
-            result = cosimulate(integer, played, numbers=numbers, work=work, progress=frames, **options)
+            result = cosimulate(integer, played, numbers=numbers, work=work, **options)
         else:
             where = Jobs(dask=asked.dask, progress=report, version=cosim_job.CODE)
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
@@ -182,20 +170,16 @@ def build(asked: BoardRequest) -> None:
     from eskin.verbs import build_job as job
     from eskin.verbs.flow import with_converter
 
-    if asked.class_pins and not asked.link:
-        raise InputError("--class-pins: is for a build with the link; leave it out, or leave out --no-link")
     if asked.stimulator and not (asked.standalone or asked.converter):
         raise InputError(
             "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
         )
-    if asked.converter and not asked.standalone and (not asked.link or asked.class_pins is not None):
-        raise InputError(
-            "--converter: goes with the link or --standalone; leave out --no-link and --class-pins"
-        )
+    if asked.converter and not (asked.standalone or asked.link):
+        raise InputError("--converter: goes with the link or --standalone; leave out --no-link")
     if asked.flash and not asked.standalone:
         raise InputError("--flash: is for a board without a host; add --standalone")
-    if asked.standalone and (not asked.link or asked.baud is not None or asked.class_pins is not None):
-        raise InputError("--standalone: has no link; leave out --no-link, --baud and --class-pins")
+    if asked.standalone and not asked.link:
+        raise InputError("--standalone: has no link; leave out --no-link")
     target, (lanes, lane_type) = board(asked.target), lanes_of(asked.lanes)
     folder = asked.out or job.BOARDS / asked.target
     check_folder(folder, job.MARK)
@@ -213,8 +197,6 @@ def build(asked: BoardRequest) -> None:
         flash=asked.flash,
         sensing=bool(asked.converter) and not asked.standalone,
         clock_hz=asked.clock,
-        baud=asked.baud,
-        class_pins=asked.class_pins,
         lanes_asked=lanes is not None,
         seeds=asked.seeds,
     )
@@ -230,25 +212,22 @@ def build(asked: BoardRequest) -> None:
         stop(job.clock_sentence(result), 1)
 
 
-@app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --recordings 40")
+@app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz")
 def replay(asked: ReplayRequest) -> Record:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
     from eskin.verbs import build_job
     from eskin.verbs.replay_job import replay as play
 
     baud, lanes, lane_type = build_job.board_of(asked.model)
-    count = how_many(asked.recordings)
     integer = integer_model(asked.model).with_lanes(lanes, lane_type)
     classes = integer.config.network.class_names
     if asked.teach is not None and asked.teach not in classes:
         raise InputError(f"--teach {asked.teach}: is no class of the model; there are {', '.join(classes)}")
-    loaded = recordings_for(asked.data, integer.config)
-    numbers = loaded.evenly(len(loaded) if count is None else count)
+    recordings = recordings_for(asked.data, integer.config)
     with progress_bars() as report:
         result = play(
             integer,
-            loaded.subset(numbers),
-            numbers=numbers,
+            recordings,
             port=asked.port,
             baud=baud,
             progress=lambda done, total: report("frames played", done, total),
@@ -322,13 +301,7 @@ def energy(asked: EnergyRequest) -> Record:
     integer = integer_model(asked.model)
     loaded = recordings_for(asked.data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        options: Record = {
-            "count": asked.recordings,
-            "out": asked.out,
-            "work": work,
-            "notify": report,
-            "chips": asked.chip or (),
-        }
+        options: Record = {"count": asked.recordings, "out": asked.out, "work": work, "notify": report}
         result = job(integer, loaded, asked.configuration, **options)
     show("energy", **result, in_words=in_words, page=asked.out / PAGE)
     return result

@@ -240,24 +240,23 @@ def quantise(asked: QuantiseRequest) -> None:
         raise InputError(
             "--readout prototypes: is made of the recordings of the training; give --data with it"
         )
-    if asked.lean and asked.feature_bits is not None:
-        raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
+    widths = asked.widths
     recordings = None if asked.data is None else recordings_for(asked.data, load_config(asked.model))
     if asked.quantisation_aware:
-        if recordings is None or asked.lean or asked.readout:
+        if recordings is None or "lean" in widths or asked.readout:
             raise InputError(
                 "--quantisation-aware: trains on with the recordings of the training; give --data with it, and "
-                "neither --lean nor --readout"
+                "neither --formats lean nor --readout"
             )
         with progress_bars() as report:
             integer = train_in_integers(
-                asked.model, recordings, partial(report, "training in integers"), **asked.widths
+                asked.model, recordings, partial(report, "training in integers"), **widths
             )
     else:
         if asked.readout and recordings is not None and recordings.image_shape:
             raise InputError("--readout: is for models that read recordings; leave it out for one of images")
         decided_by = of_readout if asked.readout == "prototypes" else asked.readout
-        integer = to_integers(asked.model, recordings, readout=decided_by, lean=asked.lean, **asked.widths)
+        integer = to_integers(asked.model, recordings, readout=decided_by, **widths)
     show("quantise", formats=describe_formats(integer.config))
 
 

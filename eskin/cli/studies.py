@@ -4,7 +4,7 @@ import math
 
 from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, show
 from eskin.golden.core import InputError, Record
-from eskin.requests import StabilityRequest, SweepRequest
+from eskin.requests import FORMATS, StabilityRequest, SweepRequest
 
 
 @app.command(
@@ -13,12 +13,8 @@ from eskin.requests import StabilityRequest, SweepRequest
 def sweep(asked: SweepRequest) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is
     enough."""
-    bounds = (
-        ("--accuracy-floor", asked.accuracy_floor),
-        ("--latency-budget", asked.latency_budget),
-        ("--energy-budget", asked.energy_budget),
-    )
-    for (name, value), most in zip(bounds, (1.0, math.inf, math.inf), strict=True):
+    bounds = (("--accuracy-floor", asked.accuracy_floor), ("--latency-budget", asked.latency_budget))
+    for (name, value), most in zip(bounds, (1.0, math.inf), strict=True):
         if value is not None and not (0 < value <= most and math.isfinite(value)):
             raise InputError(
                 f"{name} {value}: is out of range; give a number above 0"
@@ -40,7 +36,10 @@ def sweep(asked: SweepRequest) -> None:
     size, source, first = point["config"].get("size"), asked.data, ""
     if size and size != "{}x{}".format(*(recordings.image_shape or ())):
         source, first = "SMALL.npz", f"eskin convert {asked.data} --size {size} --out SMALL.npz, then "
-    options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in point["widths"].items())
+    named = [f"{name}={bits}" for name, bits in point["widths"].items() if name in FORMATS]
+    options = "".join(
+        f" --{name.replace('_', '-')} {bits}" for name, bits in point["widths"].items() if name not in FORMATS
+    ) + (f" --formats {','.join(named)}" if named else "")
     if point["config"]["quantisation_aware"]:
         options += f" --data {source} --quantisation-aware"
     train = f"eskin train --data {source} --config {asked.out / sweep_job.CONFIG} --out MODEL"

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from eskin.data.meaning import CLASS, whole
-from eskin.data.table import TIME, Reading, Refuse, Table
-from eskin.golden.data.recordings import natural
+from eskin.data.table import TIME, Reading, Refuse, Table, table_of
+from eskin.golden.data.recordings import check_offsets, natural
 
 SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
 LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
@@ -50,26 +50,16 @@ class Group:
     def listed(self) -> str:
         """What arrays there are, with their shapes."""
         arrays = [
-            (above + name, array.shape)
+            f"{above}{name} {' x '.join(map(str, array.shape))}".strip()
             for above, group in self.below()
             for name, array in group.arrays.items()
         ]
-        return (
-            ", ".join(f"{name} {' x '.join(map(str, shape))}".strip() for name, shape in arrays[:12])
-            or "none"
-        )
-
-
-class Opened(NamedTuple):
-    """Tables of a file, and the classes in order where it lists them."""
-
-    tables: list[Table]
-    class_names: list[str]
+        return ", ".join(arrays[:12]) or "none"
 
 
 def tables_of(
     root: Group, path: Path, reading: Reading, refuse: Refuse, *, alone: bool, from_one: bool
-) -> Opened:
+) -> list[Table]:
     """The recordings of a file: samples in one array or in cells, with labels; or every array of samples one.
 
     Parameters
@@ -89,25 +79,26 @@ def tables_of(
     array = root.arrays.get(named)
     label = next((name for name in LABELS if name in root.arrays), "")
     if array is not None and (alone or array.dtype == object or array.ndim == 3):
-        opened = found.of_one_array(named, reading.label or label, from_one)
+        tables = found.of_one_array(named, reading.label or label, from_one)
     else:
         for above, group in root.below():
-            if above and re.sub(r"[(]\d+[)]", "", above[:-1]) == reading.label:
-                why = f"--class {reading.label}: is a group or struct with the fields {', '.join((*group.arrays, *group.groups))}"
+            if above and _plain(above[:-1]) == reading.label:
+                fields = ", ".join((*group.arrays, *group.groups))
+                why = f"--class {reading.label}: is a group or struct with the fields {fields}"
                 refuse(f"{why}; name one of them, as in {reading.label}.label")
-        beside = label if alone and array is None else ""
-        opened = Opened([] if beside else [*found.of_group(root, (), {})], [])
-    if not opened.tables:
-        asked = f"--samples {reading.samples}: names no array of samples" if reading.samples else (
-            f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) a recording)")  # fmt: skip
+        beside = label and alone and array is None
+        tables = [] if beside else [*found.of_group(root, (), {})]
+    if not tables:
+        asked = f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) a recording)"
+        if reading.samples:
+            asked = f"--samples {reading.samples}: names no array of samples"
         refuse(f"{asked}; it has {root.listed()}: name it with --samples")
-    shapes = [table.frame.shape for table in opened.tables]
+    shapes = [table.frame.shape for table in tables]
     if not reading.columns and all(columns > rows for rows, columns in shapes):
-        why = (
-            f"has more taxels than frames ({shapes[0][0]} x {shapes[0][1]} in recording 1) in {root.listed()}"
-        )
+        shape = f"{shapes[0][0]} x {shapes[0][1]}"
+        why = f"has more taxels than frames ({shape} in recording 1) in {root.listed()}"
         refuse(f"{why}; frames are rows: turn them, or say with --columns that columns are taxels")
-    return opened
+    return tables
 
 
 @dataclass
@@ -131,12 +122,12 @@ class _Arrays:
             frame[taxels] = clock
             of_name = TIME.match(name)
             units = (*[""] * taxels, (of_name and of_name[1]) or ("s" if name.lower() == "seconds" else ""))
-        lines = np.arange(1, len(part) + 1)
-        return Table(frame, (), lines, (f"'{self.path}', {where}",), paths=(above,), attributes=(attributes,),
+        frame.index += 1
+        return Table(frame, (), (f"'{self.path}', {where}",), paths=(above,), attributes=(attributes,),
                      units=units, clock=taxels if clocks else None, row_is="row", **more)  # fmt: skip
 
     # ------------------------------------------------------------------ an array of all recordings
-    def of_one_array(self, name: str, label: str, from_one: bool) -> Opened:
+    def of_one_array(self, name: str, label: str, from_one: bool) -> list[Table]:
         """Samples as cells of (frames, taxels), as (recordings, frames, taxels), or one after the other with
         offsets; labels; class names. Every other array of one value a recording is an attribute."""
         arrays, refuse = self.root.arrays, self.refuse
@@ -147,49 +138,38 @@ class _Arrays:
         vectors: dict[str, Any] = {each: _vector(array) for each, array in arrays.items()}
         values = vectors[label]
         if values is None or len(values) != len(parts):
-            refuse(
-                f"has shape {arrays[label].shape}; give one value for each of the {len(parts)} recordings",
-                label,
-            )
-        named = next((each for each in CLASS_NAMES if each in arrays), "")
-        names: Any = vectors.get(named)
-        if named and (names is None or names.dtype.kind != "U"):
-            refuse("is no cell array of text", named)
-        counted = "" if names is None or values.dtype.kind == "U" else "classes are numbered from 0"
+            why = f"has shape {arrays[label].shape}; give one value for each of the {len(parts)} recordings"
+            refuse(why, label)
         if values.dtype.kind == "f":
             refuse("holds something else than whole numbers or names", label)
-        if (
-            counted
-            and values.min() >= 1
-            and values.max() <= len(names)
-            and (from_one or values.max() == len(names))
-        ):
-            counted, values = "classes are numbered from 1", values - 1
-        if counted and (values.min() < 0 or values.max() >= len(names)):
-            refuse(
-                f"runs from {values.min()} to {values.max()} and there are {len(names)} class names", label
-            )
-        texts = (
-            names[values]
-            if counted
-            else values
-            if values.dtype.kind == "U"
-            else [f"class{each}" for each in values]
-        )
-        wrong = next((text for text in texts if not text or (names is not None and text not in names)), None)
-        if wrong is not None:
-            refuse(f"holds '{wrong}', which is not among the class names", label)
-        own = {each: values for each, values in vectors.items() if values is not None and len(values) == len(parts) > 1
-               and each not in (name, label, named)}  # fmt: skip
+        named = next((each for each in CLASS_NAMES if each in arrays), "")
+        names: Any = vectors[named] if named else ()
+        if names is None:
+            refuse("is no list of text", named)
+        counted = ""
+        if values.dtype.kind != "U" and not named:
+            values = [f"class{each}" for each in values]
+        elif values.dtype.kind != "U":
+            low, high, count = values.min(), values.max(), len(names)
+            first = int(low >= 1 and high <= count and (from_one or high == count))
+            if low < first or high >= count + first:
+                refuse(f"runs from {low} to {high} and there are {count} class names", label)
+            counted, values = f"classes are numbered from {first}", names[values - first]
+        own = {
+            each: vector
+            for each, vector in vectors.items()
+            if vector is not None and len(vector) == len(parts) > 1 and each not in (name, label, named)
+        }
         shared = {**self.root.attributes, **self.root.of_arrays.get(name, {})}
         notes = (f"array {name} holds {len(parts)} recordings, array {label} their classes", note, counted)
+        more: dict[str, Any] = {"notes": tuple(filter(None, notes)), "class_names": tuple(names)}
         tables = []
         for number, part in enumerate(parts):
-            attributes = {**shared, **{each: values[number].item() for each, values in own.items()}}
-            attributes |= {self.reading.label or "class": str(texts[number])}
+            attributes = {**shared, **{each: vector[number].item() for each, vector in own.items()}}
+            attributes |= {self.reading.label or "class": str(values[number])}
             where = f"array {name}, recording {number + 1}"
-            tables.append(self.table(part, where, (), attributes, notes=tuple(filter(None, notes))))
-        return Opened(tables, [] if names is None else names.tolist())
+            tables.append(self.table(part, where, (), attributes, **more))
+        return tables
 
     def parts(self, samples: np.ndarray, name: str) -> tuple[list[np.ndarray], str]:
         """The recordings, numbers (frames, taxels) each, and a note."""
@@ -198,17 +178,15 @@ class _Arrays:
             parts = [np.asarray(cell) for cell in samples.reshape(-1)]
             for number, part in enumerate(parts, 1):
                 if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
-                    refuse(
-                        f"cell {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)",
-                        name,
-                    )
+                    why = f"cell {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)"
+                    refuse(why, name)
             rows, columns = ({part.shape[axis] for part in parts} for axis in (0, 1))
             if len(rows) == 1 and len(columns) > 1 and min(columns) > max(rows):
                 return [part.T for part in parts], "cells stand as (taxels, frames) and were turned"
-            odd = next((n for n, part in enumerate(parts, 1) if part.shape[1] != parts[0].shape[1]), 0)
-            if odd:
-                counts = f"{parts[odd - 1].shape[1]} columns where cell 1 has {parts[0].shape[1]}"
-                refuse(f"cell {odd} has {counts}; taxels are columns in all", name)
+            for number, part in enumerate(parts, 1):
+                if part.shape[1] != parts[0].shape[1]:
+                    counts = f"{part.shape[1]} columns where cell 1 has {parts[0].shape[1]}"
+                    refuse(f"cell {number} has {counts}; taxels are columns in all", name)
             return parts, ""
         if samples.dtype.kind not in "fiu" or samples.ndim not in (2, 3) or not samples.size:
             why = f"holds {samples.dtype} of shape {samples.shape}"
@@ -221,11 +199,9 @@ class _Arrays:
             why = "is one table and there is no array offsets that says where recordings begin"
             refuse(f"{why}; add it, or give every recording a cell or dataset of its own", name)
         bounds: Any = _vector(offsets)
-        fits = bounds is not None and bounds.dtype.kind == "i" and len(bounds) > 1
-        if not fits or bounds[0] != 0 or bounds[-1] != len(samples) or (np.diff(bounds) <= 0).any():
-            refuse(
-                f"must be whole numbers that rise from 0 to the {len(samples)} frames of samples", "offsets"
-            )
+        if bounds is None:
+            refuse("must be whole numbers", "offsets")
+        check_offsets(bounds, len(samples), lambda array, why: refuse(why, array))
         return [samples[first:end] for first, end in pairwise(bounds)], ""
 
     # ------------------------------------------------------------------ an array a recording
@@ -237,41 +213,37 @@ class _Arrays:
         known = known | group.attributes
         asked = (self.reading.label or "").replace(".", "/").rpartition("/")[2]
         known |= {str(self.reading.label): known[asked]} if asked in group.attributes else {}
-        names = [
-            name for name in sorted(group.arrays, key=natural) if group.arrays[name].dtype.kind in "iufb"
-        ]
-        arrays = {name: group.arrays[name] for name in names if group.arrays[name].size > 1}
+        arrays = {
+            name: group.arrays[name]
+            for name in sorted(group.arrays, key=natural)
+            if group.arrays[name].dtype.kind in "iufb" and group.arrays[name].size > 1
+        }
         vectors = {
             name: array.reshape(-1) for name, array in arrays.items() if array.size == max(array.shape)
         }
         chosen = [name for name in arrays if TIME.match(name) or self.asked("/".join((*above, name)))]
         tables = {name: arrays[name] for name in chosen if name not in vectors and arrays[name].ndim == 2}
-        if tables:
-            clocks = self.clock(tables, vectors, group, above)
-            for name, array in tables.items():
-                path = (*above, name)
-                own = known | group.of_arrays.get(name, {})
-                yield self.table(array, f"dataset {'/'.join(path)}", path, own, clocks)
-        columns = [name for name in vectors if name in chosen]
-        if (
-            not tables
-            and len({len(vectors[name]) for name in columns}) == 1
-            and not all(map(TIME.match, columns))
-        ):
-            frame = pd.DataFrame({number: vectors[name] for number, name in enumerate(columns)})
-            where = (f"'{self.path}', dataset {'/'.join(above)}",)
-            yield Table(frame, tuple(columns), np.arange(1, len(frame) + 1), where, paths=(above,),
-                        attributes=(known,), row_is="row")  # fmt: skip
+        clocks = self.clock(tables, vectors, group, above) if tables else {}
+        for name, array in tables.items():
+            path = (*above, name)
+            own = known | group.of_arrays.get(name, {})
+            yield self.table(array, f"dataset {'/'.join(path)}", path, own, clocks)
+        columns = {name: vectors[name] for name in chosen if name in vectors}
+        alike = len(set(map(len, columns.values()))) == 1
+        if not tables and alike and not all(map(TIME.match, columns)):
+            where = f"'{self.path}', dataset {'/'.join(above)}"
+            frame = pd.DataFrame(columns)
+            yield table_of(frame, where, paths=(above,), attributes=(known,), row_is="row")
         for name in sorted(group.groups, key=natural):
             yield from self.of_group(group.groups[name], (*above, name), known)
 
     def asked(self, full: str) -> bool:
         """Whether --samples names an array: by its name, its path, the group that it stands in, or a pattern
         with a *."""
-        plain = re.sub(r"[(][0-9]+[)]", "", full)
+        plain = _plain(full)
         asked = (self.reading.samples or "*").replace(".", "/").strip("/")
         ends = (plain, full, plain.rpartition("/")[2])
-        return any(fnmatchcase(each, asked) for each in ends) or f"/{plain}/".find(f"/{asked}/") >= 0
+        return any(fnmatchcase(each, asked) for each in ends) or f"/{asked}/" in f"/{plain}/"
 
     def clock(self, tables: dict[str, np.ndarray], vectors: dict[str, np.ndarray], group: Group,
               above: tuple[str, ...]) -> dict[str, np.ndarray]:  # fmt: skip
@@ -284,24 +256,22 @@ class _Arrays:
         clocks = [name for name in vectors if TIME.match(name)]
         beside = [name for name, vector in vectors.items() if name not in clocks and len(vector) in lengths
                   and (vector != vector[0]).any()]  # fmt: skip
-        of_one = (
-            clocks
-            or len(widths) > 1
-            or (len(lengths) == 1 and not described and (not alike or len(above) > 1))
-        )
-        several = len(tables) > 1 and "*" not in (self.reading.samples or "") and of_one
-        where = f"group {'/'.join(above) or '/'} holds"
+        at_once = len(lengths) == 1 and not described and (not alike or len(above) > 1)
+        several = len(tables) > 1 and "*" not in (self.reading.samples or "")
+        several = several and bool(clocks or len(widths) > 1 or at_once)
+        where, listed = f"group {'/'.join(above) or '/'} holds", group.listed()
         if several or (beside and self.reading.samples is None):
-            why = f"{where} several arrays where one is a recording: {group.listed()}"
-            self.refuse(
-                f"{why}; name that of the samples with --samples, or all, where each is one, by a pattern with *"
-            )
+            why = f"{where} several arrays where one is a recording: {listed}; name that of the samples with --samples"
+            self.refuse(f"{why}, or all, where each is one, by a pattern with *")
         fitting = [name for name in clocks if {len(vectors[name])} == lengths]
         if clocks and not fitting:
-            self.refuse(
-                f"{where} a time of another length than the samples: {group.listed()}; write it again"
-            )
+            self.refuse(f"{where} a time of another length than the samples: {listed}; write it again")
         return {name: vectors[name] for name in fitting[:1]}
+
+
+def _plain(path: str) -> str:
+    """A path without the numbers of structs."""
+    return re.sub(r"[(]\d+[)]", "", path)
 
 
 def _vector(array: np.ndarray) -> np.ndarray | None:

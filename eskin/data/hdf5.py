@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from eskin.data.arrays import Group
-from eskin.data.table import Refuse, check_regular, check_unpacked
-from eskin.golden.core import InputError
+from eskin.data.table import Refuse, check_unpacked
 
 _OWN = ("IMAGE", "DIMENSION_SCALE", "GROUP", "ARRAY", "CARRAY", "EARRAY", "VLARRAY", "TABLE", "PALETTE")
 """What HDF5's libraries say in an attribute CLASS of their own."""
@@ -19,12 +18,11 @@ def read_hdf5(path: Path, refuse: Refuse) -> Group:
     Raises
     ------
     InputError
-        The file is damaged or unpacks to far more than it holds; a dataset's samples stand in another file,
+        The file unpacks to far more than it holds; a dataset's samples stand in another file,
         which a hostile one could have chosen.
     """
     import h5py
 
-    check_regular(path, refuse)
     root = Group()
 
     def check(name: str, item: Any) -> None:
@@ -35,27 +33,20 @@ def read_hdf5(path: Path, refuse: Refuse) -> Group:
         datasets[name] = item
 
     datasets: dict[str, Any] = {}
-    try:
-        with h5py.File(path) as file:
-            file.visititems(check)
-            check_unpacked(path, sum(item.nbytes for item in datasets.values()), refuse)
-            root.attributes |= _attributes(file)
-            for name, item in datasets.items():
-                *above, leaf = name.split("/")
-                group, holder = root, file
-                for level in above:
-                    group, holder = group.groups.setdefault(level, Group()), holder[level]
-                    group.attributes |= _attributes(holder)
-                group.of_arrays[leaf] = _attributes(item)
-                values = _values(item)
-                if values is not None:
-                    group.take(leaf, values)
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file can fail anywhere inside the library
-        if isinstance(error, OSError) and error.errno and not isinstance(error, BlockingIOError):
-            raise
-        refuse("is damaged or no HDF5 file; write it again")
+    with h5py.File(path) as file:
+        file.visititems(check)
+        check_unpacked(path, sum(item.nbytes for item in datasets.values()), refuse)
+        root.attributes |= _attributes(file)
+        for name, item in datasets.items():
+            *above, leaf = name.split("/")
+            group, holder = root, file
+            for level in above:
+                group, holder = group.groups.setdefault(level, Group()), holder[level]
+                group.attributes |= _attributes(holder)
+            group.of_arrays[leaf] = _attributes(item)
+            values = _values(item)
+            if values is not None:
+                group.take(leaf, values)
     return root
 
 
@@ -65,21 +56,19 @@ def _values(item: Any) -> np.ndarray | None:
 
     if h5py.check_string_dtype(item.dtype):
         return np.array(item.asstr()[()], dtype=np.str_)
-    numbers = all(
-        item.dtype[name].kind in "iufb" and not item.dtype[name].shape for name in item.dtype.names or ()
-    )
-    plain = item.dtype.kind in "iufb" or (item.dtype.kind == "V" and item.dtype.names and numbers)
+    fields = [item.dtype[name] for name in item.dtype.names or ()]
+    numbers = fields and all(field.kind in "iufb" and not field.shape for field in fields)
+    plain = item.dtype.kind in "iufb" or numbers
     return np.asarray(item[()]) if plain and item.shape is not None else None
 
 
 def _attributes(item: Any) -> dict[str, Any]:
     """Attributes that are one number or text."""
     values: dict[str, Any] = {}
-    for name in item.attrs:
-        value = np.asarray(item.attrs[name])
-        if (value.size == 1 and name != "CLASS") or (value.dtype.kind in "SU" and str(value) not in _OWN):
-            one = value.reshape(-1)[0] if value.size == 1 else None
-            one = one.decode("utf-8", "replace") if isinstance(one, bytes) else one
-            if isinstance(one, str | np.integer | np.floating | np.bool_):
-                values[name] = one if isinstance(one, str) else one.item()
+    for name, value in item.attrs.items():
+        cells = np.asarray(value).reshape(-1).tolist()
+        one = cells[0] if len(cells) == 1 else None
+        one = one.decode("utf-8", "replace") if isinstance(one, bytes) else one
+        if isinstance(one, str | int | float) and not (name == "CLASS" and one in _OWN):
+            values[name] = one
     return values

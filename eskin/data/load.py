@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from eskin.data.arrays import Group, Opened, tables_of
+from eskin.data.arrays import Group, tables_of
 from eskin.data.hdf5 import read_hdf5
 from eskin.data.logs import is_log, read_log
 from eskin.data.matlab import read_matlab
@@ -29,10 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TEXT = (".csv", ".tsv", ".txt", ".lvm")
-ARRAYS = {".mat": read_matlab, ".h5": read_hdf5, ".hdf5": read_hdf5}
-KINDS = (
-    {suffix: "text" for suffix in TEXT} | {".parquet": "text"} | dict.fromkeys((*ARRAYS, ".npy"), "arrays")
-)
+KINDS = dict.fromkeys((*TEXT, ".parquet"), "text") | dict.fromkeys((".mat", ".h5", ".hdf5", ".npy"), "arrays")
 """What a file of recordings ends in, and what kind it is; logs are text's kind, since they are tables, too."""
 FORMS = (
     "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5, .npy or .png files or "
@@ -76,10 +73,10 @@ def load_recordings(
     if str(data) == SCENE:
         return turn_recordings() if config is None else scene_of(config)
     path = Path(data)
-    for option, given in (("--labels", reading.labels is not None), ("--clock", reading.clock != "log")):
-        if given and not is_log(path):
-            why = f"{option} is for one log, a .mcap file or a ROS bag; leave it out"
-            raise InputError(f"recordings '{path}': {why}")
+    option = "--clock" if reading.clock != "log" else "--labels" if reading.labels is not None else ""
+    if option and not is_log(path):
+        why = f"{option} is for one log, a .mcap file or a ROS bag; leave it out"
+        raise InputError(f"recordings '{path}': {why}")
     try:
         return _load(path, reading, config)
     except ModuleNotFoundError as error:
@@ -103,19 +100,17 @@ def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Rec
     if _kind(path) is None:
         why = f"ends in '{path.suffix}', which is no format of recordings"
         raise InputError(f"recordings '{path}': {why}; give {FORMS}")
-    opened = open_file(path, reading, alone=True)
+    tables = open_file(path, reading, alone=True)
     if is_log(path):
         reading = replace(reading, label=None, recording=None)
-    return understand(
-        opened.tables, reading, config, str(path), class_names=opened.class_names, of_one_file=True
-    )
+    return understand(tables, reading, config, str(path), of_one_file=True)
 
 
 def _kind(path: Path) -> str | None:
     return "text" if is_log(path) else KINDS.get(path.suffix.lower())
 
 
-def open_file(path: Path, reading: Reading, *, alone: bool = False) -> Opened:
+def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Table]:
     """The tables of one file. alone: it is the whole source.
 
     Raises
@@ -128,57 +123,55 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> Opened:
         raise InputError(f"recordings '{path}'{f', array {array}' if array else ''}: {why}")
 
     suffix = path.suffix.lower()
-    if is_log(path):
-        table = read_log(path, reading)
-        if alone and reading.label is None and reading.labels is None:
-            refuse(
-                "says no classes; write an archive with them, eskin convert SOURCE --out FILE.npz with --class TOPIC or "
-                "--labels TABLE.csv, or put each class's logs into a folder named after the class"
-            )
-        return Opened([table], [])
     if suffix in TEXT:
-        return Opened([read_text(path, reading)], [])
-    if suffix == ".parquet":
-        return Opened([_parquet(path, refuse)], [])
-    root = ARRAYS[suffix](path, refuse) if suffix in ARRAYS else _npy(path, refuse)
-    return tables_of(root, path, reading, refuse, alone=alone, from_one=suffix == ".mat")
+        return [read_text(path, reading)]
+    if not is_log(path):
+        check_regular(path, refuse)
+    try:
+        if is_log(path):
+            table = read_log(path, reading)
+            if alone and reading.label is None and reading.labels is None:
+                refuse(
+                    "says no classes; write an archive with them, eskin convert SOURCE --out FILE.npz with --class TOPIC "
+                    "or --labels TABLE.csv, or put each class's logs into a folder named after the class"
+                )
+            return [table]
+        if suffix == ".parquet":
+            return [_parquet(path, refuse)]
+        root = ARRAYS[suffix](path, refuse)
+        return tables_of(root, path, reading, refuse, alone=alone, from_one=suffix == ".mat")
+    except (InputError, ModuleNotFoundError):
+        raise
+    except Exception as error:  # a damaged file can fail anywhere inside the libraries
+        if isinstance(error, OSError) and error.errno and not isinstance(error, BlockingIOError):
+            raise
+        kind = suffix or "log"
+        refuse(f"is damaged or no {kind} file ({type(error).__name__}); write it again, or try its own tools")
 
 
 def _npy(path: Path, refuse: Refuse) -> Group:
-    check_regular(path, refuse)
-    try:
-        array = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, SyntaxError, MemoryError):
-        refuse("is damaged or no .npy file of numbers; write it again with numpy.save")
     root = Group()
-    root.take(path.stem, array)
+    root.take(path.stem, np.load(path, allow_pickle=False))
     return root
+
+
+ARRAYS = {".mat": read_matlab, ".h5": read_hdf5, ".hdf5": read_hdf5, ".npy": _npy}
 
 
 def _parquet(path: Path, refuse: Refuse) -> Table:
     from pyarrow import parquet
 
-    check_regular(path, refuse)
-    try:
-        with parquet.ParquetFile(path) as file:
-            groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
-            cells, schema = file.metadata.num_rows * file.metadata.num_columns, file.schema_arrow
-        check_unpacked(path, max(8 * cells, sum(group.total_byte_size for group in groups)), refuse)
-        texts = [
-            each.name for each in schema if str(each.type).removeprefix("large_") in ("string", "binary")
-        ]
-        columns = parquet.read_table(path, read_dictionary=texts)
-        for name in texts:  # a long text that a dictionary holds once
-            for part in columns[name].chunks:
-                longest = max(map(len, filter(None, part.dictionary.to_pylist())), default=0)
-                check_unpacked(path, longest * len(part), refuse)
-        return table_of(columns.to_pandas(), f"'{path}'")
-    except InputError:
-        raise
-    except Exception as error:  # a damaged file can fail anywhere inside the library
-        if isinstance(error, OSError) and error.errno:
-            raise
-        refuse("is damaged or no Parquet file; write it again")
+    with parquet.ParquetFile(path) as file:
+        meta, schema = file.metadata, file.schema_arrow
+        groups = [meta.row_group(number).total_byte_size for number in range(meta.num_row_groups)]
+    check_unpacked(path, max(8 * meta.num_rows * meta.num_columns, sum(groups)), refuse)
+    texts = [each.name for each in schema if str(each.type).removeprefix("large_") in ("string", "binary")]
+    columns = parquet.read_table(path, read_dictionary=texts)
+    for name in texts:  # a long text that a dictionary holds once
+        for part in columns[name].chunks:
+            longest = max(map(len, filter(None, part.dictionary.to_pylist())), default=0)
+            check_unpacked(path, longest * len(part), refuse)
+    return table_of(columns.to_pandas(), f"'{path}'")
 
 
 # ---------------------------------------------------------------------- folders
@@ -217,21 +210,18 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     class_folders = [entry for entry in _visible(folder) if entry.is_dir() and not is_log(entry)]
     if not class_folders:
         refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
-    kept = []
+    kept = [file for file in files if file.parent != folder and _kind(file)]
     for each in class_folders:
-        own = [file for file in files if each in file.parents and _kind(file) is not None]
-        if not own:
+        if not any(each in file.parents for file in kept):
             refuse(each, f"has no file of recordings (it holds {found(_files(each))})")
-        kept += own
-    if len({_kind(file) for file in kept}) > 1:
+    if len(set(map(_kind, kept))) > 1:
         refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")
     tables = []
     for file in kept:
-        opened, parts = open_file(file, reading).tables, file.relative_to(folder).parts
-        inner = [table.paths[0] if len(opened) > 1 else () for table in opened]
-        tables += [
-            replace(table, paths=((*parts, *path),)) for table, path in zip(opened, inner, strict=True)
-        ]
+        tables_of_file, parts = open_file(file, reading), file.relative_to(folder).parts
+        for table in tables_of_file:
+            inner = table.paths[0] if len(tables_of_file) > 1 else ()
+            tables.append(replace(table, paths=((*parts, *inner),)))
     left = len(files) - len(kept)
     notes = [f"{left} files that are no recordings were left out"] if left else []
     return understand(tables, reading, config, str(folder), notes=notes)

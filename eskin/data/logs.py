@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import bz2
 import json
+import re
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator
@@ -24,7 +25,7 @@ import numpy as np
 
 from eskin.data.table import MOST_BYTES, Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
-from eskin.golden.core import InputError, Record
+from eskin.golden.core import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +35,11 @@ TYPES = ("MultiArray", "TactileState")
 """How the types of messages end that are frames."""
 CLOCK_OFF_S = 1.0
 """A header's clock that is further off the log's is told."""
-_START, _END, _CLASS = ("start", "begin", "from"), ("end", "stop", "to"), ("class", "label", "class_name")
+_INTERVAL = {
+    "start": ("start", "begin", "from"),
+    "end": ("end", "stop", "to"),
+    "class": ("class", "label", "class_name"),
+}
 
 
 class _Log(NamedTuple):
@@ -42,13 +47,6 @@ class _Log(NamedTuple):
 
     topics: dict[str, str]
     read: Callable[[str], Iterator[tuple[int, Any]]]
-
-
-class _Times(NamedTuple):
-    """Of the messages of a topic (ns): when each was logged, and the stamp in its header (0: none)."""
-
-    log: np.ndarray
-    header: np.ndarray
 
 
 def is_log(path: Path) -> bool:
@@ -64,7 +62,7 @@ def read_log(path: Path, reading: Reading) -> Table:
     Raises
     ------
     InputError
-        The log is damaged, unpacks to far more than it holds, has not one topic of frames, or no frame in a
+        The log unpacks to far more than it holds, has not one topic of frames, or no frame in a
         recording; its clock is not there.
     """
     import pandas as pd
@@ -72,23 +70,16 @@ def read_log(path: Path, reading: Reading) -> Table:
     def refuse(why: str) -> NoReturn:
         raise InputError(f"recordings '{path}': {why}")
 
-    try:
-        _check_unpacked(path, refuse)
-        log = (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, refuse)
-        topic = _topic(log, reading, refuse)
-        stamps, rows = _frames(log, topic, refuse)
-        times = _clock(stamps, topic, reading, refuse)
-        labels = None
-        if reading.labels is not None:
-            labels = _intervals(reading.labels, times)
-        elif reading.label is not None:
-            labels = _marks(log, reading, refuse)
-    except (InputError, ModuleNotFoundError):
-        raise
-    except Exception as error:  # a damaged log can fail anywhere inside the libraries
-        if isinstance(error, OSError) and error.errno:
-            raise
-        refuse(f"is damaged or no log ({type(error).__name__}); record it again, or try its own tools")
+    _check_unpacked(path, refuse)
+    log = (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, refuse)
+    topic = _topic(log, reading, refuse)
+    stamps, messages = _read(log, topic, f"topic {topic}", refuse)
+    rows, times = _frames(messages, topic, refuse), _clock(stamps, topic, reading, refuse)
+    labels = None
+    if reading.labels is not None:
+        labels = _intervals(reading.labels, times)
+    elif reading.label is not None:
+        labels = _marks(log, reading, refuse)
     frame = pd.DataFrame(rows, columns=[f"t{column}" for column in range(rows.shape[1])])
     frame.insert(0, "time", (times - times[0]) / 1e9)
     if labels is not None:
@@ -97,10 +88,10 @@ def read_log(path: Path, reading: Reading) -> Table:
         inside = (number >= 0) & (times < ends[number]) & (names[number] != "")
         empty = np.setdiff1d(np.arange(len(labels)), number[inside])
         if not inside.any() or (len(empty) and reading.labels is not None):
-            row = labels.iloc[empty[0]] if len(empty) else None
-            which = (
-                "" if row is None else f" of '{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
-            )
+            which = ""
+            if len(empty):
+                row = labels.iloc[empty[0]]
+                which = f" of '{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
             refuse(f"no frame lies in the label{which}; give seconds from its first frame, or of its clock")
         told = labels.drop(columns=["start", "end"]).iloc[number[inside]].reset_index(drop=True)
         told.insert(0, "recording", number[inside])
@@ -122,61 +113,62 @@ def _topic(log: _Log, reading: Reading, refuse: Refuse) -> str:
     return fit[0]
 
 
-def _frames(log: _Log, topic: str, refuse: Refuse) -> tuple[_Times, np.ndarray]:
-    """Times and values of every message."""
-    times: list[tuple[int, int]] = []
+def _read(log: _Log, topic: str, called: str, refuse: Refuse) -> tuple[np.ndarray, list[Any]]:
+    """(messages, 2) when each message was logged, and the stamp in its header (0: none), ns; and the messages."""
+    read = [(when, _stamp(message), message) for when, message in log.read(topic)]
+    if not read:
+        refuse(f"{called}: has no message")
+    return np.array([each[:2] for each in read], dtype=np.int64), [message for *_, message in read]
+
+
+def _frames(messages: list[Any], topic: str, refuse: Refuse) -> np.ndarray:
+    """(messages, taxels) the values of every message."""
     rows: list[np.ndarray] = []
-    for when, message in log.read(topic):
+    for number, message in enumerate(messages):
         sensors = getattr(message, "sensors", None)
-        parts = [
-            getattr(each, "values", None)
-            for each in sensors or [SimpleNamespace(values=getattr(message, "data", None))]
-        ]
+        parts = (
+            [getattr(each, "values", None) for each in sensors]
+            if sensors
+            else [getattr(message, "data", None)]
+        )
         row = np.concatenate([np.atleast_1d(np.asarray(part)) for part in parts])
         if row.ndim != 1 or row.dtype.kind not in "iuf" or not row.size:
-            refuse(
-                f"topic {topic}: message {len(rows)} holds no list of numbers; name another with --samples"
-            )
+            refuse(f"topic {topic}: message {number} holds no list of numbers; name another with --samples")
         if rows and len(row) != len(rows[0]):
-            why = f"message {len(rows)} has {len(row)} values and the first {len(rows[0])}"
+            why = f"message {number} has {len(row)} values and the first {len(rows[0])}"
             refuse(f"topic {topic}: {why}; a frame has one value a taxel")
-        times.append((when, _stamp(message)))
         rows.append(row)
-    if not rows:
-        refuse(f"topic {topic}: has no message")
-    return _Times(*np.array(times, dtype=np.int64).T), np.array(rows)
+    return np.array(rows)
 
 
 def _stamp(message: Any) -> int:
     """The header's time, ns, as ROS 2 and ROS 1 call its parts; 0: none."""
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    parts = [next((getattr(stamp, name) for name in names if hasattr(stamp, name)), 0)
-             for names in (("sec", "secs"), ("nanosec", "nsecs", "nsec"))]  # fmt: skip
-    return int(parts[0]) * 10**9 + int(parts[1])
+    stamp = vars(getattr(getattr(message, "header", None), "stamp", SimpleNamespace()))
+    seconds = stamp.get("sec", stamp.get("secs", 0))
+    return int(seconds) * 10**9 + int(stamp.get("nanosec", stamp.get("nsecs", stamp.get("nsec", 0))))
 
 
-def _clock(times: _Times, topic: str, reading: Reading, refuse: Refuse) -> np.ndarray:
+def _clock(stamps: np.ndarray, topic: str, reading: Reading, refuse: Refuse) -> np.ndarray:
     """The times by the clock that was asked for."""
-    if reading.clock == "header":
-        missing = int((times.header == 0).sum())
-        if missing:
-            of = f"{missing} of {len(times.header)} messages of topic {topic} have no stamp in a header"
-            refuse(f"--clock header: {of}; leave it out, the log's clock counts then")
-        return times.header
-    return times.log
+    log, header = stamps.T
+    if reading.clock == "log":
+        return log
+    if (header == 0).any():
+        of = f"{(header == 0).sum()} of {len(header)} messages of topic {topic} have no stamp in a header"
+        refuse(f"--clock header: {of}; leave it out, the log's clock counts then")
+    return header
 
 
-def _of_clocks(times: _Times, topic: str, reading: Reading) -> list[str]:
+def _of_clocks(stamps: np.ndarray, topic: str, reading: Reading) -> list[str]:
     """What is to be told where messages have stamps of their own."""
-    stamped = times.header != 0
-    if not stamped.any():
+    stamped = stamps[stamps[:, 1] != 0]
+    if not len(stamped):
         return []
     notes = [f"times of frames and labels are the {reading.clock}'s (--clock log or header)"]
-    if not stamped.all():
-        notes.append(
-            f"{int((~stamped).sum())} of {len(stamped)} stamps in the headers of topic {topic} are 0"
-        )
-    off = np.abs(times.header - times.log)[stamped].max() / 1e9
+    missing = len(stamps) - len(stamped)
+    if missing:
+        notes.append(f"{missing} of {len(stamps)} stamps in the headers of topic {topic} are 0")
+    off = np.abs(np.diff(stamped)).max() / 1e9
     if off > CLOCK_OFF_S:
         notes.append(f"the headers' clock of topic {topic} is up to {off:.4g} s off the log's")
     return notes
@@ -187,19 +179,13 @@ def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
     import pandas as pd
 
     topic = str(reading.label)
-    read = [
-        (when, _stamp(message), str(getattr(message, "data", None)).strip())
-        for when, message in log.read(topic)
-    ]
-    if any(label == "None" for *_, label in read):
+    stamps, messages = _read(log, topic, f"--class {topic}", refuse)
+    texts = [str(getattr(message, "data", None)).strip() for message in messages]
+    if "None" in texts:
         refuse(f"--class {topic}: a message has no data, so no label; name another topic, or give --labels")
-    if not read:
-        refuse(f"--class {topic}: has no message, so no label")
-    starts = _clock(_Times(*np.array([each[:2] for each in read], dtype=np.int64).T), topic, reading, refuse)
-    marks = pd.DataFrame({"start": starts, "class": [label for *_, label in read]}).sort_values(
-        "start", kind="stable"
-    )
-    return marks.assign(end=[*marks["start"].iloc[1:], np.iinfo(np.int64).max]).reset_index(drop=True)
+    marks = pd.DataFrame({"start": _clock(stamps, topic, reading, refuse), "class": texts})
+    marks = marks.sort_values("start", kind="stable", ignore_index=True)
+    return marks.assign(end=marks["start"].shift(-1, fill_value=np.iinfo(np.int64).max))
 
 
 # ---------------------------------------------------------------------- a table of times
@@ -208,15 +194,13 @@ def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
     from the first frame, or as the clock of ``times`` where they begin after its last."""
     table = read_text(path, Reading())
     names = [name.lower() for name in table.names]
-    places = {}
-    for what, words in (("start", _START), ("end", _END), ("class", _CLASS)):
+    for what, words in _INTERVAL.items():
         place = next((names.index(word) for word in words if word in names), None)
         if place is None:
             why = f"has no column {what} ({', '.join(words)})"
             table.refuse(f"{why}; give start, end and class, a row a recording", 0)
-        places[what] = place
         names[place] = what
-    seconds = table.numbers([places["start"], places["end"]])
+    seconds = table.numbers([names.index("start"), names.index("end")])
     wrong = np.flatnonzero(seconds[:, 1] <= seconds[:, 0])
     if len(wrong):
         table.refuse("ends before it starts; correct the line", int(wrong[0]))
@@ -247,7 +231,7 @@ def _check_unpacked(path: Path, refuse: Refuse) -> None:
 def _packed(path: Path, file: Any) -> Iterator[Any]:
     """Files of what is unpacked when a log is read: chunks of MCAP and ROS 1, messages of SQLite, and files
     that are packed whole. What cannot be read ends it; the library says so."""
-    kind, size = path.suffix.lower(), path.stat().st_size
+    kind = path.suffix.lower()
     with suppress(struct.error, sqlite3.Error):
         if kind == ".zstd":
             yield _unpacking("zstd", file)
@@ -257,26 +241,19 @@ def _packed(path: Path, file: Any) -> Iterator[Any]:
                     yield _unpacking("zstd" if bytes(data[:4]) == b"\x28\xb5\x2f\xfd" else "", BytesIO(data))
         elif kind == ".bag":
             file.seek(13)
-            while file.tell() < size:
-                head = file.read(*struct.unpack("<I", file.read(4)))
-                data = struct.unpack("<I", file.read(4))[0]
+            while file.tell() < path.stat().st_size:
+                head, data = (file.read(*struct.unpack("<I", file.read(4))) for _ in range(2))
                 if b"op=\x05" in head:
-                    packing = next(
-                        (name for name in ("bz2", "lz4") if f"compression={name}".encode() in head), ""
-                    )
-                    yield _unpacking(packing, BytesIO(file.read(data)))
-                else:
-                    file.seek(data, 1)
+                    named = re.search(b"compression=(bz2|lz4)", head)
+                    yield _unpacking(named[1].decode() if named else "", BytesIO(data))
         elif kind == ".mcap":
-            file.seek(8)
-            while file.tell() < size - 8:
-                record, length = struct.unpack("<BQ", file.read(9))
-                if record == 6:
-                    body = file.read(min(length, size))
-                    named = 32 + struct.unpack_from("<I", body, 28)[0]
-                    yield _unpacking(body[32:named].decode("latin-1"), BytesIO(body[named + 8 :]))
-                else:
-                    file.seek(min(length, size), 1)
+            from mcap.records import Chunk
+            from mcap.stream_reader import StreamReader
+
+            limit = MOST_BYTES // 8
+            for record in StreamReader(file, emit_chunks=True, record_size_limit=limit).records:
+                if isinstance(record, Chunk):
+                    yield _unpacking(record.compression, BytesIO(record.data))
 
 
 def _unpacking(packing: str, file: Any) -> Any:
@@ -299,15 +276,17 @@ def _mcap(path: Path, refuse: Refuse) -> _Log:
 
     def messages(topic: str | None = None) -> Iterator[Any]:
         with path.open("rb") as file:
-            yield from SeekingReader(
-                file, validate_crcs=True, record_size_limit=MOST_BYTES // 8
-            ).iter_messages(topic and [topic])
+            reader = SeekingReader(file, validate_crcs=True, record_size_limit=MOST_BYTES // 8)
+            yield from reader.iter_messages(topic and [topic])
 
     def read(topic: str) -> Iterator[tuple[int, Any]]:
         store: Any = None
         for schema, channel, message in messages(topic):
             if channel.message_encoding == "json":
-                yield message.log_time, json.loads(message.data, object_hook=_object)
+                yield (
+                    message.log_time,
+                    json.loads(message.data, object_hook=lambda values: SimpleNamespace(**values)),
+                )
                 continue
             if channel.message_encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
                 refuse(
@@ -321,10 +300,6 @@ def _mcap(path: Path, refuse: Refuse) -> _Log:
             yield message.log_time, store.deserialize_cdr(message.data, schema.name)
 
     return _Log({channel.topic: schema.name if schema else "" for schema, channel, _ in messages()}, read)
-
-
-def _object(values: Record) -> SimpleNamespace:
-    return SimpleNamespace(**values)
 
 
 def _bag(path: Path, refuse: Refuse) -> _Log:

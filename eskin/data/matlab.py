@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from eskin.data.arrays import Group
-from eskin.data.table import Refuse, check_regular, check_unpacked
+from eskin.data.table import Refuse, check_unpacked
 
 _KINDS = (*range(1, 8), 9, 12, 13, 14, 15, 16, 17, 18)
 """The kinds of data elements that there are; scipy's reader ends its process on others."""
@@ -20,24 +20,18 @@ def read_matlab(path: Path, refuse: Refuse) -> Group:
     Raises
     ------
     InputError
-        The file is damaged, unpacks to far more than it holds, or is of version 7.3.
+        The file unpacks to far more than it holds, or is of version 7.3.
     """
     from scipy.io import loadmat
 
-    check_regular(path, refuse)
     raw = path.read_bytes()
     if raw[:8] == b"\x89HDF\r\n\x1a\n" or b"MATLAB 7.3" in raw[:128]:
         refuse("is of version 7.3 (HDF5); save it in MATLAB with save(..., '-v7')")
     order: Literal["big", "little"] = "big" if raw[126:128] == b"MI" else "little"
-    try:
-        if raw[126:128] in (b"MI", b"IM"):
-            _check(path, memoryview(raw)[128:], order, refuse)
-        loaded = loadmat(path, appendmat=False)
-    except Exception as error:  # a damaged file can fail anywhere inside scipy's and zlib's readers
-        if type(error).__name__ == "InputError" or (isinstance(error, OSError) and error.errno):
-            raise
-        refuse("is damaged or no .mat file; save it again in MATLAB with save(..., '-v7')")
+    if raw[126:128] in (b"MI", b"IM"):
+        _check(path, memoryview(raw)[128:], order, refuse)
     root = Group()
+    loaded = loadmat(path, appendmat=False)
     for name, array in loaded.items():
         if not name.startswith("__") and isinstance(array, np.ndarray):
             _take(root, name, array)

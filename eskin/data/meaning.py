@@ -19,32 +19,20 @@ import numpy as np
 from eskin.data.folds import no_group
 from eskin.data.table import TIME, Reading, Table
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data.codes import to_codes
 from eskin.golden.data.recordings import Recordings, natural, recordings_of
 
 RATE_TOLERANCE = 0.02
 LEAST_STEPS = 16
 """From so many frames on a column's course says something about what it is."""
 
-_SECONDS = {
-    "s": 1.0,
-    "sec": 1.0,
-    "seconds": 1.0,
-    "ms": 1e-3,
-    "msec": 1e-3,
-    "us": 1e-6,
-    "µs": 1e-6,
-    "ns": 1e-9,
-}
-_RECORDING = tuple(
+_SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_RECORDING = (
     "recording recording_id rec rec_id record series series_id sequence_id sample_id measurement id".split()
 )
-CLASS = tuple("class label labels target class_name".split())
-_CLASS_TOO = tuple("category material object texture surface gesture".split())
+CLASS = "class label labels target class_name".split()
+_CLASS_TOO = "category material object texture surface gesture".split()
 """What says the class where only one of them is there."""
-_GROUPS = tuple(
-    "person subject participant user session block trial run fold group day speed seq sequence".split()
-)
+_GROUPS = "person subject participant user session block trial run fold group day speed seq sequence".split()
 _LETTERS = {"p": "person", "t": "trial", "s": "session"}
 """What a letter before a number means in a file's name."""
 _CALLED_AS_GROUP = re.compile(rf"(?:{'|'.join((*_LETTERS, *_GROUPS))})[ _-]?\d+", re.I)
@@ -63,7 +51,6 @@ def understand(
     config: AcceleratorConfig | None,
     source: str,
     *,
-    class_names: Sequence[str] = (),
     notes: Sequence[str] = (),
     of_one_file: bool = False,
 ) -> Recordings:
@@ -75,8 +62,6 @@ def understand(
         Says what one code of real samples is worth, and the rate where nothing else does.
     source:
         What all of them are called in messages.
-    class_names:
-        The classes in order, where the source lists them.
     of_one_file:
         Paths are groups inside a file, of which nobody said that the first level is the class.
 
@@ -86,64 +71,53 @@ def understand(
         A column or a clock cannot be understood, or an option names what is not there; with the place and the
         option that settles it.
     """
-    units = [{column: _second(each, column) for column in each.frame} for each in tables]
-    found = _Meaning(Table.joined(tables), reading)
+    found = _Meaning(tables, reading)
     table = found.table
-    shown, class_is = found.part(of_one_file)
-    names = [*class_names] or sorted(set(shown), key=natural)
-    found.labels = np.array([names.index(name) for name in shown])
+    class_is = found.part(of_one_file)
     found.of_paths()
     taxels = found.taxels()
-    rate, why = found.rate(units, config)
-    values = table.numbers(taxels)
-    if table.frame[taxels].dtypes.map(lambda kind: kind.kind in "iu").all():
-        values = values.astype(np.int64)
-    scale = reading.scale
+    rate, why = found.rate(config)
+    values, scale = table.numbers(taxels), reading.scale
     if scale is None and config is not None and (table.volts or not np.array_equal(values, np.rint(values))):
         scale = config.sensor.volt_per_code or None
     elif scale is None and table.volts:  # codes of the thesis's converter, where it can have given them
         worth = PRESETS["thesis"].sensor.volt_per_code
         scale = worth if values.min() >= 0 and values.max() <= 65535 * worth else None
     said = {str(each[name]) for name in found.attributes if name in UNIT for each in table.attributes}
-    codes, step, sentences = to_codes(
-        values,
-        f"recordings '{source}'",
-        scale,
-        names=[table.names[column] for column in taxels] if table.names else (),
-        asked=reading.scale is not None,
-    )
     arrays = {
-        "samples": codes,
+        "samples": values,
         "offsets": found.offsets,
         "labels": found.labels,
-        "class_names": np.array(names, dtype=np.str_),
         "sample_rate_hz": np.array(rate),
         "unit": np.array(table.unit(taxels) or (said.pop() if len(said) == 1 else "")),
-        **({"lsb_volt": np.array(step)} if step else {}),
-        **({"channel_names": np.array([table.names[column] for column in taxels])} if table.names else {}),
     }
-    told = [f"{class_is}; {_listed(table, taxels)}", *notes, *table.notes, *found.notes, why, *sentences]
-    return recordings_of(arrays, source, groups=found.groups, notes=told)
+    if of_one_file and table.class_names:
+        arrays["class_names"] = np.array(table.class_names)
+    if table.names:
+        arrays["channel_names"] = np.array([table.names[column] for column in taxels])
+    told = [f"{class_is}; {_listed(table, taxels)}", *notes, *table.notes, *found.notes, why]
+    asked = reading.scale is not None
+    return recordings_of(arrays, source, groups=found.groups, scale=scale, asked=asked, notes=told)
 
 
 class _Meaning:
     """What is understood of a table so far.
 
     chosen: the columns of --columns. time: the column of the clock. taken: the columns that say recording and
-    class. starts: the first row of each recording. labels: the class of each, by number. groups: what
-    recordings have in common. rate_hz: of a column that is called like it; 0: none.
+    class. starts: the first row of each recording. labels: the class of each. groups: what recordings have in
+    common. rates: frames a second that columns and attributes say, and what says them.
     """
 
-    def __init__(self, table: Table, reading: Reading) -> None:
-        self.table, self.reading = table, reading
+    def __init__(self, tables: Sequence[Table], reading: Reading) -> None:
+        self.tables, self.table, self.reading = tables, Table.joined(tables), reading
         self.notes: list[str] = []
         self.groups: dict[str, np.ndarray] = {}
+        self.rates: list[tuple[float, str]] = []
         self.taken: list[int] = []
         self.starts = self.labels = np.zeros(1, dtype=np.int64)
-        self.rate_hz = 0.0
-        every = table.attributes
+        every = self.table.attributes
         self.attributes = [name for name in every[0] if all(name in each for each in every)]
-        self.on_path = all(len(path) > 1 for path in table.paths)
+        self.on_path = all(len(path) > 1 for path in self.table.paths)
         self.chosen = self._chosen()
         self.time = self._clock()
 
@@ -217,26 +191,27 @@ class _Meaning:
         """The rows at which a column takes another value."""
         return np.flatnonzero(np.diff(_codes(self.table.frame[column]))) + 1
 
-    def part(self, of_one_file: bool) -> tuple[list[str], str]:
+    def part(self, of_one_file: bool) -> str:
         """Find where recordings begin: with each source, where the columns of recording and class change, and
-        at breaks over which the clock does not run on. Returns the class of each, and what says it, in words."""
-        table, label = self.table, self._class()
-        asked = self.reading.recording
+        at breaks over which the clock does not run on; and the class of each. Returns what says it, in words."""
+        table, label, asked = self.table, self._class(), self.reading.recording
         named = [each for each in self._named(_RECORDING) if each != label]
-        if asked is None:  # what changes in most rows numbers them
-            named = [each for each in named if 2 * len(self._changes(each)) <= max(len(table.lines), 4)]
-        column = table.find(asked, "--recording") if asked is not None else next(iter(named), None)
-        breaks = self._breaks() if column is None else []
-        if column is None and not breaks and isinstance(label, int) and len(table.sources) == 1:
+        if asked is not None:
+            named = [table.find(asked, "--recording")]
+        else:  # what changes in most rows numbers them
+            most = max(len(table.lines), 4) // 2
+            named = [each for each in named if len(self._changes(each)) <= most][:1]
+        breaks = [] if named else self._breaks()
+        if not named and not breaks and isinstance(label, int) and len(table.sources) == 1:
             words = ", ".join(_RECORDING[:4])
             table.refuse(
                 f"has no column that says the recording of a row ({words}, ...); name it with --recording", 0
             )
-        self.taken = [each for each in (column, label) if isinstance(each, int)]
-        for each in self.taken:
-            table.check_filled(each)
-        parted = {*table.firsts, *breaks, *([] if column is None else self._changes(column).tolist())}
-        cut = sorted({*(self._changes(label).tolist() if isinstance(label, int) else ())} - parted)
+        self.taken = [*named, *([label] if isinstance(label, int) else [])]
+        for column in self.taken:
+            table.check_filled(column)
+        parted = {*table.firsts, *breaks, *(row for column in named for row in self._changes(column))}
+        cut = sorted({*self._changes(label)} - parted) if isinstance(label, int) else []
         self.starts = np.array(sorted({*parted, *cut}))
         if cut:
             what = f"changes inside recordings, {len(cut)} times, first in line {table.lines[cut[0]]}"
@@ -245,32 +220,30 @@ class _Meaning:
             self.notes.append(
                 f"{len(breaks)} recordings begin behind a blank line or a new head inside a file"
             )
-        if column is not None:
-            self.groups["recording" if asked is None else asked] = self._values(column)
+        if named:
+            self.groups[asked or "recording"] = self._values(named[0])
         if isinstance(label, int):
-            by = "what blank lines part" if column is None else table.called(column)
-            cells = table.frame[label].iloc[self.starts]
-            return [
-                _shown(value) for value in cells
-            ], f"{table.called(label)} is the class, {by} the recording"
+            self.labels = self._values(label).astype(str)
+            by = table.called(named[0]) if named else "what blank lines part"
+            return f"{table.called(label)} is the class, {by} the recording"
         if label is not None:
-            shown = [_shown(table.attributes[source][label]) for source in self.sources]
-            return shown, f"attribute {label} is the class"
+            self.labels = self._of_attribute(label).astype(str)
+            return f"attribute {label} is the class"
         return self._levels(of_one_file)
 
-    def _levels(self, of_one_file: bool) -> tuple[list[str], str]:
+    def _levels(self, of_one_file: bool) -> str:
         """As ``part``, by the first level of the paths."""
         table = self.table
-        shown = [table.paths[source][0] for source in self.sources]
-        classes = sorted(set(shown), key=natural)
+        self.labels = np.array([table.paths[source][0] for source in self.sources])
+        classes = sorted(set(map(str, self.labels)), key=natural)
         some = ", ".join(classes[:6])
-        if of_one_file and len(classes) == len(shown) > 1:
+        if of_one_file and len(classes) == len(self.labels) > 1:
             why = f"its groups {some} would be as many classes as recordings; name what says the class with --class"
             table.refuse(f"{why}: there are the attributes {', '.join(self.attributes) or 'none'}")
         if all(len(path) > 2 for path in table.paths) and all(map(_CALLED_AS_GROUP.fullmatch, classes)):
             why = f"{some} stand above other folders and are called as groups are; put the folders of the classes first"
             table.refuse(f"{why}, or name what says the class with --class")
-        return shown, f"{len(classes)} folders are classes, {len(table.sources)} files recordings"
+        return f"{len(classes)} folders are classes, {len(table.sources)} files recordings"
 
     def _breaks(self) -> list[int]:
         """The breaks of the sources over which the clock does not run on."""
@@ -289,11 +262,17 @@ class _Meaning:
     def _values(self, column: int) -> np.ndarray:
         return whole(self.table.frame[column].iloc[self.starts])
 
+    def _of_attribute(self, name: str) -> np.ndarray:
+        return whole([self.table.attributes[source][name] for source in self.sources])
+
+    def _leave_out(self, called: str, why: str) -> None:
+        self.notes.append(f"{called} {why} and was left out")
+
     def _group(self, name: str, values: np.ndarray, called: str) -> bool:
         """Keep a group, or say why it is none."""
         why = no_group(values, self.labels)
         if why:
-            self.notes.append(f"{called} {why} and was left out")
+            self._leave_out(called, why)
         else:
             self.groups[name] = values
         return not why
@@ -305,16 +284,12 @@ class _Meaning:
         table, sources = self.table, self.sources
         for name in self.attributes:
             if name not in (*UNIT, self.reading.label, *CLASS[:2]) and not RATE.fullmatch(name):
-                self._group(
-                    name, whole([table.attributes[source][name] for source in sources]), f"attribute {name}"
-                )
+                self._group(name, self._of_attribute(name), f"attribute {name}")
         if not self.on_path:
             return
         paths = [(*path[1:-1], re.sub(r"\.\w+$", "", path[-1])) for path in table.paths]
-        tags = [
-            dict(re.findall(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])", "_".join(path)))
-            for path in paths
-        ]
+        tag = re.compile(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])")
+        tags = [dict(tag.findall("_".join(path))) for path in paths]
         words = [word for word in tags[0] if all(word in each for each in tags)]
         for word in words:
             name = _LETTERS.get(word.lower(), word.lower())
@@ -329,76 +304,27 @@ class _Meaning:
     # ------------------------------------------------------------------ columns
     def taxels(self) -> list[int]:
         """The taxels. Every other column is time, a group or left out, which is said."""
-        table, names = self.table, [name.lower() for name in self.table.names]
-        series = [re.sub(r"\d+", "#", name) for name in names]
-        taxels = [*self.chosen]
+        table, taxels = self.table, [*self.chosen]
         of_groups: list[int] = []
-
-        def leave_out(column: int, why: str) -> None:
-            self.notes.append(f"{table.called(column)} {why} and was left out")
-
         for column in self._named(_GROUPS) if self.chosen else table.frame:
-            name, called = names[column] if names else "", table.called(column)
             if column == self.time or column in self.taken:
                 continue
-            text, cells = table.is_text(column), table.frame[column]
-            codes = _codes(cells)
-            values = codes if text else table.parsed(column)
-            course = "" if self.chosen else _course(values, self.starts)
-            level = course == "level"
-            if name in _GROUPS:
-                inside = np.setdiff1d(np.flatnonzero(np.diff(codes)) + 1, self.starts)
-                if self.chosen and (len(inside) or table.is_missing(column).any()):
-                    continue
-                if len(inside):
-                    row = int(inside[0])
-                    where = (
-                        f"recording {_shown(table.frame[self.taken[0]].iloc[row])}"
-                        if self.taken
-                        else "a file"
-                    )
-                    why = f"{called} is a group and changes inside {where}; name what a recording is with --recording"
-                    table.refuse(f"{why}, or the taxels with --columns", row)
-                table.check_filled(column)
-                of_groups += [column] if self._group(name, self._values(column), called) else []
-            elif text and not any(cells):
-                leave_out(column, "is empty")
-            elif name and TIME.match(name):
-                leave_out(column, "is time, too,")
-            elif name in (*_RECORDING, *CLASS, *_CLASS_TOO):
-                if not level:
-                    leave_out(column, "changes inside recordings, is no group")
-                else:
-                    self._group(name, self._values(column), called)
-            elif level and not text and _LIKE_RATE.search(name):
-                leave_out(
-                    column, "is called like a rate and has one value in each recording, so is no taxel,"
-                )
-                if RATE.fullmatch(name) and (values == values[0]).all():
-                    self.rate_hz = float(values[0])
-            elif names and "#" in series[column] and series.count(series[column]) > 1:
-                taxels.append(column)
-                if level:
-                    self.notes.append(f"{called} keeps its value in each recording and was taken as a taxel")
-            elif level and not text and (values == values[0]).all():
-                taxels.append(column)
-                self.notes.append(f"{called} keeps its value in all recordings and was taken as a taxel")
-            elif level and names:
-                if self._group(table.names[column], self._values(column), called):
-                    self.notes.append(f"{called} has one value in each recording and is a group")
-            elif course == "runs" and not names and column == 0 and self.time is None and not _counts(values):
-                self.time = column
-            elif course == "runs":
-                leave_out(column, "runs on like a time or numbers the rows")
-            elif course:
-                why = (
-                    "has one value in each recording"
-                    if level
-                    else "is level in some recordings and runs on like a time in others"
-                )
+            called, (role, why) = table.called(column), self._role(column)
+            if role == "refused":
                 table.refuse(f"{called} {why}, so is no taxel; choose the taxels with --columns", 0)
-            else:
+            elif role == "time":
+                self.time = column
+            elif role == "left out":
+                self._leave_out(called, why)
+            elif role == "taxel":
                 taxels.append(column)
+                self.notes += [f"{called} {why}"] if why else []
+            elif why or self._is_whole(column):
+                name = table.names[column]
+                known = name.lower() in (*_RECORDING, *CLASS, *_CLASS_TOO, *_GROUPS)
+                if self._group(name.lower() if known else name, self._values(column), called):
+                    of_groups += [] if why else [column]
+                    self.notes += [] if known else [f"{called} {why}"]
         if not taxels:
             table.refuse("has no column left for taxels; choose them with --columns")
         self._check_sorted([*self.taken, *of_groups])
@@ -408,14 +334,66 @@ class _Meaning:
         self.notes += [f"groups: {', '.join(named)}"] if named else []
         return taxels
 
+    def _role(self, column: int) -> tuple[str, str]:
+        """What a column is (group, taxel, time, left out, refused), by the first rule that fits, and why."""
+        table = self.table
+        name, *names = (name.lower() for name in (table.names[column], *table.names)) if table.names else [""]
+        if name in _GROUPS:
+            return "group", ""
+        text = table.is_text(column)
+        values = _codes(table.frame[column]) if text else table.parsed(column)
+        course, same = _course(values, self.starts), not text and bool((values == values[0]).all())
+        level, runs = course == "level", course == "runs"
+        said = name in (*_RECORDING, *CLASS, *_CLASS_TOO)
+        series = [re.sub(r"\d+", "#", each) for each in (name, *names)]
+        in_series = "#" in series[0] and series.count(series[0]) > 2
+        is_rate = level and not text and _LIKE_RATE.search(name)
+        if is_rate and same and values[0] > 0 and RATE.fullmatch(name):
+            self.rates.append((float(values[0]), "a column that is called like it"))
+        is_clock = (
+            runs and not names and column == 0 and self.time is None and np.median(np.diff(values)) != 1
+        )
+        rules = (
+            (text and not any(table.frame[column]), "left out", "is empty"),
+            (TIME.match(name), "left out", "is time, too,"),
+            (said and level, "group", "says more of a recording"),
+            (said, "left out", "changes inside recordings, is no group"),
+            (is_rate, "left out", "is called like a rate and has one value in each recording, so is no taxel,"),
+            (in_series and level, "taxel", "keeps its value in each recording and was taken as a taxel"),
+            (in_series, "taxel", ""),
+            (level and same, "taxel", "keeps its value in all recordings and was taken as a taxel"),
+            (level and names, "group", "has one value in each recording and is a group"),
+            (is_clock, "time", ""),
+            (runs, "left out", "runs on like a time or numbers the rows"),
+            (level, "refused", "has one value in each recording"),
+            (course, "refused", "is level in some recordings and runs on like a time in others"),
+            (True, "taxel", ""),
+        )  # fmt: skip
+        return next((role, why) for fits, role, why in rules if fits)
+
+    def _is_whole(self, column: int) -> bool:
+        """Whether a column of groups has one value in each recording. One that has not is refused, unless
+        --columns says what the taxels are."""
+        table = self.table
+        inside = np.setdiff1d(self._changes(column), self.starts)
+        if self.chosen:
+            return not (len(inside) or table.is_missing(column).any())
+        if len(inside):
+            row = int(inside[0])
+            where = f"recording {table.frame[self.taken[0]].iloc[row]}" if self.taken else "a file"
+            why = f"{table.called(column)} is a group and changes inside {where}; name what a recording is with --recording"
+            table.refuse(f"{why}, or the taxels with --columns", row)
+        table.check_filled(column)
+        return True
+
     def _check_sorted(self, columns: Sequence[int]) -> None:
         """Refuse rows of one recording, class and groups with others between: they are not sorted."""
         table = self.table
         first_rows: dict[tuple[Any, ...], int] = {}
         if "recording" not in self.groups and self.reading.recording is None:
             return
-        cells = [table.frame[column].astype(str).iloc[self.starts].tolist() for column in columns]
-        for row, *key in zip(self.starts.tolist(), *cells, strict=True):
+        cells = table.frame[columns].iloc[self.starts].astype(str).itertuples(index=False, name=None)
+        for row, key in zip(self.starts.tolist(), cells, strict=True):
             before = first_rows.setdefault((table.source(row), *key), row)
             if before != row:
                 why = f"recording {key[0]} of line {table.lines[before]} goes on here after another one"
@@ -427,38 +405,41 @@ class _Meaning:
         names = self.groups.get("recording")
         return "/".join(path) or f"recording {recording + 1 if names is None else names[recording]}"
 
-    def rate(self, units: Sequence[dict[int, float]], config: AcceleratorConfig | None) -> tuple[float, str]:
-        """One rate for all recordings, and where it comes from, in words. units: seconds of one of each
-        column, of each source; 0: not said."""
-        table, asked, sources = self.table, self.reading.rate_hz, self.sources
+    def _of_clock(self, time: int) -> list[tuple[float, str]]:
+        """Frames a second of each recording of two frames or more, by its time column."""
+        seconds = self.table.numbers([time])[:, 0]
+        dates = self.table.frame[time].dtype.kind == "M"
+        rates = []
+        for number, (first, end) in enumerate(pairwise(self.offsets.tolist())):
+            if end - first > 1:
+                unit = 1.0 if dates else _second(self.tables[self.table.source(first)], time)
+                rates.append((self._own_rate(time, seconds[first:end], first, unit), self._called(number)))
+        return rates
+
+    def rate(self, config: AcceleratorConfig | None) -> tuple[float, str]:
+        """One rate for all recordings, and where it comes from, in words."""
+        table, asked = self.table, self.reading.rate_hz
         rates: list[tuple[float, str]] = []
-        if self.time is not None:
-            try:
-                seconds = table.numbers([self.time])[:, 0]
-                for number, (first, end) in enumerate(pairwise(self.offsets.tolist())):
-                    unit = (
-                        1.0 if table.frame[self.time].dtype.kind == "M" else units[sources[number]][self.time]
-                    )
-                    own = self._own_rate(self.time, seconds[first:end], first, unit)
-                    rates += [(own, self._called(number))] if own else []
-            except InputError:
-                if asked is None:
-                    raise
+        try:
+            rates += [] if self.time is None else self._of_clock(self.time)
+        except InputError:
+            if asked is None:
+                raise
         if asked is not None:
-            middle = float(f"{np.median([rate for rate, _ in rates]):.5g}") if rates else asked
-            other = f", {asked:g} Hz; but the time columns say {middle:g} Hz"
-            return asked, "the sample rate is as asked for" + (
-                other if abs(middle / asked - 1) > RATE_TOLERANCE else ""
-            )
-        key = next((name for name in self.attributes if RATE.fullmatch(name)), None)
-        for number, source in enumerate(sources if key else ()):
-            value = table.attributes[source][str(key)]
-            if not isinstance(value, int | float) or not np.isfinite(value) or value <= 0:
+            middle = _middle(rates) if rates else asked
+            other = abs(middle / asked - 1) > RATE_TOLERANCE
+            but = f", {asked:g} Hz; but the time columns say {middle:g} Hz" if other else ""
+            return asked, f"the sample rate is as asked for{but}"
+        for key in [name for name in self.attributes if RATE.fullmatch(name)][:1]:
+            values = self._of_attribute(key)
+            if values.dtype.kind not in "iuf" or not ((values > 0) & np.isfinite(values)).all():
                 table.refuse(
-                    f"{key} is {str(value)[:20]}; it must be one number above 0, in hertz: give --rate HZ"
+                    f"{key} is {str(values[0])[:20]}; it must be one number above 0, in hertz: give --rate HZ"
                 )
-            rates.append((float(value), f"{key} of {self._called(number)}"))
-        rates += [(self.rate_hz, "a column that is called like it")] if self.rate_hz > 0 else []
+            rates += [
+                (float(value), f"{key} of {self._called(number)}") for number, value in enumerate(values)
+            ]
+        rates += self.rates
         if not rates and config is not None:
             why = f"there is no time column or rate; it is taken from the configuration '{config.name}'"
             return config.sensor.sample_rate_hz, why
@@ -470,16 +451,11 @@ class _Meaning:
         if high > (1 + RATE_TOLERANCE) * low:
             why = f"'{slow}' has {low:g} frames a second and '{fast}' {high:g}"
             table.refuse(f"{why}; give recordings of one rate, or the rate of all with --rate HZ")
-        middle = float(f"{np.median([rate for rate, _ in rates]):.5g}")
-        return middle, "the sample rate is that of the " + (
-            "time columns" if self.time is not None else "files"
-        )
+        by = "files" if self.time is None else "time columns"
+        return _middle(rates), f"the sample rate is that of the {by}"
 
     def _own_rate(self, time: int, seconds: np.ndarray, first: int, unit: float) -> float:
-        """Frames a second of a recording by its time column from row ``first`` on; 0 with fewer than two.
-        unit: s; 0: not said."""
-        if len(seconds) < 2:
-            return 0.0
+        """Frames a second of a recording by its time column from row ``first`` on. unit: s; 0: not said."""
         table, steps = self.table, np.diff(seconds)
         middle = float(np.median(steps))
         called = table.called(time)
@@ -498,26 +474,29 @@ class _Meaning:
         return float(f"{rate:.5g}")
 
 
+def _middle(rates: Sequence[tuple[float, str]]) -> float:
+    return float(f"{np.median([rate for rate, _ in rates]):.5g}")
+
+
 def _second(table: Table, column: int) -> float:
     """Seconds of one of a time column: by the unit in its name; 0: it does not say."""
     match = TIME.match(table.names[column]) if table.names else None
-    of_name = "s" if match and match[0].lower() == "seconds" else match[1] if match else ""
-    return _SECONDS.get((table.unit([column]) or of_name or "").lower(), 0.0)
+    of_name = match and (match[1] or match[0])
+    return _SECONDS.get((table.unit([column]) or of_name or "").lower().replace("seconds", "s"), 0.0)
 
 
 def _course(values: np.ndarray, starts: np.ndarray) -> str:
     """How a column goes, in every recording: "level", "runs" (up or down, as a time does), "either"; "" as
     signals do."""
-    steps = np.diff(values)
-    steps[starts[1:] - 1] = np.nan
-    if np.isfinite(steps).sum() < LEAST_STEPS or not np.isfinite(values).all():
+    if len(values) - len(starts) < LEAST_STEPS or not np.isfinite(values).all():
         return ""
     courses = set()
-    for first, end in pairwise([*starts.tolist(), len(values)]):
-        own = steps[first : end - 1]
-        if len(own):
-            up = (own > 0).all() or (not (own < 0).all() and own.any() and _is_clock(values[first:end]))
-            courses.add("level" if not own.any() else "up" if up else "down" if (own < 0).all() else "")
+    for part in np.split(values, starts[1:]):
+        steps = np.diff(part)
+        if len(steps):
+            down = bool((steps < 0).all())
+            up = (steps > 0).all() or (not down and _is_clock(part))
+            courses.add("level" if not steps.any() else "down" if down else "up" if up else "")
             if "" in courses or {"up", "down"} <= courses:
                 return ""
     return "level" if courses == {"level"} else "either" if "level" in courses else "runs"
@@ -541,11 +520,6 @@ def _codes(cells: Any) -> np.ndarray:
     return pd.factorize(cells, sort=True)[0].astype(np.float64)
 
 
-def _counts(values: np.ndarray) -> bool:
-    """Whether most values are one more than that before."""
-    return bool(np.median(np.diff(values)) == 1)
-
-
 # ---------------------------------------------------------------------- words
 def _listed(table: Table, taxels: Sequence[int]) -> str:
     """The taxels in words: names that differ by a number alone as one, all others."""
@@ -555,10 +529,6 @@ def _listed(table: Table, taxels: Sequence[int]) -> str:
         runs.setdefault(re.sub(r"\d+", "#", name), []).append(name)
     named = [part for run in runs.values() for part in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)]
     return f"columns {', '.join(named)} are the {len(taxels)} taxels"
-
-
-def _shown(value: Any) -> str:
-    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
 
 
 def whole(values: Any) -> np.ndarray:

@@ -52,17 +52,17 @@ class Reading:
 class Table:
     """Rows of one source, or of several, one after the other.
 
-    frame: the cells; a column is called by its number in the source, from 0. names: the header, empty without
-    one. lines (rows): numbers in the source, from 1. sources: what each is called in messages, in quotation
+    frame: the cells; a column is called by its number in the source, from 0, and a row by its line, from 1. names:
+    the header, empty without one. sources: what each is called in messages, in quotation
     marks. firsts: the first row of each. breaks: rows before which a source itself has a blank line or a new
     head. paths: the class's folder, levels between, file of each source. attributes: of each source, values
     that hold for all of its rows. units: of each column. clock: the time column, where the source's form says
     it. volts: the samples are in volt, whatever numbers they are.
+    class_names: the classes in order, where the source lists them.
     """
 
     frame: pd.DataFrame
     names: tuple[str, ...]
-    lines: np.ndarray
     sources: tuple[str, ...]
     firsts: tuple[int, ...] = (0,)
     breaks: tuple[int, ...] = ()
@@ -72,6 +72,7 @@ class Table:
     clock: int | None = None
     volts: bool = False
     row_is: str = "line"
+    class_names: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -86,19 +87,17 @@ class Table:
         import pandas as pd
 
         first = tables[0]
+        called = f"'{'/'.join(first.paths[0])}'" if first.paths[0] else first.sources[0]
         for table in tables[1:]:
-            called = f"'{'/'.join(first.paths[0])}'" if first.paths[0] else first.sources[0]
             count, expected = table.frame.shape[1], first.frame.shape[1]
             if count != expected:
                 table.refuse(f"has {count} columns where {called} has {expected}; all files must agree")
             if table.header() != first.header():
                 table.refuse(f"its columns are not called as those of {called}; give all files one header")
-        firsts = np.cumsum([0, *(len(table.lines) for table in tables)])[:-1].tolist()
-        frames = [table.frame.set_axis(first.frame.columns, axis=1) for table in tables]
+        firsts = np.cumsum([0, *(len(table.frame) for table in tables[:-1])]).tolist()
         return replace(
             first,
-            frame=pd.concat(frames, ignore_index=True),
-            lines=np.concatenate([table.lines for table in tables]),
+            frame=pd.concat([table.frame.set_axis(first.frame.columns, axis=1) for table in tables]),
             sources=tuple(table.sources[0] for table in tables),
             firsts=tuple(firsts),
             breaks=tuple(at + row for at, table in zip(firsts, tables, strict=True) for row in table.breaks),
@@ -106,6 +105,11 @@ class Table:
             attributes=tuple(table.attributes[0] for table in tables),
             notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
         )
+
+    @property
+    def lines(self) -> np.ndarray:
+        """(rows) numbers in the source, from 1."""
+        return self.frame.index.to_numpy()
 
     def header(self) -> list[str]:
         """The columns' names; how a table calls its time may differ."""
@@ -137,8 +141,8 @@ class Table:
 
     def refuse(self, why: str, row: int | None = None, column: int | None = None) -> NoReturn:
         """Raise InputError about the table, or a row of it, or one of a row's cells."""
-        where = "" if row is None else f", {self.row_is} {self.lines[row]}"
-        where += "" if column is None else f", column {column + 1}"
+        line = "" if row is None else f", {self.row_is} {self.lines[row]}"
+        where = line if column is None else f"{line}, column {column + 1}"
         raise InputError(f"recordings {self.sources[self.source(row or 0)]}{where}: {why}")
 
     def called(self, column: int) -> str:
@@ -192,12 +196,14 @@ class Table:
         if self.is_text(column):
             dated = ", and the rate with --rate HZ" if re.search(r"\d[-:./]\d", cell) else ""
             repair += f", or choose the taxels with --columns{dated}"
-        if self.names and self.names[column]:
-            shown = f"'{cell}', which is no number" if cell else "an empty cell"
-            shown = f"{cell}, not a finite number" if NUMBER.fullmatch(cell) else shown
-            self.refuse(f"{self.called(column)} holds {shown}; {repair}", row)
-        why = f"{cell} is not a finite number" if NUMBER.fullmatch(cell) else f"'{cell}' is no number"
-        self.refuse(f"{why}; {repair}", row, column)
+        named = self.names and self.names[column]
+        kind = "no number"
+        shown = f"'{cell}'" if cell or not named else "an empty cell"
+        if NUMBER.fullmatch(cell):
+            kind, shown = "not a finite number", cell
+        if named:
+            self.refuse(f"{self.called(column)} holds {shown}, which is {kind}; {repair}", row)
+        self.refuse(f"{shown} is {kind}; {repair}", row, column)
 
 
 TIME = re.compile(
@@ -214,15 +220,13 @@ def table_of(frame: pd.DataFrame, source: str, **more: Any) -> Table:
         raise InputError(f"recordings {source}: holds no row or no column; give one row a frame")
     units_of = frame.attrs.get("units", "")
     frame = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
-    names = tuple(str(name) for name in frame.columns)
-    frame = frame.set_axis(range(frame.shape[1]), axis=1).reset_index(drop=True)
+    names = [str(name) for name in frame.columns]
+    frame = frame.set_axis(range(len(names)), axis=1).set_axis(range(1, len(frame) + 1))
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iufM")]:
         frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
-    units = [
-        str(units_of.get(name, "")) if isinstance(units_of, Mapping) else str(units_of) for name in names
-    ]
-    lines = np.arange(1, len(frame) + 1)
-    return Table(frame, names, lines, (source,), units=tuple(units) if any(units) else (), **more)
+    of_all = not isinstance(units_of, Mapping)
+    units = [str(units_of if of_all else units_of.get(name, "")) for name in names]
+    return Table(frame, tuple(names), (source,), units=tuple(units) if any(units) else (), **more)
 
 
 def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:

@@ -67,7 +67,7 @@ def read_text(path: Path, reading: Reading) -> Table:
         low_memory=False,
         skipinitialspace=True,
         skip_blank_lines=False,
-        quoting=csv.QUOTE_NONE if file.lvm else csv.QUOTE_MINIMAL,
+        quoting=file.quoting,
         **commas,
     )
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
@@ -75,13 +75,13 @@ def read_text(path: Path, reading: Reading) -> Table:
         frame[column] = (
             cells.str.replace(r"^([-+]?\d*),(\d)", r"\1.\2", regex=True) if "decimal" in commas else cells
         )
-    lines = np.array(file.rows) + 1
-    breaks = sorted({int(at) for at in np.searchsorted(file.rows, file.breaks)} - {0, len(lines)})
+    frame.index = [row + 1 for row in file.rows]
+    breaks = sorted({int(at) for at in np.searchsorted(file.rows, file.breaks)} - {0, len(frame)})
     # two lines or more between two such places: a blank line behind every line parts nothing
-    if len(lines) > 1 and np.diff([0, *breaks, len(lines)]).max() < 2:
+    if len(frame) > 1 and np.diff([0, *breaks, len(frame)]).max() < 2:
         breaks = []
-    table = Table(frame, names[:width], lines, (f"'{path}'",), breaks=tuple(breaks), units=units[:width],
-                  notes=tuple(file.notes))  # fmt: skip
+    more: dict[str, Any] = {"breaks": tuple(breaks), "notes": tuple(file.notes)}
+    table = Table(frame, names[:width], (f"'{path}'",), units=units[:width], **more)
     return _of_labview(table, file) if file.lvm else table
 
 
@@ -94,6 +94,7 @@ class _File:
 
     def __init__(self, path: Path, asked: str | None) -> None:
         self.path, self.lvm = path, path.suffix.lower() == ".lvm"
+        self.quoting: Any = csv.QUOTE_NONE if self.lvm else csv.QUOTE_MINIMAL
         self.notes: list[str] = []
         self.lines = self._decoded().splitlines()
         excel = re.fullmatch(r'"?sep=(.)"?[;,]*', self.lines[0], re.I) if self.lines else None
@@ -124,18 +125,18 @@ class _File:
 
     def _without_heads(self) -> tuple[list[dict[str, list[str]]], list[int]]:
         """LabVIEW's heads, which become blank lines, and where they end."""
-        text = "\n".join(self.lines)
         heads: list[dict[str, list[str]]] = []
         ends: list[int] = []
+        text = "\n".join(self.lines)
         for match in _HEAD.finditer(text):
             rows = [[cell.strip() for cell in re.split(r"[\t;]", line)] for line in match[0].split("\n")]
             fields = {name: cells for name, *cells in rows}
-            between = text[_place(text, ends[-1]) : match.start()] if ends else ""
-            ends.append(text.count("\n", 0, match.end()))
-            if heads and not between.strip():
+            start = text.count("\n", 0, match.start())
+            if heads and not any(map(str.strip, self.lines[ends[-1] + 1 : start])):
                 heads[-1] |= fields
             else:
                 heads.append(fields)
+            ends.append(text.count("\n", 0, match.end()))
         self.lines = _HEAD.sub(lambda match: "\n" * match[0].count("\n"), text).split("\n")
         return heads or [{}], ends
 
@@ -171,8 +172,7 @@ class _File:
     def _cells(self, delimiter: str, rows: Sequence[int]) -> Iterator[list[str]]:
         """The cells of rows; what stands between quotation marks is one."""
         lines = (self.lines[row].rstrip(" \r") for row in rows)
-        quoting: Any = csv.QUOTE_NONE if self.lvm else csv.QUOTE_MINIMAL
-        for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=quoting):
+        for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=self.quoting):
             yield [cell.strip() for cell in cells]
 
     def _found(self, asked: str | None) -> str:
@@ -186,20 +186,17 @@ class _File:
                     f"--delimiter {asked!r}: cannot separate numbers; give a comma, a semicolon, tab or blank"
                 )
             if max(map(len, self._cells(asked, shown))) < 2:
-                called = DELIMITERS.get(asked, repr(asked))
-                self.refuse(
-                    f"is one column when it is split at {called}; give another --delimiter, or leave it out",
-                    0,
-                )
+                split = f"is one column when it is split at {DELIMITERS.get(asked, repr(asked))}"
+                self.refuse(f"{split}; give another --delimiter, or leave it out", 0)
             return asked
 
         def share_of_numbers(delimiter: str) -> float:
             rows = [*self._cells(delimiter, shown)]
             cells, often = Counter(map(len, rows)).most_common(1)[0]
+            if cells < 2 or often < 0.6 * len(rows):
+                return 0.0
             filled = [cell for row in rows for cell in row if cell]
-            return (
-                (1 + _numeric(filled)) / (1 + len(filled)) if cells > 1 and often >= 0.6 * len(rows) else 0.0
-            )
+            return (1 + _numeric(filled)) / (1 + len(filled))
 
         best = max(DELIMITERS, key=share_of_numbers)
         if not share_of_numbers(best):
@@ -216,11 +213,10 @@ class _File:
         first, *rest = self._cells(self.delimiter, self.rows[:3])
         if not _is_header(first, rest[0] if rest else first):
             return (), ()
-        line, *lines = (row + 1 for row in self.rows[:2])
-        del self.rows[0]
+        line = self.rows.pop(0) + 1
         if not self.rows:
             self.refuse("holds a header and no row; leave the file out or write it again", line - 1)
-        if not any(cell and not NUMBER.fullmatch(cell) for cell in first):
+        if all(not cell or NUMBER.fullmatch(cell) for cell in first):
             self.notes.append(f"line {line} numbers the columns and is their header")
         # a second line belongs to the header without a number, or, where the first does not tell the columns
         # apart, with an empty cell, which no frame has
@@ -228,13 +224,13 @@ class _File:
         below = len(rest) == 2 and _numeric(rest[1]) and len(rest[0]) == len(first)
         if not below or (_numeric(rest[0]) and (apart or all(rest[0]))):
             return tuple(first), ()
-        del self.rows[0]
+        second = self.rows.pop(0) + 1
         if apart and all(first):
             return tuple(first), tuple(rest[0])
-        self.notes.append(f"lines {line} and {lines[0]} are one header")
+        self.notes.append(f"lines {line} and {second} are one header")
         for place, cell in enumerate(first):  # a blank cell means what stands left of it
             first[place] = cell or first[max(place - 1, 0)]
-        return tuple(" ".join(filter(None, pair)) for pair in zip(first, rest[0], strict=True)), ()
+        return tuple(f"{name} {more}".strip() for name, more in zip(first, rest[0], strict=True)), ()
 
     def commas(self) -> dict[str, Any]:
         """What commas in numbers are, as pandas takes it.
@@ -260,13 +256,14 @@ class _File:
         """The cells of every row, and the most that one has: empty ones more, and in LabVIEW's form remarks
         behind the numbers, are left out. A last row with fewer is dropped."""
         counts = Counter(map(len, self._cells(self.delimiter, self.rows)))
-        width = names or len(next(self._cells(self.delimiter, self.rows)))
         if self.lvm:
             usual = counts.most_common(1)[0][0]
             cells = next(cells for cells in self._cells(self.delimiter, self.rows) if len(cells) == usual)
             while len(cells) > 2 and not NUMBER.fullmatch(cells[-1]):
                 cells.pop()
             width = len(cells)
+        else:
+            width = names or next(iter(counts))
         remarks, last = 0, self.rows[-1]
         for row, cells in zip([*self.rows], self._cells(self.delimiter, self.rows), strict=True):
             while len(cells) > width and not cells[-1]:
@@ -284,41 +281,36 @@ class _File:
         return width, max(counts)
 
 
-def _place(text: str, line: int) -> int:
-    """Where the line behind a line begins."""
-    return len("\n".join(text.split("\n")[: line + 1]))
-
-
 def _of_labview(table: Table, file: _File) -> Table:
     """The table of an ``.lvm`` file: column 1 is time and the others are in volt, unless the heads say more.
     Where the time is blank it is what the heads give, X0 and Delta_X."""
 
-    def of_heads(name: str) -> list[list[float]]:
-        """Of each segment one value a channel."""
-        rows = ([cell.replace(",", ".") for cell in head.get(name, [])] for head in file.heads)
-        return [[float(cell) for cell in cells if NUMBER.fullmatch(cell)] for cells in rows]
+    def of_heads(name: str) -> list[set[float]]:
+        """Of each segment the values of the channels."""
+        rows = [[cell.replace(",", ".") for cell in head.get(name, [])] for head in file.heads]
+        return [{float(cell) for cell in cells if NUMBER.fullmatch(cell)} for cells in rows]
 
-    frame, steps = table.frame, of_heads("Delta_X")
-    if len({step for each in steps for step in each}) > 1:
+    frame, steps, starts = table.frame, of_heads("Delta_X"), of_heads("X0")
+    if len(set().union(*steps)) > 1:
         file.refuse("its channels have several Delta_X, so no common clock; write a file a rate")
-    blank = (frame[0].astype(str) == "").to_numpy()
-    if blank.any() and not blank.all():
+    blank = table.is_missing(0)
+    if blank.all():
+        frame = frame.drop(columns=0)
+        bounds = [*pairwise([0, *table.breaks, len(frame)])]
+        if all(steps) and len(steps) == len(bounds):
+            times = [
+                min(start, default=0.0) + min(step) * np.arange(last - first)
+                for start, step, (first, last) in zip(starts, steps, bounds, strict=True)
+            ]
+            frame.insert(0, 0, np.concatenate(times))
+    elif blank.any():
         table.refuse(
             "the time is missing; fill it in or leave the whole column blank", int(np.argmax(blank)), 0
         )
-    if blank.all():
-        frame = frame.drop(columns=0)
-    bounds = [*pairwise([0, *table.breaks, len(frame)])]
-    if blank.all() and all(steps) and len(steps) == len(bounds):
-        starts = [each[0] if each else 0.0 for each in of_heads("X0")]
-        times = [start + step[0] * np.arange(last - first)
-                 for start, step, (first, last) in zip(starts, steps, bounds, strict=True)]  # fmt: skip
-        frame.insert(0, 0, np.concatenate(times))
-    unit = next((cell for cell in file.heads[0].get("Y_Unit_Label", []) if cell), "Volts")
+    unit = next((cell for cell in file.heads[0].get("Y_Unit_Label", []) if cell), "V")
     unit = "V" if unit.lower() in ("volts", "volt", "v") else unit
-    clocks = [column == 0 or name.lower().startswith("x_value")
-              for column, name in enumerate(table.names or [""] * table.frame.shape[1])]  # fmt: skip
-    units = table.units or tuple("s" if clock else unit for clock in clocks)
+    names = table.names or ("x_value", *[""] * (table.frame.shape[1] - 1))
+    units = table.units or tuple("s" if name.lower().startswith("x_value") else unit for name in names)
     return replace(table, frame=frame, units=units, clock=0 if 0 in frame else None, volts=unit == "V")
 
 
@@ -332,7 +324,8 @@ def _is_header(first: list[str], second: list[str]) -> bool:
     count on below; whole numbers beside text may be names of taxels."""
     filled = [cell for cell in first if cell]
     numbers = [cell for cell in filled if NUMBER.fullmatch(cell)]
-    counts = len(numbers) > 2 and any(numbers == [str(n + k) for n in range(len(numbers))] for k in (0, 1))
+    count = len(numbers)
+    counts = count > 2 and numbers in ([*map(str, range(count))], [*map(str, range(1, count + 1))])
     if len(numbers) == len(filled):
         on = second[0].isdecimal() and first[0].isdecimal() and second[0] == str(int(first[0]) + 1)
         return counts and not on

@@ -102,23 +102,16 @@ def draw_waiting(rows: list[Record]) -> Figure:
 
 
 def render(result: Record) -> str:
-    """The page of a result of eskin.study.energy.compare, with ``chips`` where there are any."""
-    rows, chips, thing = result["configurations"], list(result.get("chips", ())), result["what"]
+    """The page of a result of eskin.study.energy.compare."""
+    rows, thing = result["configurations"], result["what"]
     curves = [row for row in rows if row.get("waiting")]
     with rc_context(STYLE):
         charts = {
             "touch": svg(draw_touch(rows, result["least_touch"], thing)),
-            "power": svg(draw_power([*rows, *chips], thing)),
+            "power": svg(draw_power(rows, thing)),
             "waiting": svg(draw_waiting(curves)) if curves else None,
         }
     parts = {row["part"]: (row["rests_on"], row["band"]) for row in rows}
     return page(
-        "energy.html.j2",
-        result=result,
-        rows=rows,
-        chips=chips,
-        charts=charts,
-        parts=parts,
-        thing=thing,
-        a=article(thing),
+        "energy.html.j2", result=result, rows=rows, charts=charts, parts=parts, thing=thing, a=article(thing)
     )

@@ -17,7 +17,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from eskin.choose.yardsticks import fitted
 from eskin.golden.core import AcceleratorConfig, InputError, Memo, Record, content_key
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
@@ -135,6 +134,24 @@ class Method(Protocol):
 # ---------------------------------------------------------------------- the methods
 Cost = Callable[[Any, np.ndarray, int], tuple[int, int, int]]
 """(fitted estimator, inputs that it was fitted to, classes) -> parameters, multiplies, comparisons."""
+
+
+def fitted(
+    model: Any,
+    x: np.ndarray,
+    labels: np.ndarray,
+    grid: Mapping[str, Sequence[float]] | None = None,
+    seed: int = 0,
+) -> Any:
+    """``model`` fitted on ``x``, with the values of ``grid`` that three stratified inner folds like best: fewer
+    where a class is small, none where a class has a single touch."""
+    from sklearn.model_selection import GridSearchCV, StratifiedKFold
+
+    smallest = int(np.bincount(labels)[np.unique(labels)].min())
+    if not grid or smallest < 2:
+        return model.fit(x, labels)
+    inner = StratifiedKFold(min(3, smallest), shuffle=True, random_state=seed)
+    return GridSearchCV(model, grid, cv=inner).fit(x, labels).best_estimator_
 
 
 @dataclass(frozen=True)

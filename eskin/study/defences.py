@@ -18,8 +18,10 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_onsets, find_touches
 from eskin.golden.model.pipeline import by_recording
 from eskin.golden.model.preprocess import activity
-from eskin.training.crossval import Folds
+from eskin.training.crossval import pieces_of, train_pieces
+from eskin.training.datasets import Datasets
 from eskin.training.recipe import Recipe, choose_recipe
+from eskin.training.splits import split_folds
 
 FAULT_FRAMES = 64
 """Block of the recommended fault detector, frames; raised to onset_check_frames where that is longer."""
@@ -227,14 +229,16 @@ def _judged(
     recordings: Recordings, variant: Variant, found: FrontEnd, splits, seeds, folds: int, widths: Record
 ) -> Record:
     config = variant.config
-    work = Folds(recordings, config, variant.recipe, splits, seeds, folds)
-    models = work.quantise(work.fit(None), widths)
-    numbers = work.split_numbers
+    parts = [split_folds(recordings, groups, folds, None) for groups in splits]
+    tests = [(number, test) for number, of_split in enumerate(parts) for test in of_split]
+    pieces = pieces_of(config, variant.recipe, len(recordings), [test for _, test in tests], seeds)
+    trained = train_pieces(Datasets(recordings), pieces, int(seeds[0]), widths=widths)
+    models, numbers = [network.integer for network in trained], [number for _ in seeds for number, _ in tests]
     _, clean_rows, clean = found["clean"]
     # split, test, decisions, margins; training margins
     outcome: list[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
-    for model, number, test, training in zip(models, numbers, work.tests, work.trainings, strict=True):
-        training_margins = _decisions(model, config, clean_rows[training], clean)[1]
+    for model, number, piece in zip(models, numbers, pieces, strict=True):
+        training_margins, test = _decisions(model, config, clean_rows[piece.train], clean)[1], piece.test
         outcome.append((number, test, *_decisions(model, config, clean_rows[test], clean), training_margins))
     record: Record = {
         "name": variant.name,
@@ -258,7 +262,7 @@ def _judged(
             changed, rows, touches = found[f"{name} {taxel}"]
             wrong = [
                 _decisions(model, changed, rows[test], touches)[0] != labels[test]
-                for model, number, test in zip(models, numbers, work.tests, strict=True)
+                for model, number, test in zip(models, numbers, (piece.test for piece in pieces), strict=True)
                 if number == 0
             ]
             by_taxel[taxel] = 1 - float(np.mean(np.concatenate(wrong)))

@@ -13,7 +13,7 @@ from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, decide_touches, step_times
 from eskin.golden.model.pipeline import by_recording
-from eskin.training.datasets import Dataset, Datasets, find_dataset, touch_rows
+from eskin.training.datasets import Dataset, Datasets, touch_rows
 from eskin.training.fit import fine_tune, fit_networks, post_training
 from eskin.training.losses import LossCurves
 from eskin.training.recipe import Recipe, choose_recipe
@@ -68,128 +68,21 @@ def cross_validate(
     agreement, by_seed), confusion (integer model, summed over seeds: rows
     = true class, columns = decided, last column = none), per_class (integer accuracy).
     """
-    recipe = recipe or choose_recipe(config)
-    work = Folds(recordings, config, recipe, splits, seeds, folds, datasets)
-    models = work.fit(progress)
-    integers = (
-        work.fine_tune(models, widths or {}, progress)
-        if quantisation_aware
-        else work.quantise(models, widths or {})
+    recipe, datasets = recipe or choose_recipe(config), datasets or Datasets(recordings)
+    tests = [split_folds(recordings, groups, folds, None) for groups in splits]
+    every = [test for of_split in tests for test in of_split]
+    pieces = pieces_of(config, recipe, len(recordings), every, seeds)
+    trained = train_pieces(
+        datasets, pieces, int(seeds[0]), progress, widths=widths or {}, quantisation_aware=quantisation_aware
     )
-    return work.records(models, integers)
-
-
-class Folds:
-    """The networks of a cross-validation, all folds of all splits for every seed: trained, quantised and
-    judged, in one order."""
-
-    def __init__(
-        self,
-        recordings: Recordings,
-        config: AcceleratorConfig,
-        recipe: Recipe,
-        splits: Sequence[Sequence[str]],
-        seeds: Sequence[int],
-        folds: int,
-        datasets: Datasets | None = None,
-    ) -> None:
-        self._recordings, self._config, self._recipe = recordings, config, recipe
-        self._splits, self._seeds = [list(groups) for groups in splits], list(map(int, seeds))
-        self.data = (datasets or Datasets(recordings)).of(config, recipe)
-        self._jobs: list[tuple[int, int, np.ndarray]] = []
-        self._names: list[list[str]] = []
-        for number, groups in enumerate(self._splits):
-            tests = split_folds(recordings, groups, folds, None)
-            self._names.append([held_out(recordings, groups, test) for test in tests])
-            self._jobs += [(number, fold, test) for fold, test in enumerate(tests)]
-        everything = np.arange(len(recordings))
-        # seed by seed, and within a seed fold by fold: `tests` and `split_numbers` have the same order
-        parts = [touch_rows(self.data, np.setdiff1d(everything, test)) for _, _, test in self._jobs]
-        self.parts = [part for _ in self._seeds for part in parts]
-        self._curves: LossCurves | None = None
-
-    def fit(self, progress: Progress | None) -> list[FloatModel]:
-        """A float network for each part."""
-        unseen = [touch_rows(self.data, test) for test in self.tests]
-        self._curves = LossCurves(self.data, self._config, self._recipe, unseen)
-        report = named(progress, "cross-validation")
-        return fit_networks(
-            self.data, self._config, self._recipe, self.parts, self._seeds[0], report, curves=self._curves
-        )
-
-    def quantise(self, models: list[FloatModel], widths: Record) -> list[IntegerModel]:
-        """Post-training integers of each, ranges profiled on its own training part."""
-        return [
-            post_training(model, self.data, rows, widths)
-            for model, rows in zip(models, self.parts, strict=True)
-        ]
-
-    def fine_tune(
-        self, models: list[FloatModel], widths: Record, progress: Progress | None
-    ) -> list[IntegerModel]:
-        """Integers of each by quantisation-aware training on its own part."""
-        report = named(progress, "quantisation-aware training")
-        return fine_tune(self.data, self._recipe, self.parts, models, self._seeds[0], widths, report)
-
-    @property
-    def tests(self) -> list[np.ndarray]:
-        """For each network the recordings it has not seen."""
-        return [test for _ in self._seeds for _, _, test in self._jobs]
-
-    @property
-    def trainings(self) -> list[np.ndarray]:
-        """For each network the recordings it was trained on."""
-        everything = np.arange(len(self._recordings))
-        return [np.setdiff1d(everything, test) for test in self.tests]
-
-    @property
-    def split_numbers(self) -> list[int]:
-        """For each network the index of its split."""
-        return [number for _ in self._seeds for number, _, _ in self._jobs]
-
-    def judge_on(self, recordings: Recordings, onsets: np.ndarray | None = None) -> None:
-        """From now on ``records`` judges on ``recordings``, which stand for those trained on, one for one.
-
-        onsets: forced, as for ``eskin.golden.model.preprocess.find_touches``.
-        """
-        self.data = find_dataset(recordings, self._config, self._recipe, onsets)
-
-    def records(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[Record]:
-        """A record for each split, as ``cross_validate`` returns them."""
-        return self.records_of(self.decided(models, integers))
-
-    def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[FoldDecisions]:
-        """What each network decided on the recordings it has not seen (``tests``)."""
-        runs = [
-            _judge(model, integer, self.data, test)
-            for model, integer, test in zip(models, integers, self.tests, strict=True)
-        ]
-        if not self._curves or not self._curves.updates:
-            return runs
-        updates = tuple(self._curves.updates)
-        return [
-            dataclasses.replace(run, updates=updates, losses=self._curves.losses[:, m])
-            for m, run in enumerate(runs)
-        ]
-
-    def records_of(self, runs: Sequence[FoldDecisions]) -> list[Record]:
-        """A record for each split from what each network ``decided``."""
-        decided: dict[tuple[int, int], list[FoldDecisions]] = {}
-        for m, run in enumerate(runs):
-            decided.setdefault(self._jobs[m % len(self._jobs)][:2], []).append(run)
-        times = step_times(self._config, self.data.touches)
-        return [
-            split_record(
-                groups,
-                self._names[number],
-                [test for n, _, test in self._jobs if n == number],
-                [decided[number, fold] for fold in range(len(self._names[number]))],
-                self._recordings,
-                self._seeds,
-                times,
-            )
-            for number, groups in enumerate(self._splits)
-        ]
+    runs, data = [network.decided() for network in trained], datasets.of(config, recipe)
+    records, first = list[Record](), 0
+    for groups, of_split in zip(splits, tests, strict=True):
+        seed_by_seed = [runs[begin : begin + len(of_split)] for begin in range(first, len(runs), len(every))]
+        own = [run for of_seed in seed_by_seed for run in of_seed]
+        records.append(record_of(recordings, groups, of_split, own, seeds, config, data))
+        first += len(of_split)
+    return records
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -229,34 +122,99 @@ class Piece:
         return self.copy, self.train.tobytes()
 
 
-def judge_pieces(
-    datasets: Datasets, pieces: Sequence[Piece], seed: int, progress: Progress | None = None
-) -> list[FoldDecisions]:
-    """The decisions of each network on its test.
+def pieces_of(
+    config: AcceleratorConfig, recipe: Recipe, count: int, tests: Sequence[np.ndarray], seeds: Sequence[int]
+) -> list[Piece]:
+    """A piece for each of ``tests`` left out of ``count`` recordings, seed by seed."""
+    everything = np.arange(count)
+    return [
+        Piece(config, recipe, np.setdiff1d(everything, test), test, copy)
+        for copy in range(len(seeds))
+        for test in tests
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """The network of a piece in both forms. updates, losses: as `FoldDecisions` has them."""
+
+    piece: Piece
+    real: FloatModel
+    integer: IntegerModel
+    data: Dataset
+    updates: tuple[int, ...] = ()
+    losses: np.ndarray | None = None
+
+    def decided(self) -> FoldDecisions:
+        """What it decides on its test."""
+        run = _judge(self.real, self.integer, self.data, self.piece.test)
+        return dataclasses.replace(run, updates=self.updates, losses=self.losses)
+
+
+def train_pieces(
+    datasets: Datasets,
+    pieces: Sequence[Piece],
+    seed: int,
+    progress: Progress | None = None,
+    *,
+    widths: Record | None = None,
+    quantisation_aware: bool = False,
+) -> list[Trained]:
+    """The network of each piece, quantised with ranges of its own training part, or trained on in integers.
 
     Networks of one configuration and recipe train at once. Pieces with the same training part share one
-    network, which is judged on each of their tests.
+    network.
     """
-    outcomes: dict[int, FoldDecisions] = {}
+    outcomes: dict[int, Trained] = {}
     kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
     for number, piece in enumerate(pieces):
         kinds.setdefault((piece.config, piece.recipe), []).append(number)
     for (config, recipe), numbers in kinds.items():
         data = datasets.of(config, recipe)
-        first = {pieces[number].key: pieces[number] for number in reversed(numbers)}
-        keys = list(dict.fromkeys(pieces[number].key for number in numbers))
-        parts = [touch_rows(data, first[key].train) for key in keys]
-        curves = LossCurves(data, config, recipe, [touch_rows(data, first[key].test) for key in keys])
-        report = named(progress, "cross-validation")
-        models = fit_networks(data, config, recipe, parts, seed, report, curves)
-        integers = [post_training(model, data, rows, {}) for model, rows in zip(models, parts, strict=True)]
+        first: dict[tuple[int, bytes], Piece] = {}
         for number in numbers:
-            at = keys.index(pieces[number].key)
-            run = _judge(models[at], integers[at], data, pieces[number].test)
-            if curves.updates:
-                run = dataclasses.replace(run, updates=tuple(curves.updates), losses=curves.losses[:, at])
-            outcomes[number] = run
+            first.setdefault(pieces[number].key, pieces[number])
+        parts = [touch_rows(data, piece.train) for piece in first.values()]
+        curves = LossCurves(data, config, recipe, [touch_rows(data, piece.test) for piece in first.values()])
+        models = fit_networks(data, config, recipe, parts, seed, named(progress, "cross-validation"), curves)
+        if quantisation_aware:
+            report = named(progress, "quantisation-aware training")
+            integers = fine_tune(data, recipe, parts, models, seed, widths or {}, report)
+        else:
+            integers = [
+                post_training(model, data, rows, widths or {})
+                for model, rows in zip(models, parts, strict=True)
+            ]
+        places = {key: place for place, key in enumerate(first)}
+        for number in numbers:
+            at = places[pieces[number].key]
+            told = (tuple(curves.updates), curves.losses[:, at]) if curves.updates else ()
+            outcomes[number] = Trained(pieces[number], models[at], integers[at], data, *told)
     return [outcomes[number] for number in range(len(pieces))]
+
+
+def judge_pieces(
+    datasets: Datasets, pieces: Sequence[Piece], seed: int, progress: Progress | None = None
+) -> list[FoldDecisions]:
+    """The decisions of each network on its test."""
+    return [network.decided() for network in train_pieces(datasets, pieces, seed, progress)]
+
+
+def record_of(
+    recordings: Recordings,
+    groups: Sequence[str],
+    tests: Sequence[np.ndarray],
+    runs: Sequence[FoldDecisions],
+    seeds: Sequence[int],
+    config: AcceleratorConfig,
+    data: Dataset,
+) -> Record:
+    """The record of one split, as ``cross_validate`` returns it, of what networks decided on ``tests``, seed
+    by seed."""
+    names = [held_out(recordings, groups, test) for test in tests]
+    by_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]
+    times, numbers = step_times(config, data.touches), list(map(int, seeds))
+    return split_record(list(groups), names, tests, by_fold, recordings, numbers, times)
 
 
 def named(progress: Progress | None, activity: str) -> Callable[[int, int], None]:

@@ -182,8 +182,7 @@ def quantise_image_model(
     for name, value in other.items():
         if value:
             raise InputError(
-                f"--{name.replace('_', '-')}: networks for images have no such width; leave it out, or give "
-                "--weight-bits 4"
+                f"{name}: networks for images have no such width; leave it out, or give --weight-bits 4"
             )
     trained = load_trained(model_dir, images=True)
     model, record = trained.model, trained.record

@@ -41,7 +41,7 @@ from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.fpga.tools import need_tool
 from eskin.rtl.fpga.wiring import Wiring
-from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
+from eskin.rtl.host.uart import DIVISOR_MIN
 from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import (
@@ -52,7 +52,7 @@ from eskin.rtl.program.schedule import (
     schedule,
     step_cycles,
 )
-from eskin.rtl.top.board_top import BAUD, ClassPins
+from eskin.rtl.top.board_top import BAUD
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.top.skin_top import refuse_standalone
 from eskin.study.energy import PARTS, estimate, scheduled_activity
@@ -138,11 +138,6 @@ class BuildRequest:
         the model.
     clock_hz:
         The clock that must be reached, and that the link divides; default: the board's oscillator.
-    baud:
-        Of the link; default: the highest up to 2 Mbaud that the clock makes exactly.
-    class_pins:
-        How the link's board shows the class; default: a pin for each class where the board has so many, else
-        its index.
     seed, seeds:
         The first seed and how many from it on are tried.
     cache:
@@ -157,8 +152,6 @@ class BuildRequest:
     flash: bool = False
     sensing: bool = False
     clock_hz: float | None = None
-    baud: float | None = None
-    class_pins: ClassPins | None = None
     lanes_asked: bool = False
     misfit: tuple[int, str] | None = None
     seed: int = 1
@@ -184,7 +177,7 @@ class BuildRequest:
         InputError
             The clock does not make them.
         """
-        return real_baud(self.wanted_hz, self.baud) if self.hosted else None
+        return link_rate(self.wanted_hz) if self.hosted else None
 
     def wiring(self) -> Wiring:
         """Its design and pins.
@@ -204,14 +197,7 @@ class BuildRequest:
             with_flash = ", ".join(name for name in TARGETS if board(name).flash)
             fault = f"the flash of {self.target.name} is not on four free pins of its part"
             raise InputError(f"--flash: {fault}; leave it out, or use one of {with_flash}")
-        return Wiring(
-            config=config,
-            target=self.target,
-            link=self.hosted,
-            sensing=skin,
-            flash=self.flash,
-            class_pins=self.class_pins,
-        )
+        return Wiring(config=config, target=self.target, link=self.hosted, sensing=skin, flash=self.flash)
 
     def spared(self, misfit: DoesNotFit) -> BuildRequest | None:
         """The same with weights in large memories, where block memories are what the part lacks."""
@@ -316,14 +302,9 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     return result, best.bitstream, netlist.verilog
 
 
-def default_baud(clock_hz: float) -> float:
-    """Of a link at this clock: the highest rate up to `BAUD` that it makes exactly."""
+def link_rate(clock_hz: float) -> float:
+    """Bits a second of a link at this clock: the highest up to `BAUD` that it makes exactly."""
     return clock_hz / max(DIVISOR_MIN, math.ceil(clock_hz / BAUD))
-
-
-def real_baud(clock_hz: float, baud: float | None) -> float:
-    """What this clock makes of ``baud``, or of the default rate."""
-    return clock_hz / uart_divisor(clock_hz, baud or default_baud(clock_hz))
 
 
 def board_of(model: Path) -> tuple[int, int, Any]:

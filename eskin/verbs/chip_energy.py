@@ -7,10 +7,8 @@ asked about.
 """
 
 import dataclasses
-import json
 from collections.abc import Mapping
 from operator import ne
-from pathlib import Path
 
 import numpy as np
 
@@ -138,7 +136,7 @@ def measured(
     rows = np.diff(device.marks(3 + len(joule)), axis=0)
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
-    decisions = [int(word, 16) for word in device.streams()["decision"].words]
+    decisions = device.streams()["decision"][0].view(np.uint32).tolist()
     expected = [pack_decision(config, row) for row in trace.streams["decision"][0]]
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
@@ -274,39 +272,3 @@ def _sums(of_part: Mapping[tuple[str, str], np.ndarray], by: int) -> dict[str, n
     for part, values in of_part.items():
         sums[part[by]] = sums.get(part[by], 0.0) + values
     return sums
-
-
-def chip_row(path: Path) -> Record:
-    """A chip for the energy page, of what `eskin asic --data` wrote: name, per_step_j, per_touch_j
-    (everything included), band, idle_w, average_w, hours, touches, clock_hz, static_w, bit_exact, and
-    ``choices`` as a board's row has them.
-
-    Raises
-    ------
-    InputError
-        Not such a file, or one without recordings.
-    """
-    try:
-        result = json.loads(path.read_text())
-        energy, plural = result["energy"], "s" * (result["lanes"] > 1)
-        name = (
-            f"chip {result['pdk']}, {result['lanes']} lane{plural}, {'ROM' if result['rom'] else 'loadable'}"
-        )
-    except OSError as error:
-        raise InputError(
-            f"--chip {path}: {error.strerror}; give the asic.json that eskin asic --data wrote"
-        ) from None
-    except (ValueError, KeyError, TypeError):
-        fault = "is no result of eskin asic; give the asic.json that eskin asic --data wrote"
-        raise InputError(f"--chip {path}: {fault}") from None
-    if energy["step_j"] is None:
-        raise InputError(f"--chip {path}: has no energy of steps; make it anew with eskin asic --data D")
-    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")}
-    choice |= {
-        "hours": energy["battery_hours"],
-        "name": "outside clock, stopped by the chip",
-        "touches": BATTERY_J / energy["touch_j"],
-    }
-    row = {"name": name, "corner": result["corner"], "static_w": energy["leakage_w"], "choices": [choice]}
-    row |= {"per_step_j": energy["step_j"], "per_touch_j": energy["touch_j"]}
-    return row | {key: energy[key] for key in ("band", "bit_exact", "method")}

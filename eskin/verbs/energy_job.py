@@ -30,7 +30,7 @@ from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.study import energy
 from eskin.verbs.build_job import suited_lane_type
-from eskin.verbs.chip_energy import chip_row, with_touches
+from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
@@ -170,7 +170,6 @@ def job(
     out: Path,
     work: Path,
     notify: Progress,
-    chips: Sequence[Path] = (),
 ) -> Record:
     """Measure every configuration and write energy.json and energy.html into ``out``.
 
@@ -178,16 +177,13 @@ def job(
     ----------
     configurations:
         As for `parse_configuration`; None: CONFIGURATIONS, of images IMAGE_CONFIGURATIONS.
-    chips:
-        Results of `eskin asic --data` (asic.json) to be shown beside the boards.
 
     Returns
     -------
     dict
-        configurations (of `measure`), chips (of eskin.verbs.chip_energy.chip_row), least_touch, least_average
-        (their names; bit-exact ones only), checks, published, battery_j, passed (all bit-exact).
+        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), checks,
+        published, battery_j, passed (all bit-exact).
     """
-    beside = [chip_row(path) for path in chips]
     config = model.config
     chosen_boards = []
     for target, lanes, kind in map(
@@ -217,7 +213,6 @@ def job(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )
     result = energy.compare(rows, what="image" if config.is_image else "touch")
-    result["chips"] = beside
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, result)
     write_text(out / PAGE, render(result))

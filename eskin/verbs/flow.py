@@ -19,7 +19,6 @@ from eskin.golden.model import (
     Trace,
     images_of,
     run,
-    run_images,
     through_converter,
     write_image_vectors,
     write_vectors,
@@ -202,12 +201,16 @@ def expected_of(
     trace: Trace | None = None,
     codes: np.ndarray | None = None,
 ) -> Path:
-    """The file of vectors of recordings or images: what goes in, and every stage of the integer model; the
-    rest as in `cosimulate`."""
+    """The file of vectors of recordings or images: what goes in, and every stage of the integer model as torch
+    computes it; the rest as in `cosimulate`."""
+    from eskin.golden.model import torch_model  # only here: what writes files for others needs no torch
+
     if model.config.is_image:
         images = images_of(recordings)
-        return write_image_vectors(path, run_images(model, images).streams, images, numbers)
-    return write_vectors(path, trace or run(model, recordings), recordings, numbers, codes)
+        streams = torch_model.run_images_on_torch(model, images).streams
+        return write_image_vectors(path, streams, images, numbers)
+    trace = trace or run(torch_model.on_torch(model), recordings)
+    return write_vectors(path, trace, recordings, numbers, codes)
 
 
 def _add_placed(result: Record, second: Record, cells: Mapping[str, int]) -> None:
@@ -225,9 +228,7 @@ def _chips_played(
 ) -> Record:
     """The result of a chip's compiled netlists, with probes and as it would be placed."""
     boot, registers = boot_writes(config, arrays), register_map(config)
-    chosen = {
-        name: options[name] for name in ("pace", "clock_hz", "stalls", "seed", "progress") if name in options
-    }
+    chosen = {name: options[name] for name in ("pace", "clock_hz", "stalls", "seed") if name in options}
     result = gate_flow.cosim(config, chips["seen"][0], vectors, registers, boot, **chosen)
     if "bare" in chips:
         second = gate_flow.cosim(config, chips["bare"][0], vectors, registers, boot, probes=False, **chosen)

@@ -30,7 +30,7 @@ def generate_design(
     **system: Any,
 ) -> Path:
     """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of
-    ``recordings`` (default: random). ``system``: bus, axis, depth and top of `generate`."""
+    ``recordings`` (default: random). ``system``: bus, axis and top of `generate`."""
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:
         raise InputError(f"--out {out}: is the folder that work is in; name a new folder")

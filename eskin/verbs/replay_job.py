@@ -3,7 +3,7 @@ model's."""
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.link import BURST, Link, Transport
-from eskin.cosim.scoreboard import Verdict, compare_played
+from eskin.cosim.scoreboard import Mismatch, Recording, Scoreboard
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
@@ -37,7 +37,6 @@ def replay(
     model: IntegerModel,
     recordings: Recordings,
     *,
-    numbers: Sequence[int],
     port: str,
     baud: int,
     progress: Progress,
@@ -50,8 +49,6 @@ def replay(
     ----------
     model:
         With the lanes that the board's bitstream has.
-    numbers:
-        What each recording is called in messages.
     teach:
         Class that each recording's last touch is taught as, when it is over; one that is not whole is not.
     kept:
@@ -79,9 +76,7 @@ def replay(
         model = load_taught(model, kept)
     with contextlib.closing(SerialPort(port, baud)) as transport, on_port(port):
         timeout_s = answer_s(model.config, baud)
-        result = play_all(
-            transport, model, recordings, numbers, progress, teach=teach, kept=kept, timeout_s=timeout_s
-        )
+        result = play_all(transport, model, recordings, progress, teach=teach, kept=kept, timeout_s=timeout_s)
         return {"port": port, "baud": baud} | result
 
 
@@ -89,7 +84,6 @@ def play_all(
     transport: Transport,
     model: IntegerModel,
     recordings: Recordings,
-    numbers: Sequence[int],
     progress: Progress,
     *,
     teach: int | None = None,
@@ -99,21 +93,30 @@ def play_all(
     """The same over any transport, the model as it is to be loaded; other ``options`` as for Link."""
     config, stream, label = model.config, None if teach is None else Stream(model), teach or 0
     decided = _decided(model, recordings) if stream is None else _streamed(stream, recordings)
-    verdict, decisions = Verdict(), 0
+    differences: list[Mismatch] = []
+    compared = decisions = 0
     link = Link(transport, register_map(config), **options)
     begin = time.monotonic()
     link.connect()
     link.load(boot_writes(config, model.arrays))
-    for position, number in enumerate(numbers):
-        before = int(recordings.offsets[position])
+    for number in range(len(recordings)):
+        before = int(recordings.offsets[number])
 
         def report(taken: int, before: int = before) -> None:
             progress(before + taken, recordings.frames)
 
         rows, frames, touches = next(decided)
-        got = link.play(recordings.recording(position), report)
-        words = (got.status, got.faults, got.touches)
-        compare_played(verdict, config, int(number), rows, frames, got.decisions, touches, words)
+        got = link.play(recordings.recording(number), report)
+        arrays = {"numbers": np.array([number]), "touches": np.array([touches])}
+        arrays |= {"decision": rows, "decision_frame": frames, "decision_offsets": np.array([0, len(rows)])}
+        scoreboard = Scoreboard(config, arrays, probes=False)
+        scoreboard.begin(Recording(arrays, 0))
+        try:
+            scoreboard.check("decision", np.array(got.decisions, np.uint32))
+            scoreboard.end({"STATUS": got.status, "FAULTS": got.faults, "TOUCHES": got.touches})
+        except Mismatch as found:
+            differences.append(found)
+        compared += scoreboard.compared.total()
         decisions += len(got.decisions)
         if stream is not None and touches:
             with contextlib.suppress(InputError):  # not whole
@@ -128,16 +131,18 @@ def play_all(
         held = _held(link, model, kept)
     wall_s = time.monotonic() - begin
     counts = {name: getattr(link, name) for name in ("repeated", "replayed", "unanswered", "damaged")}
-    compared = {name: getattr(verdict, name) for name in ("compared_values", "mismatches", "bit_exact")}
+    exact = not differences and compared > 0
     return counts | {
         "lanes": config.hardware.lanes,
         "recordings": len(recordings),
         "frames": recordings.frames,
         "decisions": decisions,
-        **compared,
-        "passed": verdict.bit_exact and held["taught_equal"],
+        "compared_values": compared,
+        "mismatches": len(differences),
+        "bit_exact": exact,
+        "passed": exact and held["taught_equal"],
         **held,
-        "mismatch_list": [str(mismatch) for mismatch in verdict.first],
+        "mismatch_list": [str(mismatch) for mismatch in differences],
         "wall_s": round(wall_s, 3),
         "frames_per_s": round(recordings.frames / wall_s),
     }

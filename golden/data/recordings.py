@@ -349,7 +349,7 @@ def recordings_of(
     narrow_type = samples.dtype.itemsize <= 2
     bits = 8 * samples.dtype.itemsize if narrow_type else 16
     signed = samples.dtype.kind == "i" if narrow_type else low < 0
-    _check_offsets(arrays["offsets"], len(samples), refuse)
+    check_offsets(arrays["offsets"], len(samples), refuse)
     recordings = len(arrays["offsets"]) - 1
 
     class_names, labels = _classes(arrays, recordings, refuse)
@@ -404,12 +404,16 @@ def _samples(
         with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
             samples = samples.astype(np.float64)
         return to_codes(
-            samples, f"recordings '{source}', array samples", volt or scale, asked=asked and not volt
+            samples,
+            f"recordings '{source}'",
+            volt or scale,
+            names=_channel_names(arrays, samples.shape[1]),
+            asked=asked and not volt,
         )
     return samples, volt, []
 
 
-def _check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
+def check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
     """Refuse offsets that do not cut so many frames into recordings."""
     if offsets.dtype.kind not in "iu" or offsets.ndim != 1:
         refuse(

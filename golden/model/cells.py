@@ -235,7 +235,7 @@ def _run_linear(a: Arithmetic, parameters: Parameters, features: Array) -> tuple
 
 
 def run_cell(
-    a: Arithmetic, config: AcceleratorConfig, parameters: Parameters, features: Array
+    a: Any, config: AcceleratorConfig, parameters: Parameters, features: Array
 ) -> tuple[Array, Array]:
     """Run the configured cell and the dense layer over whole touches, h (and c) 0 at the start, a linear
     cell's sums the bias.
@@ -243,7 +243,7 @@ def run_cell(
     Parameters
     ----------
     a:
-        ``Float(config)`` or ``Fixed(config)``.
+        ``Float(config)``, ``Fixed(config)`` or `eskin.golden.model.torch_model.Int64`.
     parameters:
         Name -> tensor (..., rows[, columns]); codes for Fixed.
     features:

@@ -61,7 +61,6 @@ def export_bus(
     *,
     bus: Bus | None,
     axis: bool = False,
-    depth: int = 2,
     name: str = "",
 ) -> tuple[str, str]:
     """Name (default: eskin_ and the bus) and SystemVerilog text of the module for a user's system (`BusTop`); as `export` otherwise.
@@ -72,7 +71,7 @@ def export_bus(
     if (axis or bus is None) and converter != "none":
         raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
     name = name or f"{BUS_TOP}_{bus or 'axis'}"
-    return name, _verilog(BusTop(config, _rom(config, arrays), bus=bus, axis=axis, depth=depth), name)
+    return name, _verilog(BusTop(config, _rom(config, arrays), bus=bus, axis=axis), name)
 
 
 def _rom(config: AcceleratorConfig, arrays: Arrays | None) -> dict[int, list[int]] | None:

@@ -61,7 +61,6 @@ def generate(
     vectors: str | Path | None = None,
     bus: Bus | None = None,
     axis: bool = False,
-    depth: int = 2,
     top: str | None = None,
 ) -> Path:
     """Write the generated folder, whole or not at all.
@@ -77,7 +76,7 @@ def generate(
     vectors:
         File of eskin.golden.model.vectors.write_vectors; its first recording becomes the self-checking
         testbench. None: no testbench.
-    bus, axis, depth:
+    bus, axis:
         With ``bus`` or ``axis`` the module of `eskin.rtl.top.bus_top.BusTop` too.
     top:
         Name of the module that a system takes; with it all other modules, and the driver with all that it and
@@ -108,7 +107,7 @@ def generate(
     if top is not None:
         check_prefix("--top", top)
     with replacing_folder(out) as folder:
-        _write_all(config, arrays, folder, vectors, bus, axis, depth, top)
+        _write_all(config, arrays, folder, vectors, bus, axis, top)
     return out
 
 
@@ -119,7 +118,6 @@ def _write_all(
     vectors: str | Path | None,
     bus: Bus | None,
     axis: bool,
-    depth: int,
     name: str | None,
 ) -> None:
     sensing, behind = config.interface.converter.name != "none", bool(bus or axis)
@@ -130,7 +128,7 @@ def _write_all(
         chain = name if name and not behind else f"{name}_{SENSING}" if name else SENSING
         modules[chain] = export_sensing(config, arrays, chain)
     if behind:
-        modules |= [export_bus(config, arrays, bus=bus, axis=axis, depth=depth, name=name or "")]
+        modules |= [export_bus(config, arrays, bus=bus, axis=axis, name=name or "")]
     for top, verilog in modules.items():
         (folder / f"{top}.sv").write_text(verilog)
     (folder / "config.json").write_text(config.to_json())

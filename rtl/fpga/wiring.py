@@ -35,8 +35,6 @@ class Wiring:
 
     link: a host's serial line. sensing: frames from the configuration's converter, its stimulator if it has
     one. flash: the model comes out of the board's flash. None of them: onset to decision alone, in a harness.
-    class_pins: how a design without a converter shows the class; None: a pin for each class where the board
-    has so many, else its index as a number.
     """
 
     config: AcceleratorConfig
@@ -44,7 +42,6 @@ class Wiring:
     link: bool = False
     sensing: bool = False
     flash: bool = False
-    class_pins: ClassPins | None = None
 
     def design(
         self, images: Mapping[int, list[int]] | None, clock_hz: float, baud: float | None
@@ -64,9 +61,9 @@ class Wiring:
 
     @property
     def shown(self) -> ClassPins:
-        """How the class is shown."""
+        """How the class is shown: a pin for each where the board has so many, else its index as a number."""
         each = self.sensing or len(self._decisions("each")) <= len(self.target.pins)
-        return self.class_pins or ("each" if each else "binary")
+        return "each" if each else "binary"
 
     def _decisions(self, shown: ClassPins) -> list[str]:
         count = class_pin_count(self.config, shown)
@@ -106,14 +103,8 @@ class Wiring:
         classes = f"{self.config.classes} classes need {needed}"
         if self.sensing:
             return f", and converter, stimulator and {classes}; use another board or converter"
-        fewer = {kind: len(self._decisions(kind)) for kind in ("binary", "none")}
-        helps = [
-            f"--class-pins {kind} needs {count}"
-            for kind, count in fewer.items()
-            if count <= len(self.target.pins)
-        ]
         boards = [board(name) for name in TARGETS if name != self.target.name]
-        helps += [
+        helps = [
             f"--target {other.name} has {len(other.pins)}" for other in boards if len(other.pins) >= needed
         ]
         return f" and {classes}; {', '.join([*helps, '--no-link needs none'])}"

@@ -18,14 +18,13 @@ from eskin.rtl.top.image_accelerator import make_accelerator
 BAUD = 2e6
 """16 taxels at 3 kHz need 1.14 Mbaud."""
 
-ClassPins = Literal["each", "binary", "none"]
-"""How the class of the latest decision is shown on pins: one pin for each class, its index as a number, or
-not at all."""
+ClassPins = Literal["each", "binary"]
+"""How the class of the latest decision is shown on pins: one pin for each class, or its index as a number."""
 
 
 def class_pin_count(config: AcceleratorConfig, class_pins: ClassPins) -> int:
     """Pins that show the class."""
-    return {"each": config.classes, "binary": ceil_log2(config.classes), "none": 0}[class_pins]
+    return config.classes if class_pins == "each" else ceil_log2(config.classes)
 
 
 def reaches_pins(config: AcceleratorConfig, decision: data.View, global_shown: Signal) -> Value:
@@ -58,8 +57,7 @@ class BoardTop(wiring.Component):
     rx : In(1), tx : Out(1)
         Serial lines, idle high.
     decision : Out(classes), or Out(ceil(log2(classes))) with ``class_pins`` binary
-        The class of the latest decision, local or global: one-hot, or its index; 0 before the first. Absent
-        with ``class_pins`` none.
+        The class of the latest decision, local or global: one-hot, or its index; 0 before the first.
     decision_valid : Out(1)
         That decision is a touch's global one: high from it until the next touch's first step.
     unsure : Out(1), only with ``margin_threshold``
@@ -88,7 +86,7 @@ class BoardTop(wiring.Component):
         self._divisor = uart_divisor(clock_hz or config.hardware.clock_hz, baud)
         super().__init__(
             {"rx": In(1), "tx": Out(1, init=1), "decision_valid": Out(1), "led": Out(1)}
-            | ({} if class_pins == "none" else {"decision": Out(class_pin_count(config, class_pins))})
+            | {"decision": Out(class_pin_count(config, class_pins))}
             | ({"unsure": Out(1)} if config.network.margin_threshold else {})
         )
 
@@ -114,9 +112,8 @@ class BoardTop(wiring.Component):
         m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx), self.led.eq(link.expected[6])]
         with m.If(accelerator.o.valid & reaches_pins(self._config, accelerator.o.p, self.decision_valid)):
             m.d.sync += self.decision_valid.eq(accelerator.o.p.is_global)
-            if self._class_pins != "none":
-                number = accelerator.o.p["class"]
-                m.d.sync += self.decision.eq(number if self._class_pins == "binary" else 1 << number)
+            number = accelerator.o.p["class"]
+            m.d.sync += self.decision.eq(number if self._class_pins == "binary" else 1 << number)
             if self._config.network.margin_threshold:
                 m.d.sync += self.unsure.eq(accelerator.o.p.unsure)
         return m

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from eskin.cosim import flow
-from eskin.cosim.scoreboard import read_capture
 from eskin.data import synthetic_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault, InputError
 from eskin.golden.data import Recordings, load_archive
@@ -194,19 +193,12 @@ def play_with_a_fault(
     total = len(recordings.samples)
     design = generate(config, model.arrays, tmp_path / "design")
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings, codes=codes)
-    result = flow.cosim(
-        design,
-        vectors,
-        fault=(at, lasts, kind),
-        waves=False,
-        work=tmp_path / "run",
-        builds=BUILD / "simulators",
-    )
-    capture = read_capture(tmp_path / "run")
-    stream, rearmed = capture.stages["decision"][0], int(capture.frame_cycles[at + frames - 1])
+    run_ = flow.Run.of(design, vectors, pace="declared", builds=BUILD / "simulators")
+    fault = {"fault": (at, lasts, kind)}
+    said, _ = run_.play(tmp_path / "run", fault, bench="tests.support.broken_frames")
     halves: tuple[list, list] = [], []
-    for word, cycle in zip(stream.words, stream.cycles, strict=True):
-        halves[cycle > rearmed].append(int(word, 16))
+    for word, cycle in said["decisions"]:
+        halves[cycle > said["taken"][at + frames - 1]].append(word)
     golden = []
     for low, high in ((0, at), (at + frames, total)):
         part = dataclasses.replace(
@@ -216,8 +208,7 @@ def play_with_a_fault(
         golden.append([pack_decision(config, row) for row in rows])
     # no end of a recording where the frames break: no partial decision
     golden[0] = [word for word in golden[0] if not word >> 30 & 1]
-    assert not result["passed"]
-    return result["conversion"]["faults"], halves, golden
+    return said["faults"], halves, golden
 
 
 STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))

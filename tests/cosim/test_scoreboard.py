@@ -1,10 +1,19 @@
 """The scoreboard sees every kind of difference, and says where it is."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
-from eskin.cosim.latency import budgets, cycle_table, decision_latencies, needed_clock, step_limit_frames
-from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, compare, read_capture
+from eskin.cosim.latency import Measured, budgets, needed_clock, step_limit_frames
+from eskin.cosim.scoreboard import (
+    DECISION_FIELDS,
+    FLAT_STAGES,
+    Mismatch,
+    Scoreboard,
+    recordings_of,
+    stages_of,
+)
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from tests.support.link_flow import pack_decisions
 from tests.support.table import each_row
@@ -49,185 +58,132 @@ def expected() -> dict[str, np.ndarray]:
     return arrays
 
 
+class Said(dict):
+    """What hardware that agrees says: (recording, stage) -> values; (recording, "end") -> registers."""
+
+    def __init__(self, expected) -> None:
+        for recording in recordings_of(expected):
+            for stage in FLAT_STAGES:
+                self[recording.number, stage] = recording[stage].copy()
+            payloads = [pack(row) for row in recording["decision"]]
+            self[recording.number, "decision"] = np.array(payloads, np.uint32)
+            self[recording.number, "end"] = {"STATUS": 1, "FAULTS": 2, "TOUCHES": 1}
+
+    def judged(self, expected, config=CONFIG) -> Scoreboard:
+        """The scoreboard behind all of it; value k of a stage came in cycle 100 + k."""
+        scoreboard = Scoreboard(config, expected)
+        for recording in recordings_of(expected):
+            scoreboard.begin(recording)
+            for stage in (*FLAT_STAGES, "decision"):
+                values = self[recording.number, stage]
+                for part in (slice(0, 5), slice(5, None)):  # values come in pieces
+                    cycles = 100 + np.arange(len(values))[part]
+                    scoreboard.check(stage, values[part], cycles)
+            scoreboard.end(self[recording.number, "end"])
+        return scoreboard
+
+
 @pytest.fixture
-def work(tmp_path, expected):
-    """A capture that agrees: frame f ends at cycle 20 f, a decision is offered 9 cycles after the frame that
-    brings it."""
-    lines: dict[str, list[str]] = {stage: [] for stage in (*FLAT_STAGES, "decision")}
-    for position, number in enumerate(NUMBERS):
-        for stage in FLAT_STAGES:
-            low, high = expected[f"{stage}_offsets"][position : position + 2]
-            for index, value in enumerate(expected[stage][low:high]):
-                lines[stage].append(f"{number} {int(value) & 0xFFFFFFFF:08x} {100 + index}")
-        low, high = expected["decision_offsets"][position : position + 2]
-        for row, frame in zip(
-            expected["decision"][low:high], expected["decision_frame"][low:high], strict=True
-        ):
-            at = 20 * (12 * position + frame) + 9 + row[0]
-            lines["decision"].append(f"{number} {pack(row):08x} {at} {at}")
-    lines["step"] = ["5 0000000a 1", "5 0000000c 2", "5 0000000b 3", "9 0000000c 4", "9 0000000c 5"]
-    lines["status"] = ["5 0001 0002 0001 3", "9 0001 000a 0001 300"]
-    names = "cycles frames recordings input_stalls overruns protocol_errors unknown stuck stuck_recording"
-    lines["summary"] = [f"{name} 0" for name in f"{names} stuck_frame armed_at".split()]
-    lines["summary"].append("frame_cycles_max 4")
-    for name, text in lines.items():
-        (tmp_path / f"{name}.txt").write_text("".join(f"{line}\n" for line in text))
-    (20 * np.arange(1, 23)).astype("<u4").tofile(tmp_path / "frames.bin")
-    return tmp_path
+def said(expected) -> Said:
+    return Said(expected)
 
 
-def change(work, name: str, number: int, line: str | None) -> None:
-    """Line ``number`` of a file becomes ``line``; None: it is gone; behind the last: it is added."""
-    path = work / f"{name}.txt"
-    lines = path.read_text().splitlines()
-    lines[number : number + 1] = [] if line is None else [line]
-    path.write_text("".join(f"{line}\n" for line in lines))
-
-
-def test_agreement_counts_every_value(expected, work):
-    verdict = compare(CONFIG, expected, read_capture(work))
-    assert verdict.bit_exact
+def test_agreement_counts_every_value(expected, said):
     counted = {stage: 5 * size for stage, size in SIZES.items()} | {"decision": 7 * 6, "status": 2 * 3}
-    assert verdict.compared_values == sum(counted.values())
-    assert verdict.stages == {
+    assert said.judged(expected).compared == counted
+    assert stages_of(counted, None) == {
         stage: {"compared_values": values, "mismatches": 0} for stage, values in counted.items()
     }
 
 
-def test_a_stage_that_the_design_does_not_have_is_not_listed(expected, work):
+def test_a_stage_that_the_design_does_not_have_is_not_listed(expected, said):
     expected["fault"], expected["fault_offsets"] = np.zeros(0), np.zeros(3, dtype=int)
-    (work / "fault.txt").write_text("")
+    for number in NUMBERS:
+        said[number, "fault"] = np.zeros(0, np.int32)
     there = ["sum", "feature", "state", "logit", "decision", "status"]
-    assert list(compare(CONFIG, expected, read_capture(work)).stages) == there
-    expected["flags"] = np.zeros((2, 4), dtype=bool)
-    assert "fault" in compare(FLAGGED, expected, read_capture(work)).stages
-    change(work, "fault", 0, "5 00000001 7")  # a value that nobody expects is seen all the same
-    assert compare(CONFIG, expected, read_capture(work)).stages["fault"]["mismatches"] == 1
+    assert [stage for stage, count in said.judged(expected).compared.items() if count] == there
+    said[5, "fault"] = np.ones(1, np.int32)  # a value that nobody expects is seen all the same
+    with pytest.raises(Mismatch, match="stage fault, index 0 .*expected nothing more, got 1"):
+        said.judged(expected)
 
 
 @each_row("stage", FLAT_STAGES)
-def test_one_wrong_value_is_told_with_its_place(expected, work, stage):
+def test_the_first_wrong_value_is_told_with_its_place(expected, said, stage):
     index = 2 * SIZES[stage] + 1
-    value, kept = int(expected[stage][index]), (work / f"{stage}.txt").read_text()
-    change(work, stage, index, f"5 {value + 1 & 0xFFFFFFFF:08x} 777")
-    verdict = compare(CONFIG, expected, read_capture(work))
-    (work / f"{stage}.txt").write_text(kept)
-    assert verdict.mismatches == verdict.stages[stage]["mismatches"] == 1 and not verdict.bit_exact
+    value = int(expected[stage][index])
+    said[5, stage][index:] += 1
     place = f"recording 5, frame 12, stage {stage}, index {index} (touch 0, step 2, {FLAT_STAGES[stage]} 1)"
-    assert str(verdict.first[0]) == f"{place}: expected {value}, got {value + 1} at cycle 777"
+    with pytest.raises(Mismatch) as found:
+        said.judged(expected)
+    said[5, stage][index:] -= 1
+    assert str(found.value) == f"{place}: expected {value}, got {value + 1} at cycle {100 + index}"
 
 
-DECISION = [0, 1, 2, 65535, 0, 0]
+@each_row("column", range(len(DECISION_FIELDS)))
+def test_each_field_of_a_decision_is_compared(expected, said, column):
+    kept = said[5, "decision"].copy()
+    said[5, "decision"][1] = pack([v ^ (k == column) for k, v in enumerate([0, 1, 2, 65535, 0, 0])])
+    with pytest.raises(Mismatch, match=f"stage decision, index 1 .{list(DECISION_FIELDS)[column]} of step 1"):
+        said.judged(expected)
+    said[5, "decision"] = kept
+
+
 CHANGES = [
-    # sign extension counts
-    ([("state", 0, "5 0000fffb 1")], [(5, "state", 0, "unit 0")]),
-    # missing, and then superfluous values
-    ([("sum", 19, None), ("sum", 18, None)], [(9, "sum", 6, "taxel 2"), (9, "sum", 7, "taxel 3")]),
-    ([("logit", 99, "9 00000001 5")], [(9, "logit", 6, "after the last step")]),
-    ([("logit", 99, "6 00000001 5")], [(6, "logit", 0, "not played")]),
-    # an X is no 0
-    *(
-        ([("feature", 0, f"5 {word} 1")], [(5, "feature", 0, "taxel 0")])
-        for word in ("0000000x", "xxxxxxxx", "0000000z", "0000X000")
-    ),
-    # each field of a decision
-    *(
-        (
-            [("decision", 1, f"5 {pack([v ^ (k == column) for k, v in enumerate(DECISION)]):08x} 8 8")],
-            [(5, "decision", 1, f"{name} of step 1")],
-        )
-        for column, name in enumerate(DECISION_FIELDS)
-    ),
     (
-        [("decision", 6, "9 xxxxxxxx 8 8"), ("decision", 3, None), ("decision", 99, "9 00000000 9 9")],
-        [(5, "decision", 3, "whole"), (9, "decision", 2, "payload"), (9, "decision", 3, "whole")],
+        9,
+        "sum",
+        lambda values: values[:-2],
+        "recording 9, frame 10, stage sum, index 6 .*taxel 2.*got nothing",
     ),
-    # registers at the end
-    *(
-        ([("status", 1, line)], [(9, "status", index, place)])
-        for line, index, place in (
-            ("9 0009 0002 0001 3", 0, "NO_TOUCH"),
-            ("9 0001 0002 0002 3", 2, "TOUCHES"),
-            ("9 0001 0001 0001 3", 1, "FAULTS"),
-            ("9 0001 0004 0001 3", 1, "FAULTS"),
-            ("9 000x 0002 0001 3", 0, "STATUS"),
-            (None, 0, "registers"),
-        )
-    ),
-    # what the harness saw
-    ([("summary", 5, "protocol_errors 1")], [(5, "handshake", 0, "changed before")]),
-    ([("summary", 6, "unknown 1")], [(5, "handshake", 0, "an X")]),
-    ([("summary", 7, "stuck 1")], [(0, "input", 0, "no beat")]),
+    (9, "logit", lambda values: np.append(values, 1), "stage logit, index 6 .one too many.*got 1"),
+    (9, "decision", lambda values: values[:-1], "recording 9, stage decision, index 2 .*missing"),
+    (5, "end", lambda status: status | {"STATUS": 9}, "recording 5, stage status, index 0 .NO_TOUCH"),
+    (9, "end", lambda status: status | {"TOUCHES": 2}, "recording 9, stage status, index 2 .TOUCHES"),
+    (9, "end", lambda status: status | {"FAULTS": 1}, "stage status, index 1 .FAULTS that must not be"),
+    (9, "end", lambda status: status | {"FAULTS": 4}, "stage status, index 1 .FAULTS that must not be"),
 ]
-"""Changes (file, line, what it becomes) and the mismatches: recording, stage, index, words of the place."""
+"""Recording, stage, what becomes of what was said, and the mismatch."""
 
 
-def differs(config, expected, work, changes, mismatches) -> None:
-    kept = {path: path.read_text() for path in work.glob("*.txt")}
-    for part in changes:
-        change(work, *part)
-    verdict = compare(config, expected, read_capture(work))
-    for path, text in kept.items():
-        path.write_text(text)
-    told = [(m.recording, m.stage, m.index, m.place) for m in verdict.first]
-    assert verdict.mismatches == len(told) == len(mismatches), told
-    for seen, wanted in zip(told, mismatches, strict=True):
-        assert seen[:3] == wanted[:3] and wanted[3] in seen[3]
-
-
-@each_row(("changes", "mismatches"), CHANGES)
-def test_every_difference_is_told(expected, work, changes, mismatches):
-    differs(CONFIG, expected, work, changes, mismatches)
+@each_row(("number", "stage", "change", "told"), CHANGES)
+def test_every_difference_is_told(expected, number, stage, change, told):
+    said = Said(expected)
+    said[number, stage] = change(said[number, stage])
+    with pytest.raises(Mismatch, match=told):
+        said.judged(expected)
 
 
 RAISED = [[False, False, True, False], [False] * 4]
 FLAGS = [
-    (RAISED, "5 0001 0040 0001 3 0004", "9 0001 0040 0001 300 0000", None),
-    (RAISED, "5 0001 0040 0001 3 0004", "9 0001 0000 0001 300 0000", None),
-    (RAISED, "5 0001 0040 0001 3 0005", "9 0001 0040 0001 300 0000", (5, 3, "TAXEL_FAULTS")),
-    (RAISED, "5 0001 0040 0001 3 0004", "9 0001 0040 0001 300 0001", (9, 3, "TAXEL_FAULTS")),
-    (RAISED, "5 0001 0000 0001 3 0004", "9 0001 0000 0001 300 0000", (5, 4, "TAXEL of FAULTS")),
-    (RAISED, "5 0001 0040 0001 3 000x", "9 0001 0040 0001 300 0000", (5, 0, "TAXEL_FAULTS")),
-    (RAISED, "5 0001 0040 0001 3", "9 0001 0040 0001 300 0000", (5, 3, "TAXEL_FAULTS")),
+    (RAISED, (0x42, 4), (0x42, 0), None),
+    (RAISED, (0x42, 4), (0x02, 0), None),
+    (RAISED, (0x42, 5), (0x42, 0), "recording 5, stage status, index 3 .TAXEL_FAULTS"),
+    (RAISED, (0x42, 4), (0x42, 1), "recording 9, stage status, index 3 .TAXEL_FAULTS"),
+    (RAISED, (0x02, 4), (0x02, 0), "recording 5, stage status, index 4 .TAXEL of FAULTS"),
     # a flag that nobody raised
-    ([[False] * 4] * 2, "5 0001 0040 0001 3 0000", "9 0001 0000 0001 300 0000", (5, 4, "TAXEL of FAULTS")),
+    ([[False] * 4] * 2, (0x42, 0), (0x02, 0), "recording 5, stage status, index 4 .TAXEL of FAULTS"),
 ]
 
 
-@each_row(("flags", "first", "second", "mismatch"), FLAGS)
-def test_fault_flags_at_the_end(expected, work, flags, first, second, mismatch):
+@each_row(("flags", "first", "second", "told"), FLAGS)
+def test_fault_flags_at_the_end(expected, flags, first, second, told):
     """Recording 5 leaves the flag of taxel 2 raised, recording 9 none; bit TAXEL of FAULTS may be left of an
     earlier recording."""
-    expected["flags"] = np.array(flags)
-    wanted = [(mismatch[0], "status", *mismatch[1:])] if mismatch else []
-    differs(FLAGGED, expected, work, [("status", 0, first), ("status", 1, second)], wanted)
+    expected["flags"], said = np.array(flags), Said(expected)
+    for number, (faults, words) in zip(NUMBERS, (first, second), strict=True):
+        said[number, "end"] |= {"FAULTS": faults, "TAXEL_FAULTS": words}
+    with pytest.raises(Mismatch, match=told) if told else nullcontext():
+        said.judged(expected, FLAGGED)
 
 
-def test_nothing_compared_is_not_bit_exact(expected, work):
-    empty = {name: array[:0] for name, array in expected.items()}
-    for name in (*FLAT_STAGES, "decision", "step", "status"):
-        (work / f"{name}.txt").write_text("")
-    assert not compare(CONFIG, empty, read_capture(work)).bit_exact
-
-
-@each_row("later", [0, (1 << 32) - 150])
-def test_latency_from_frames_and_decisions(expected, work, later):
-    """Also over the wrap of the stamp."""
-    kept = (work / "decision.txt").read_text()
-    ((20 * np.arange(1, 23) + later) % (1 << 32)).astype("<u4").tofile(work / "frames.bin")
-    lines = [line.split() for line in kept.splitlines()]
-    text = "".join(f"{number} {word} {int(at) + later} 0\n" for number, word, at, _ in lines)
-    (work / "decision.txt").write_text(text)
-    capture = read_capture(work)
-    (work / "decision.txt").write_text(kept)
-    assert decision_latencies(expected, capture).tolist() == [9, 9, 9, 10, 9, 9]
-    assert cycle_table(CONFIG, expected, capture) == {
-        "frame_max": 4,
-        "step_min": 10,
-        "step_max": 12,
-        "step_ideal": CONFIG.step_ideal,
-        "decision_latency_max": 10,
-    }
+def test_cycles_are_extremes_over_all_recordings(expected):
+    measured = Measured()
+    for recording, late in zip(recordings_of(expected), (9, 10), strict=True):
+        frames = recording["decision_frame"].tolist()
+        measured.steps([10, 12] if late == 9 else [11])
+        measured.decisions([20 * frame + late for frame in frames])
+        measured.end(frames, {frame: 20 * frame for frame in frames if frame})  # 0: no frame brings it
+    assert measured.counts == {"steps": 3, "decisions": 7, "step_min": 10, "step_max": 12, "latency_max": 10}
 
 
 def test_step_limit_is_the_closest_pair_of_windows():

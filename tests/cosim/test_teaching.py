@@ -76,7 +76,7 @@ class Taught:
             device.write(Register.CONTROL, Control.FINISH)
             device.settle()
             told += self.stream.finish()
-        seen = [int(word, 16) for word in device.streams()["decision"].words]
+        seen = device.streams()["decision"][0].view(np.uint32).tolist()
         assert seen == [pack_decision(self.config, decision.row()) for decision in told]
         self.decisions += len(seen)
 
@@ -234,7 +234,7 @@ class Upset(Taught):
             device.settle(LIMIT)
         except SimulationError:
             came = "hung"
-        seen = [int(word, 16) for word in device.streams()["decision"].words]
+        seen = device.streams()["decision"][0].view(np.uint32).tolist()
         expected = [pack_decision(self.config, decision.row()) for decision in told]
         if device.read(Register.FAULTS) & (Fault.CHECKSUM | Fault.WATCHDOG):
             came = came or "flagged"
@@ -369,7 +369,7 @@ def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
 
     def replayed(model: IntegerModel, teach: int | None = None) -> dict:
         options = {"teach": teach, "kept": kept, "timeout_s": TIMEOUT_BYTES}
-        return play_all(board_of(model), model, recordings, range(5), lambda done, total: None, **options)
+        return play_all(board_of(model), model, recordings, lambda done, total: None, **options)
 
     first = replayed(model, teach=2)  # recordings 0 and 1 show no whole touch
     assert first["passed"] and first["taught_equal"] and first["in_use"] == {"rise": 0, "fall": 0, "pulse": 3}

@@ -80,7 +80,7 @@ LEAN = dict.fromkeys(("weight_format", "recurrent_format", "dense_format"), "SQ(
     feature_shift=(8, 8),
     aligned_means=True,
 )
-"""What ``eskin quantise --lean`` chooses for the thesis configuration."""
+"""What ``eskin quantise --formats lean`` chooses for the thesis configuration."""
 
 
 class NoBus(Chain):

@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 import cocotb
+from cocotb.clock import Clock
 from cocotb.task import bridge, resume
 from cocotb.triggers import FallingEdge
 from cocotbext.uart import UartSink, UartSource
@@ -45,6 +46,7 @@ class ModelPort:
 async def play(dut) -> None:
     """Reset, load, play every recording in order, write down what came back."""
     settings = json.loads(Path("link_bench.json").read_text())
+    Clock(dut.clk, CLOCK_NS, unit="ns").start()
     dut.rst.value = 1
     for _ in range(4):
         await FallingEdge(dut.clk)

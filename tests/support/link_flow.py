@@ -99,10 +99,12 @@ def play_link(
 
         result = converse(PinPort(device, clocks_per_bit), settings, pins) | {"cycles": device.state.cycle}
     else:
-        simulator = runner.build("verilator", [board], {"CLASSES": config.classes}, builds, harness=HARNESS)
+        simulator = runner.build(
+            "verilator", [board], {"CLASSES": config.classes}, builds, wrapper=HARNESS, top=HARNESS.stem
+        )
         work.mkdir(parents=True, exist_ok=True)
         (work / "link_bench.json").write_text(json.dumps(settings))
-        runner.run(simulator, work, {}, limit_s=limit_s, bench="tests.support.link_bench")
+        runner.run(simulator, work, limit_s=limit_s, bench="tests.support.link_bench")
         result = json.loads((work / "result.json").read_text())
     wall_s = time.monotonic() - begun
     wanted = expected_decisions(config, expected)

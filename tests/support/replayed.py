@@ -49,7 +49,7 @@ class Recorded(Device):
                 self._did("S", (sample & (1 << bits) - 1) | ends)
 
     def forget(self) -> None:
-        self.words += self.streams()["decision"].words
+        self.words += [f"{word & 0xFFFFFFFF:08x}" for word in self.streams()["decision"][0].tolist()]
         super().forget()
 
     def replay(self, hardware: Hardware, decision_bits: int, work: Path) -> tuple[int, int]:

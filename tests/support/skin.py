@@ -84,7 +84,8 @@ def play(
         parameters,
         builds,
         options=[*hardware.options, *options, *macros],
-        harness=HARNESS,
+        wrapper=HARNESS,
+        top=HARNESS.stem,
         compiling=runner.COMPILE_OPTIONS if hardware.level == "rtl" else runner.QUICKLY_COMPILED,
     )
     work.mkdir(parents=True, exist_ok=True)
@@ -98,7 +99,7 @@ def play(
     if host is not None:
         (work / "host.bin").write_bytes(host[0])
         (work / "last.bin").write_bytes(host[1])
-    runner.run(simulator, work, settings, limit_s=limit_s, bench="tests.support.skin_bench")
+    runner.run(simulator, work, plusargs=settings, limit_s=limit_s, bench="tests.support.skin_bench")
     stim = [
         (int(word, 16), int(cycle))
         for word, cycle in (line.split() for line in (work / "stim.txt").read_text().splitlines())

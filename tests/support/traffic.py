@@ -1,4 +1,4 @@
-"""Bus traffic, frames and resets out of a script, on Icarus: what harness.sv, which plays recordings as a
+"""Bus traffic, frames and resets out of a script, on Icarus: what the bench, which plays recordings as a
 good host does, never does.
 
 Also what makes a simulation start in another state than the initial one, in X above all: `initial_values`,
@@ -99,7 +99,9 @@ def run(
     SimulationError
         The build or the run fails, or it takes longer than ``limit_s``.
     """
-    simulator = build("icarus", design, {"SAMPLE_BITS": sample_bits}, builds, harness=HARNESS)
+    simulator = build(
+        "icarus", design, {"SAMPLE_BITS": sample_bits}, builds, wrapper=HARNESS, top=HARNESS.stem
+    )
     work.mkdir(parents=True, exist_ok=True)
     (work / "script.txt").write_text("\n".join(script.lines) + "\n")
     try:

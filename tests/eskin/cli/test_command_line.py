@@ -237,12 +237,15 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
     status, out, err = call(*"quantise model --data data.npz --weight-bits 6".split())
     assert status == 0, err
     assert AcceleratorConfig.load("model/config.json").formats.weight_format.width == 6 and "weight" in out
+    status, out, err = call(*"quantise model --formats gate_bits=10,table_entries=128".split())
+    formats = AcceleratorConfig.load("model/config.json").formats
+    assert (status, formats.gate_frac, formats.table_entries) == (0, 10, 128), err
     status, out, err = call(*"generate model --out design --lanes 2 --data data.npz".split())
     assert status == 0, err
     assert AcceleratorConfig.load("design/config.json").hardware.lanes == 2
     plain = {"accelerator.sv", "registers.h", "registers.json", "testbench.sv"}
     assert plain | {"eskin.rdl", "filelist.f", "eskin.core", "waiver.vlt"} <= set(os.listdir("design"))
-    status, out, err = call(*"generate model --out design --bus wishbone --fifo 0".split())
+    status, out, err = call(*"generate model --out design --bus wishbone".split())
     more = {"eskin_wishbone.sv", "eskin.h", "eskin.c", "load.h"}
     assert status == 0 and more <= set(os.listdir("design")), err
     assert call(*"generate model --out design --streams axis".split())[0] == 0
@@ -373,6 +376,12 @@ REFUSED = [
     ("stability model --data data.npz --out {0} --no-cosim --mode frames", "s", "s is a file"),
     ("train --data data.npz --out new --group {0}", "person", "has no group array 'person'; it has trial"),
     (
+        "quantise model --formats {0}",
+        "weight_bits=4",
+        "--formats weight_bits=4: is no format; give feature_bits, gate_bits, table_entries",
+    ),
+    ("quantise model --formats {0}", "gate_bits", "--formats gate_bits: is no format"),
+    (
         "quantise model --quantisation-aware --state-bits {0}",
         "12",
         "--quantisation-aware: trains on with the",
@@ -385,8 +394,6 @@ REFUSED = [
     ("cosim model --data data.npz --clock {0}", "lowest", "at the sensor's pace; add --pace declared"),
     (PLAYED, "700", "--clock 700: is too slow for 4 taxels at 200 Hz"),
     ("generate model --out design --lanes {0}", "0", "field lanes: is 0; it must lie in 1..64"),
-    ("generate model --out design --fifo {0}", "2", "--fifo: is of a bus"),
-    ("generate model --out design --bus wishbone --fifo {0}", "3", "--fifo: is 3; give 0, 2 or 4"),
 ]
 
 

@@ -90,7 +90,7 @@ BROKEN = [
     ({"samples": cells([PARTS[0], PARTS[1][:, :3], *PARTS[2:]])}, "cell 2 has 3 columns where cell 1 has 4"),
     ({"samples": cells(["a", "b", "c", "d"])}, "cell 1 is"),
     ({"samples": PARTS[0]}, "no array offsets"),
-    ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "rise from 0"),
+    ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "falls after entry 1"),
     ({"fs": -3.0}, "must be one number above 0"),
     ({"samples": cells([part[:20].T for part in PARTS])}, "more taxels than frames (4 x 20 in recording 1)"),
 ]

@@ -283,17 +283,15 @@ def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
 def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, quick, monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 20)
     recordings = scene(30, seed=9)
-    record = train(
-        recordings,
-        SMALL,
-        TrainingRequest(folds=2, seeds=1, quantisation_aware=True, widths={"weight_bits": 4}),
-        out=tmp_path / "m",
+    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
+    written = train_in_integers(tmp_path / "m", recordings, weight_bits=4)
+    tuned, record = IntegerModel.load(tmp_path / "m"), load_training(tmp_path / "m")
+    assert tuned.config == written.config and all(
+        (tuned.arrays[name] == written.arrays[name]).all() for name in written.arrays
     )
-    tuned = IntegerModel.load(tmp_path / "m")
-    assert load_training(tmp_path / "m") == record
     assert record["quantisation_aware"]
     assert record["widths"] == {"weight_bits": 4}
-    assert tuned.config.weight_bits == 4 and record["cross_validation"][0]["agreement"] > 0
+    assert tuned.config.weight_bits == 4
     assert {entry["signal"]: entry["format"] for entry in record["ranges"]}["weight"] == str(
         tuned.config.formats.weight_format
     )
@@ -303,16 +301,9 @@ def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, 
         (after.arrays[name] != tuned.arrays[name]).any() for name in after.arrays
     )
     assert not load_training(tmp_path / "m")["quantisation_aware"]
-    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "later")
-    later = train_in_integers(tmp_path / "later", recordings, weight_bits=4)  # what quantise does
-    assert later.config == tuned.config
-    assert all((later.arrays[name] == tuned.arrays[name]).all() for name in tuned.arrays)
-    kept = load_training(tmp_path / "later")
-    assert (kept["quantisation_aware"], kept["widths"], kept["ranges"]) == (
-        True,
-        {"weight_bits": 4},
-        record["ranges"],
-    )
+    for widths, words in (({"weight_bits": 1}, "weight_format"), ({"table_entries": 100}, "table_entries")):
+        with pytest.raises(InputError, match=f"field {words}"):
+            train_in_integers(tmp_path / "m", recordings, **widths)
 
 
 # ---------------------------------------------------------------------- splits
@@ -354,6 +345,13 @@ def test_no_group_is_on_both_sides(monkeypatch):
         assert not {person[i] for i in part} & {person[i] for i in test}
     for seed in range(2):
         assert sorted(i for test in judged[10 * seed : 10 * seed + 5] for i in test) == list(range(60))
+
+
+def test_each_split_has_the_record_that_it_has_alone():
+    recordings, linear = scene(60, seed=5), with_network(SMALL, cell="linear")
+    plain = replace(RECIPES["linear"], **recipes.AS_RECORDED)  # drawn by no seed
+    judged = lambda *splits: cross_validate(recordings, linear, splits, (0, 1), recipe=plain)
+    assert judged(["person"], []) == judged(["person"]) + judged([])
 
 
 def test_scaling_comes_from_the_training_part_only(monkeypatch):
@@ -490,13 +488,7 @@ def test_the_folder_and_the_record(tmp_path, quick):
 
 @each_row(
     ("changes", "words"),
-    [
-        ({"splits": [["nobody"]]}, "nobody"),
-        ({"folds": 1}, "folds"),
-        ({"protocol": "quick"}, "protocol"),
-        ({"quantisation_aware": True, "widths": {"weight_bits": 1}}, "field weight_format"),
-        ({"quantisation_aware": True, "widths": {"table_entries": 100}}, "field table_entries"),
-    ],
+    [({"splits": [["nobody"]]}, "nobody"), ({"folds": 1}, "folds"), ({"protocol": "quick"}, "protocol")],
 )
 def test_what_cannot_work_is_refused_before_any_work(tmp_path, monkeypatch, changes, words):
     monkeypatch.setattr(crossval, "fit_networks", None)  # any training would end in a TypeError
@@ -558,22 +550,23 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
     """Decisions, float and integer, of every fold: those of eskin.golden.model.pipeline on the same
     recordings."""
     recordings = scene(40, seed=3)
-    work = crossval.Folds(recordings, DETECTING, few(15), [["person"]], (0,), 5)
-    models = work.fit(None)
-    integers = work.quantise(models, {})
-    assert work.data.touches.faults.any() and not work.data.touches.faults.all()
-    for model, integer, test in zip(models, integers, work.tests, strict=True):
-        judged = crossval._judge(model, integer, work.data, test)
+    folds = split_folds(recordings, ["person"], 5, None)
+    pieces = crossval.pieces_of(DETECTING, few(15), len(recordings), folds, (0,))
+    trained = crossval.train_pieces(datasets.Datasets(recordings), pieces, 0)
+    faults = trained[0].data.touches.faults
+    assert faults.any() and not faults.all()
+    for network, test in zip(trained, folds, strict=True):
+        judged = network.decided()
         for trace, decision, local in (
-            (run(integer, recordings), judged.integer_global, judged.integer_local),
-            (run(model, recordings), judged.float_global, judged.float_local),
+            (run(network.integer, recordings), judged.integer_global, judged.integer_local),
+            (run(network.real, recordings), judged.float_global, judged.float_local),
         ):
             np.testing.assert_array_equal(decision, trace.decision[test])
             np.testing.assert_array_equal(local, trace.first_local()[test])
-    (record,) = work.records(models, integers)
+    (record,) = cross_validate(recordings, DETECTING, [["person"]], (0,), recipe=few(15))
     by_fold = [
         run(one, recordings.subset(test)).accuracy(recordings.labels[test])
-        for one, test in zip(integers, work.tests, strict=True)
+        for one, test in zip((network.integer for network in trained), folds, strict=True)
     ]
     assert [fold["integer_accuracy"] for fold in record["per_fold"]] == pytest.approx(by_fold)
 

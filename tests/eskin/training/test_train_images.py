@@ -289,7 +289,7 @@ def test_models_and_data_of_the_other_kind_are_refused(folder, tmp_path):
     out, scene, _ = folder
     with pytest.raises(InputError, match="images of 8 x 10 pixels and configuration 'shapes' takes 8 x 8"):
         evaluate(out, shapes(2, 0, (8, 10)))
-    with pytest.raises(InputError, match="--gate-bits: networks for images have no such width"):
+    with pytest.raises(InputError, match="gate_bits: networks for images have no such width"):
         quantise(out, gate_bits=8)
     with pytest.raises(InputError, match="--weight-bits 5: networks for images have weights of 4 or 8 bits"):
         quantise(out, weight_bits=5)

@@ -2,20 +2,18 @@
 whole and with a wrong cell."""
 
 import dataclasses
-import json
 import random
 from functools import partial
 
 import numpy as np
 import pytest
 
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.golden.model import random_integer_model
-from eskin.pages.energy_page import render
 from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
-from eskin.study.energy import BATTERY_J, Activity, compare, estimate
+from eskin.study.energy import BATTERY_J
 from eskin.verbs import asic_job, chip_energy
 from eskin.verbs.flow import cosimulate
 from tests.support.tiny_cells import liberty_files
@@ -115,58 +113,3 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
         **options,
     )
     assert flipped["mismatches"] and not flipped["passed"]
-
-
-def test_a_chip_beside_the_boards(tmp_path):
-    energy = {
-        "step_j": 1.56e-8,
-        "touch_j": 2e-5,
-        "band": 2.0,
-        "leakage_w": 3.8e-6,
-        "idle_w": 6.3e-6,
-        "average_w": 6.6e-6,
-        "bit_exact": True,
-    }
-    energy |= {"battery_hours": 757000.0, "clock_hz": 627e3, "method": "nets that change"}
-    path = tmp_path / "asic.json"
-    path.write_text(
-        json.dumps(
-            {"pdk": "ihp-sg13g2", "lanes": 4, "rom": True, "corner": "typ 1.2 V 25 C", "energy": energy}
-        )
-    )
-    row = chip_energy.chip_row(path)
-    assert row["name"] == "chip ihp-sg13g2, 4 lanes, ROM"
-    assert row["per_step_j"] == 1.56e-8
-    assert row["static_w"] == 3.8e-6
-    assert row["choices"][0]["average_w"] == 6.6e-6 and row["choices"][0]["touches"] == pytest.approx(
-        18000 / 2e-5
-    )
-    activity = Activity(
-        recordings=1,
-        step_toggles=100.0,
-        step_multiplies=10.0,
-        frame_toggles=10.0,
-        idle_toggles=1.0,
-        ram_reads=1.0,
-        step_cycles=200,
-        frame_cycles=39,
-        quiet_frame_cycles=19,
-        source="counted",
-    )
-    board = {"name": "board", "bit_exact": True, **estimate(CONFIG, "iCE40UP5K", activity, 1e6)}
-    text = render(compare([board]) | {"chips": [row]})
-    assert "chip ihp-sg13g2, 4 lanes, ROM" in text and "15.6\xa0nJ" in text and "nets that change" in text
-    assert "<h2>Chips</h2>" not in render(compare([board]))
-    for content, words in (
-        ("[]", "no result of eskin asic"),
-        (json.dumps({"pdk": "x"}), "no result"),
-        ("{", "no result"),
-    ):
-        path.write_text(content)
-        with pytest.raises(InputError, match=words):
-            chip_energy.chip_row(path)
-    path.write_text(json.dumps({"pdk": "x", "lanes": 1, "rom": True, "energy": {"step_j": None}}))
-    with pytest.raises(InputError, match="--data"):
-        chip_energy.chip_row(path)
-    with pytest.raises(InputError, match="No such file"):
-        chip_energy.chip_row(tmp_path / "none.json")

@@ -93,12 +93,7 @@ def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, m
     where = {"jobs": Jobs(workers=1), "work": here / "work"}
     result = cosim_job.cosimulate(model, scene(6), [20, 21, 22, 23, 24, 25], simulator="icarus", **where)
     assert not result["bit_exact"] and not result["passed"]
-    assert (
-        result["mismatches"]
-        == result["stages"]["logit"]["mismatches"]
-        == result["stages"]["logit"]["compared_values"]
-        > 0
-    )
+    assert result["mismatches"] == result["stages"]["logit"]["mismatches"] == len(result["mismatch_list"]) > 0
     assert result["mismatch_list"][0].startswith("recording 21,") and Path(result["waves"]).is_dir()
 
 

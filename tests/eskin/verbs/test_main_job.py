@@ -99,7 +99,7 @@ class Chain:
         with np.load(vectors) as archive:
             self.played[name] = archive["numbers"].tolist(), int(archive["offsets"][-1])
 
-    def cosim(self, design, vectors, *, work, builds, progress, pace="full"):
+    def cosim(self, design, vectors, *, work, builds, pace="full"):
         name = {"full": "cosim", "declared": "declared"}[pace]
         self.play(name, design, vectors)
         outcome = cosimulation(
@@ -113,7 +113,7 @@ class Chain:
         work.mkdir(exist_ok=True)
         return outcome
 
-    def lowest_clock(self, design, vectors, *, work, builds, progress, cycles):
+    def lowest_clock(self, design, vectors, *, work, builds, cycles):
         self.play("lowest", design, vectors)
         assert cycles["step_max"] == 97
         work.mkdir()

@@ -482,12 +482,8 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
     ("words", "said"),
     [
         (("--target", "arduino"), "--target arduino: is no known board"),
-        (
-            ("--target", "icebreaker", "--no-link", "--class-pins", "none"),
-            "--class-pins: is for a build with the link",
-        ),
+        (("--target", "icebreaker", "--no-link", "--standalone"), "--standalone: has no link"),
         (("--target", "icebreaker", "--out", "model"), "is the input model"),
-        (("--target", "icebreaker", "--baud", "5e6"), "baud 5e+06"),
     ],
 )
 def test_a_mistake_is_one_sentence(call, words, said):
@@ -529,12 +525,11 @@ def test_a_part_whose_energy_nobody_measured_is_built_for_and_not_chosen_for(tmp
 
 def test_more_classes_than_pins_are_refused():
     config = CONFIG.replace(class_names=tuple("abcdefghi"))
+    few = dataclasses.replace(NO_MULTIPLIERS, pins=NO_MULTIPLIERS.pins[:4])
     with pytest.raises(job.InputError) as refused:
-        Wiring(config=config, target=NO_MULTIPLIERS, link=True, class_pins="each").sites()
+        Wiring(config=config, target=few, link=True).sites()
     assert str(refused.value) == (
-        "--target small: has 9 free pins and 9 classes need 10; --class-pins binary needs 5, "
-        "--class-pins none needs 1, "
-        "--target icebreaker has 16, --target upduino has 14, --target ulx3s has 28, "
+        "--target small: has 4 free pins and 9 classes need 5; --target icebreaker has 16, --target upduino has 14, --target ulx3s has 28, "
         "--target tangnano9k has 16, --no-link needs none"
     )
 
@@ -543,12 +538,12 @@ def test_twenty_classes_are_a_number_on_an_icebreakers_pins():
     config = CONFIG.replace(class_names=tuple("abcdefghijklmnopqrst"))
     wiring = Wiring(config=config, target=target("icebreaker"), link=True)
     assert wiring.shown == "binary" and dataclasses.replace(wiring, target=target("ulx3s")).shown == "each"
-    pins = {kind: dataclasses.replace(wiring, class_pins=kind).sites() for kind in ("binary", "none")}
-    assert set(pins["binary"]) - set(pins["none"]) == {f"decision[{k}]" for k in range(5)}
+    pins = wiring.sites()
+    assert {name for name in pins if name.startswith("decision[")} == {f"decision[{k}]" for k in range(5)}
     top = BoardTop(random_integer_model(config, 1).config, clock_hz=12e6, class_pins="binary")
     top._MustUse__silence = True  # its ports are all that is wanted
     ports = set(top.signature.members)
-    assert {name.partition("[")[0] for name in pins["binary"]} == ports | {"clk"}
+    assert {name.partition("[")[0] for name in pins} == ports | {"clk"}
 
 
 @each_row("board", TARGETS)

@@ -1,4 +1,4 @@
-"""Netlists under the harness of the generated Verilog: exact on both families, and a flipped bit of a look-up
+"""Netlists under the bench of the generated Verilog: exact on both families, and a flipped bit of a look-up
 table is seen."""
 
 import dataclasses
@@ -262,8 +262,9 @@ def test_a_count_is_read_back(tmp_path):
 CLOCKS = 40
 DRIVER = f"""
 `timescale 1ns / 1ps
-module harness;
-  integer mode = 4, step;
+module wrapper;
+  reg measured = 1;
+  integer step;
   reg clk = 0;
   reg [1:0] d = 0;
   wire [1:0] q;
@@ -291,7 +292,7 @@ def test_counters_count_what_changes(tmp_path):
         "-Wno-fatal",
         "-Wno-lint",
         "--top-module",
-        "harness",
+        "wrapper",
         *models.options,
         "driver.sv",
     ]
@@ -304,7 +305,7 @@ def test_counters_count_what_changes(tmp_path):
         timeout=600,
     )
     assert built.returncode == 0, built.stderr[-2000:]
-    subprocess.run([tmp_path / "obj_dir" / "Vharness"], cwd=tmp_path, check=True, timeout=600)
+    subprocess.run([tmp_path / "obj_dir" / "Vwrapper"], cwd=tmp_path, check=True, timeout=600)
     driven = [0] + [(step * step >> 1) & 3 for step in range(CLOCKS)]  # d at each rising edge
     held = [0, 0, *driven][: CLOCKS + 1]  # q at each rising edge, and before the first
     toggles = [sum((before ^ after) >> bit & 1 for before, after in pairwise(held)) for bit in (0, 1)]

@@ -1,0 +1,32 @@
+"""A scenario for a design behind a converter: the converter misbehaves for a while, and nothing is compared here."""
+
+import json
+from pathlib import Path
+
+import cocotb
+import numpy as np
+
+from eskin.cosim.bench import Bench
+
+
+@cocotb.test()
+async def play_with_a_fault(dut) -> None:
+    """The first recording. Result: decisions (payload, cycle), taken (cycle in which each frame was through or lost), faults."""
+    bench, decisions = Bench(dut), []
+    await bench.start()
+    for stage in ("sum", "fault", "feature", "state", "logit", "step"):
+        bench.events.take[stage] = lambda _: None
+    bench.events.take["decision"] = lambda values: decisions.extend(
+        zip(values.codes.view(np.uint32).tolist(), values.cycles.tolist(), strict=True)
+    )
+    frames = bench.recordings[0]["codes"]
+    await bench.bus.command("ARM")
+    await bench.settle()
+    bench.source.begin()
+    await bench.source.send(frames, range(1, len(frames) + 1))
+    await bench.source.through()
+    await bench.bus.command("FINISH")
+    await bench.settle()
+    said = {"decisions": decisions, "taken": [*bench.source.taken.values()]}
+    said["faults"] = bench.scans.result["faults"]
+    Path("result.json").write_text(json.dumps(said))
