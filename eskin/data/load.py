@@ -73,10 +73,10 @@ def load_recordings(
     if str(data) == SCENE:
         return turn_recordings() if config is None else scene_of(config)
     path = Path(data)
-    for option, given in (("--labels", reading.labels is not None), ("--clock", reading.clock != "log")):
-        if given and not is_log(path):
-            why = f"{option} is for one log, a .mcap file or a ROS bag; leave it out"
-            raise InputError(f"recordings '{path}': {why}")
+    option = "--clock" if reading.clock != "log" else "--labels" if reading.labels is not None else ""
+    if option and not is_log(path):
+        why = f"{option} is for one log, a .mcap file or a ROS bag; leave it out"
+        raise InputError(f"recordings '{path}': {why}")
     try:
         return _load(path, reading, config)
     except ModuleNotFoundError as error:
