@@ -479,9 +479,6 @@ class ExportRequest(OfModel):
         option("c: the integer model as plain C99 for a microcontroller; onnx: the float network."),
     ]
     out: Annotated[Path, option("The folder to write: new, or an earlier exported one, which is replaced.")]
-    data: Annotated[
-        str | None, option("What eskin_check.c plays, or onnxruntime is compared on; default: made-up ones.")
-    ] = None
     prefix: Annotated[
         str | None,
         option(

@@ -560,7 +560,7 @@ generate @ --out design --lanes #
 schedule @
 export @ --to c --out design
 export @ --to onnx --out design
-export @ --to c --out keep --data ../in/recordings.npz
+export @ --to c --out keep
 energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
 build @ --target icebreaker
