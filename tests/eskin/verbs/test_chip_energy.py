@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from eskin.golden.core import PRESETS
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model import random_integer_model
 from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of
