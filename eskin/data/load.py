@@ -139,7 +139,6 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
         if suffix == ".parquet":
             return [_parquet(path, refuse)]
         root = ARRAYS[suffix](path, refuse)
-        return tables_of(root, path, reading, refuse, alone=alone, from_one=suffix == ".mat")
     except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # a damaged file can fail anywhere inside the libraries
@@ -147,6 +146,7 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
             raise
         kind = suffix or "log"
         refuse(f"is damaged or no {kind} file ({type(error).__name__}); write it again, or try its own tools")
+    return tables_of(root, path, reading, refuse, alone=alone, from_one=suffix == ".mat")
 
 
 def _npy(path: Path, refuse: Refuse) -> Group:
