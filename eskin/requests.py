@@ -134,7 +134,6 @@ class Judged(Grouped, OnFrontEnd):
     group: Annotated[
         str | None, option("Group arrays A[,B..] of one split; default: the configuration's splits.")
     ] = None
-    folds: Annotated[int, option("Folds of each split.", min=2)] = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -480,9 +479,6 @@ class ExportRequest(OfModel):
         option("c: the integer model as plain C99 for a microcontroller; onnx: the float network."),
     ]
     out: Annotated[Path, option("The folder to write: new, or an earlier exported one, which is replaced.")]
-    data: Annotated[
-        str | None, option("What eskin_check.c plays, or onnxruntime is compared on; default: made-up ones.")
-    ] = None
     prefix: Annotated[
         str | None,
         option(
@@ -509,12 +505,6 @@ class SweepRequest(Judged, OnCluster):
     latency_budget: Annotated[float | None, option("Seconds from a window's features to its decision.")] = (
         None
     )
-    energy_budget: Annotated[
-        float | None,
-        option(
-            "Joule of a touch, waiting for its frames included (estimate: iCE40UP5K, clock stops when idle)."
-        ),
-    ] = None
     seeds: Annotated[
         int | None, option("Seeds that every point is trained with; default: 3, of images 1.", min=1, max=100)
     ] = None
@@ -523,7 +513,6 @@ class SweepRequest(Judged, OnCluster):
 @dataclass(frozen=True, kw_only=True)
 class BaselinesRequest(Judged, OnCluster):
     out: Annotated[Path, option("Folder of baselines.json.")] = Path("build/baselines")
-    seeds: Annotated[int, option("Runs of each fold.", min=1, max=100)] = 3
 
 
 @dataclass(frozen=True, kw_only=True)

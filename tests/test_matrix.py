@@ -17,6 +17,7 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from string import Formatter
 from typing import Any
@@ -25,12 +26,13 @@ import numpy as np
 import pytest
 
 from eskin.cli import main as command_line
-from eskin.data import load_recordings
+from eskin.data import load_recordings, turns
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.memo import locked
-from eskin.golden.model import IntegerModel
+from eskin.golden.data import save_archive
+from eskin.golden.model import IntegerModel, load_config
 from eskin.training import recipe
-from eskin.verbs import energy_job
+from eskin.verbs import baselines_job, energy_job, sweep_job
 from tests.support.link_device import Device, golden_decisions
 from tests.support.tiny_cells import liberty_files
 
@@ -66,8 +68,10 @@ KINDS: dict[str, dict[str, Any]] = {
     "converter": {"converter": "matrix", "rows": 2, "columns": 2},
     "prototypes": {},
     "image": {},
+    "chosen": {},
 }
-"""Kinds of model: the fields in which each differs from TOUCHES; the last one is IMAGES."""
+"""Kinds of model: the fields in which each differs from TOUCHES; ``image`` is IMAGES, ``chosen`` what the main job
+itself makes of the synthetic scene."""
 
 ALL = tuple(KINDS)
 JUDGED = "--data {data} --config {config} --group person --seeds 1"
@@ -124,11 +128,11 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1", ("image",)),
     "stability": ("stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}", ()),
-    "sweep": (
-        "sweep --data {data} {sweep} --grid {grid} --group person --folds 2 --seeds 1 --out {out}",
-        ("linear",),
+    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --seeds 1 --out {out}", ("linear",)),
+    "baselines": (
+        "baselines --data {data} --config {config} --group person --out {out}",
+        ("linear", "image"),
     ),
-    "baselines": (f"baselines {JUDGED} --folds 2 --out {{out}}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
         (),
@@ -162,7 +166,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     ),
     (
         ("enrol --teach",),
-        tuple(kind for kind in KINDS if kind not in ("prototypes", "image")),
+        tuple(kind for kind in KINDS if kind not in ("prototypes", "image", "chosen")),
         "field readout: is 'dense', which is trained and not taught",
     ),
     (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
@@ -292,6 +296,8 @@ class Case:
 
     @property
     def configuration(self) -> AcceleratorConfig:
+        if self.kind == "chosen":
+            return load_config(self.job() / "model")
         return IMAGES if self.kind == "image" else TOUCHES.replace(name=self.kind, **KINDS[self.kind])
 
     def made(self, name: str, make: Callable[[Path], None]) -> Path:
@@ -302,12 +308,33 @@ class Case:
         return path
 
     def data(self) -> Path:
+        if self.kind == "chosen":
+            scene = turns.turn_recordings(persons=4, trials=2)
+            return self.made("scene.npz", lambda path: save_archive(scene, path))
         return self.shop / ("images.npz" if self.kind == "image" else "data.npz")
+
+    def job(self) -> Path:
+        """Result of the main job."""
+
+        def run(path: Path) -> None:
+            new = path.with_name(f"{path.name}-new")
+            words = "--group", "person", "--seeds", "1", "--recordings", "1"
+            words = words if self.kind == "chosen" else ("--config", f"{self.config()}", *words)
+            assert call("run", "--data", f"{self.data()}", *words, "--out", f"{new}") in (
+                0,
+                1,
+            )  # the row judges
+            new.rename(path)
+
+        return self.made("run", run)
 
     def config(self) -> Path:
         return self.made("config.json", lambda path: path.write_text(self.configuration.to_json()))
 
     def model(self) -> Path:
+        if self.kind == "chosen":
+            return Path(shutil.copytree(self.job() / "model", self.out / "trained"))
+
         def train(path: Path) -> None:
             new = path.with_name(f"{path.name}-new")
             assert (
@@ -331,12 +358,7 @@ class Case:
         return Path(shutil.copytree(self.made("model", train), self.out / "trained"))
 
     def result(self) -> Path:
-        def run(path: Path) -> None:
-            new = dataclasses.replace(self, out=path.with_name(f"{path.name}-new"))
-            assert call(*new.words("run")) in (0, 1)  # the row "run" judges which
-            new.out.rename(path)
-
-        return Path(shutil.copytree(self.made("run", run) / "result", self.out / "result"))
+        return Path(shutil.copytree(self.job(), self.out / "result"))
 
     def free(self) -> int:
         """A port that no program listens on."""
@@ -392,15 +414,27 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
     monkeypatch.chdir(shop)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # workers would begin by importing torch
+    monkeypatch.setattr(sweep_job, "FOLDS", 2)
+    monkeypatch.setattr(baselines_job, "run", partial(baselines_job.run, folds=2, seeds=1))
     monkeypatch.setitem(recipe.RECIPES, "onset", dataclasses.replace(recipe.RECIPES["onset"], updates=100))
     return lambda kind: Case(shop, kind, tmp_path)
 
 
 def cells() -> list[Any]:
-    """Every row on every kind, slow ones marked."""
+    """Every row on every kind, slow ones marked. Of each verb that takes a model a row is tried on what the main
+    job chose."""
+    verbs = {
+        row.partition(" ")[0]: row
+        for row, (command, _) in reversed(ROWS.items())
+        if {"{model}", "{result}"} & {*command.split()}
+    }
+    quick = {(row, kind) for row in ROWS for kind in ROWS[row][1]} | {
+        (row, "chosen") for row in verbs.values()
+    }
     return [
-        pytest.param(row, kind, id=f"{row} {kind}", marks=() if kind in ROWS[row][1] else pytest.mark.slow)
-        for row, kind in itertools.product(ROWS, KINDS)
+        pytest.param(*cell, id=" ".join(cell), marks=() if cell in quick else pytest.mark.slow)
+        for cell in itertools.product(ROWS, KINDS)
+        if cell in quick or cell[1] != "chosen"
     ]
 
 

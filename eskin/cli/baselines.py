@@ -11,7 +11,7 @@ def baselines(asked: BaselinesRequest) -> None:
     from eskin.verbs import baselines_job
 
     recordings, user_config = load_data(asked.data, asked.config)
-    front_end = fitting_config(recordings, user_config, asked.groups, asked.folds)
+    front_end = fitting_config(recordings, user_config, asked.groups)
     with progress_bars() as report:
         result = baselines_job.run(asked, recordings, front_end.config, progress=report)
     show("baselines", **result)

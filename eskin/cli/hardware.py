@@ -55,7 +55,7 @@ def generate(asked: GenerateRequest) -> None:
 @app.command(
     epilog="Example: eskin export model --to c --out controller, or eskin export model --to onnx --out net"
 )
-def export(asked: ExportRequest) -> None:
+def export(asked: ExportRequest) -> Record:
     """Write a model in the words of other tools, with what checks it."""
     from eskin.golden.model import FloatModel
     from eskin.verbs.export_job import export_c, export_onnx
@@ -63,15 +63,15 @@ def export(asked: ExportRequest) -> None:
     exported: Any = (
         integer_model(asked.model) if asked.to == "c" else FloatModel.load(asked.model, images=True)
     )
-    recordings = None if asked.data is None else recordings_for(asked.data, exported.config)
     if asked.to == "c":
         prefix = PREFIX if asked.prefix is None else asked.prefix
-        result: Record = export_c(exported, asked.out, recordings=recordings, prefix=prefix)
+        result: Record = export_c(exported, asked.out, prefix=prefix)
     elif asked.prefix is not None:
         raise InputError("--prefix: is for --to c; an ONNX file declares no names")
     else:
-        result = export_onnx(exported, asked.out, recordings=recordings)
+        result = export_onnx(exported, asked.out)
     show("export", to=asked.to, **result)
+    return result
 
 
 @app.command(

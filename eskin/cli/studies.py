@@ -13,12 +13,8 @@ from eskin.requests import FORMATS, StabilityRequest, SweepRequest
 def sweep(asked: SweepRequest) -> None:
     """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is
     enough."""
-    bounds = (
-        ("--accuracy-floor", asked.accuracy_floor),
-        ("--latency-budget", asked.latency_budget),
-        ("--energy-budget", asked.energy_budget),
-    )
-    for (name, value), most in zip(bounds, (1.0, math.inf, math.inf), strict=True):
+    bounds = (("--accuracy-floor", asked.accuracy_floor), ("--latency-budget", asked.latency_budget))
+    for (name, value), most in zip(bounds, (1.0, math.inf), strict=True):
         if value is not None and not (0 < value <= most and math.isfinite(value)):
             raise InputError(
                 f"{name} {value}: is out of range; give a number above 0"

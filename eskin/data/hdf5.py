@@ -56,21 +56,19 @@ def _values(item: Any) -> np.ndarray | None:
 
     if h5py.check_string_dtype(item.dtype):
         return np.array(item.asstr()[()], dtype=np.str_)
-    numbers = all(
-        item.dtype[name].kind in "iufb" and not item.dtype[name].shape for name in item.dtype.names or ()
-    )
-    plain = item.dtype.kind in "iufb" or (item.dtype.kind == "V" and item.dtype.names and numbers)
+    fields = [item.dtype[name] for name in item.dtype.names or ()]
+    numbers = fields and all(field.kind in "iufb" and not field.shape for field in fields)
+    plain = item.dtype.kind in "iufb" or numbers
     return np.asarray(item[()]) if plain and item.shape is not None else None
 
 
 def _attributes(item: Any) -> dict[str, Any]:
     """Attributes that are one number or text."""
     values: dict[str, Any] = {}
-    for name in item.attrs:
-        value = np.asarray(item.attrs[name])
-        if (value.size == 1 and name != "CLASS") or (value.dtype.kind in "SU" and str(value) not in _OWN):
-            one = value.reshape(-1)[0] if value.size == 1 else None
-            one = one.decode("utf-8", "replace") if isinstance(one, bytes) else one
-            if isinstance(one, str | np.integer | np.floating | np.bool_):
-                values[name] = one if isinstance(one, str) else one.item()
+    for name, value in item.attrs.items():
+        cells = np.asarray(value).reshape(-1).tolist()
+        one = cells[0] if len(cells) == 1 else None
+        one = one.decode("utf-8", "replace") if isinstance(one, bytes) else one
+        if isinstance(one, str | int | float) and not (name == "CLASS" and one in _OWN):
+            values[name] = one
     return values

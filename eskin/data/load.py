@@ -73,10 +73,10 @@ def load_recordings(
     if str(data) == SCENE:
         return turn_recordings() if config is None else scene_of(config)
     path = Path(data)
-    for option, given in (("--labels", reading.labels is not None), ("--clock", reading.clock != "log")):
-        if given and not is_log(path):
-            why = f"{option} is for one log, a .mcap file or a ROS bag; leave it out"
-            raise InputError(f"recordings '{path}': {why}")
+    option = "--clock" if reading.clock != "log" else "--labels" if reading.labels is not None else ""
+    if option and not is_log(path):
+        why = f"{option} is for one log, a .mcap file or a ROS bag; leave it out"
+        raise InputError(f"recordings '{path}': {why}")
     try:
         return _load(path, reading, config)
     except ModuleNotFoundError as error:
@@ -139,7 +139,6 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
         if suffix == ".parquet":
             return [_parquet(path, refuse)]
         root = ARRAYS[suffix](path, refuse)
-        return tables_of(root, path, reading, refuse, alone=alone, from_one=suffix == ".mat")
     except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # a damaged file can fail anywhere inside the libraries
@@ -147,6 +146,7 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
             raise
         kind = suffix or "log"
         refuse(f"is damaged or no {kind} file ({type(error).__name__}); write it again, or try its own tools")
+    return tables_of(root, path, reading, refuse, alone=alone, from_one=suffix == ".mat")
 
 
 def _npy(path: Path, refuse: Refuse) -> Group:
@@ -210,13 +210,11 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     class_folders = [entry for entry in _visible(folder) if entry.is_dir() and not is_log(entry)]
     if not class_folders:
         refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
-    kept = []
+    kept = [file for file in files if file.parent != folder and _kind(file)]
     for each in class_folders:
-        own = [file for file in files if each in file.parents and _kind(file) is not None]
-        if not own:
+        if not any(each in file.parents for file in kept):
             refuse(each, f"has no file of recordings (it holds {found(_files(each))})")
-        kept += own
-    if len({_kind(file) for file in kept}) > 1:
+    if len(set(map(_kind, kept))) > 1:
         refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")
     tables = []
     for file in kept:

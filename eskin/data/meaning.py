@@ -169,11 +169,9 @@ class _Meaning:
         table, asked = self.table, self.reading.label
         there = ", ".join((*self.attributes, *table.names))[:300] or "no header, so no names"
         if asked is not None:
-            if asked in self.attributes:
-                return asked
-            if self.attributes and asked not in table.names:
+            if self.attributes and asked not in (*self.attributes, *table.names):
                 table.refuse(f"--class {asked[:40]}: is no attribute or column; there are {there}")
-            return table.find(asked, "--class")
+            return asked if asked in self.attributes else table.find(asked, "--class")
         for words in (CLASS, _CLASS_TOO):
             named: list[int | str] = [
                 name for word in words for name in self.attributes if name.lower() == word
@@ -197,15 +195,12 @@ class _Meaning:
         """Find where recordings begin: with each source, where the columns of recording and class change, and
         at breaks over which the clock does not run on; and the class of each. Returns what says it, in words."""
         table, label, asked = self.table, self._class(), self.reading.recording
+        named = [each for each in self._named(_RECORDING) if each != label]
         if asked is not None:
             named = [table.find(asked, "--recording")]
         else:  # what changes in most rows numbers them
-            most = max(len(table.lines), 4)
-            named = [
-                each
-                for each in self._named(_RECORDING)
-                if each != label and 2 * len(self._changes(each)) <= most
-            ][:1]
+            most = max(len(table.lines), 4) // 2
+            named = [each for each in named if len(self._changes(each)) <= most][:1]
         breaks = [] if named else self._breaks()
         if not named and not breaks and isinstance(label, int) and len(table.sources) == 1:
             words = ", ".join(_RECORDING[:4])
@@ -314,24 +309,22 @@ class _Meaning:
         for column in self._named(_GROUPS) if self.chosen else table.frame:
             if column == self.time or column in self.taken:
                 continue
-            called, name = table.called(column), table.names[column] if table.names else ""
-            role, why = self._role(column)
+            called, (role, why) = table.called(column), self._role(column)
             if role == "refused":
                 table.refuse(f"{called} {why}, so is no taxel; choose the taxels with --columns", 0)
             elif role == "time":
                 self.time = column
-            elif role == "taxel":
-                taxels.append(column)
             elif role == "left out":
                 self._leave_out(called, why)
-            elif name.lower() not in _GROUPS:
-                known = name.lower() in (*_RECORDING, *CLASS, *_CLASS_TOO)
-                if not self._group(name.lower() if known else name, self._values(column), called):
-                    continue
-            elif self._is_whole(column):
-                of_groups += [column] if self._group(name.lower(), self._values(column), called) else []
-            if why and role in ("taxel", "group"):
-                self.notes.append(f"{called} {why}")
+            elif role == "taxel":
+                taxels.append(column)
+                self.notes += [f"{called} {why}"] if why else []
+            elif why or self._is_whole(column):
+                name = table.names[column]
+                known = name.lower() in (*_RECORDING, *CLASS, *_CLASS_TOO, *_GROUPS)
+                if self._group(name.lower() if known else name, self._values(column), called):
+                    of_groups += [] if why else [column]
+                    self.notes += [] if known else [f"{called} {why}"]
         if not taxels:
             table.refuse("has no column left for taxels; choose them with --columns")
         self._check_sorted([*self.taken, *of_groups])
@@ -351,6 +344,7 @@ class _Meaning:
         values = _codes(table.frame[column]) if text else table.parsed(column)
         course, same = _course(values, self.starts), not text and bool((values == values[0]).all())
         level, runs = course == "level", course == "runs"
+        said = name in (*_RECORDING, *CLASS, *_CLASS_TOO)
         series = [re.sub(r"\d+", "#", each) for each in (name, *names)]
         in_series = "#" in series[0] and series.count(series[0]) > 2
         is_rate = level and not text and _LIKE_RATE.search(name)
@@ -362,8 +356,8 @@ class _Meaning:
         rules = (
             (text and not any(table.frame[column]), "left out", "is empty"),
             (TIME.match(name), "left out", "is time, too,"),
-            (name in (*_RECORDING, *CLASS, *_CLASS_TOO), *(
-                ("group", "") if level else ("left out", "changes inside recordings, is no group"))),
+            (said and level, "group", "says more of a recording"),
+            (said, "left out", "changes inside recordings, is no group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is no taxel,"),
             (in_series and level, "taxel", "keeps its value in each recording and was taken as a taxel"),
             (in_series, "taxel", ""),
@@ -398,8 +392,8 @@ class _Meaning:
         first_rows: dict[tuple[Any, ...], int] = {}
         if "recording" not in self.groups and self.reading.recording is None:
             return
-        cells = [table.frame[column].astype(str).iloc[self.starts].tolist() for column in columns]
-        for row, *key in zip(self.starts.tolist(), *cells, strict=True):
+        cells = table.frame[columns].iloc[self.starts].astype(str).itertuples(index=False, name=None)
+        for row, key in zip(self.starts.tolist(), cells, strict=True):
             before = first_rows.setdefault((table.source(row), *key), row)
             if before != row:
                 why = f"recording {key[0]} of line {table.lines[before]} goes on here after another one"

@@ -3,6 +3,7 @@
 import dataclasses
 import re
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from eskin.golden.data.recordings import Recordings, recordings_of
 
 SUFFIX = ".png"
 LARGEST_SIDE = 256
+MODES = ("1", "P", "L", "LA", "RGB", "RGBA")
+"""Of Pillow: 8 bits a pixel at most, or grey in colours."""
 RECORDED = (".csv", ".tsv", ".txt", ".lvm", ".parquet", ".mcap", ".db3", ".bag")
 """Files that are recordings themselves."""
 
@@ -33,7 +36,10 @@ def load_picture_folder(path: Path) -> Recordings:
         A file is no image, has colours or more than 8 bits, or another size than the first; a sub-folder has
         none.
     """
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
+
+    def refuse(file: Path, why: str) -> NoReturn:
+        raise InputError(f"image '{file}': {why}")
 
     classes = sorted(
         folder for folder in path.iterdir() if folder.is_dir() and not folder.name.startswith(".")
@@ -43,38 +49,28 @@ def load_picture_folder(path: Path) -> Recordings:
     for label, folder in enumerate(classes):
         files = _pictures(folder)
         if not files:
-            raise InputError(
-                f"images '{folder}': holds no {SUFFIX} file; give every class some, or take the folder away"
-            )
+            refuse(folder, f"holds no {SUFFIX} file; give every class some, or take the folder away")
         for file in files:
             try:
                 with Image.open(file) as picture:
-                    mode = picture.mode
-                    if picture.width > LARGEST_SIDE or picture.height > LARGEST_SIDE:
-                        why = f"has {picture.height} x {picture.width} pixels, and a side at most {LARGEST_SIDE}"
-                        raise InputError(f"image '{file}': {why}; save it smaller")
-                    pixels = np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture)
-            except (
-                OSError,
-                UnidentifiedImageError,
-                Image.DecompressionBombError,
-                SyntaxError,
-                ValueError,
-            ) as error:
-                raise InputError(
-                    f"image '{file}': cannot be read ({error}); save it as an 8-bit grey PNG"
-                ) from None
-            if pixels.ndim == 3 and mode in ("RGB", "RGBA", "LA"):
-                pixels = _grey(pixels, mode, file)
-            if pixels.ndim != 2 or pixels.dtype != np.uint8:
-                raise InputError(f"image '{file}': has mode {mode}; save it as an 8-bit grey PNG")
-            if images and pixels.shape != images[0].shape:
+                    mode, width, height = picture.mode, *picture.size
+                    small = max(width, height) <= LARGEST_SIDE
+                    pixels = np.asarray(picture.convert("RGB") if small and mode in MODES else 0)
+            except (OSError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+                refuse(file, f"cannot be read ({error}); save it as an 8-bit grey PNG")
+            if not small:
+                why = f"has {height} x {width} pixels, and a side at most {LARGEST_SIDE}"
+                refuse(file, f"{why}; save it smaller")
+            if mode not in MODES:
+                refuse(file, f"has mode {mode}; save it as an 8-bit grey PNG")
+            if (pixels != pixels[..., :1]).any():
+                refuse(file, "has colours; pressure is one number a pixel: save it as an 8-bit grey PNG")
+            if images and pixels.shape[:2] != images[0].shape:
                 first = f"{images[0].shape[0]} x {images[0].shape[1]}"
-                raise InputError(
-                    f"image '{file}': has {pixels.shape[0]} x {pixels.shape[1]} pixels and the first one "
-                    f"{first}; bring all to one size"
+                refuse(
+                    file, f"has {height} x {width} pixels and the first one {first}; bring all to one size"
                 )
-            images.append(pixels)
+            images.append(pixels[..., 0])
             labels.append(label)
             names.append(file.name)
     arrays = {
@@ -126,13 +122,3 @@ def _areas(old: int, new: int) -> np.ndarray:
 
 def _pictures(folder: Path) -> list[Path]:
     return sorted(file for file in folder.iterdir() if file.suffix.lower() == SUFFIX and file.is_file())
-
-
-def _grey(pixels: np.ndarray, mode: str, file: Path) -> np.ndarray:
-    """The one channel of a picture in colours that are all grey."""
-    colours = pixels[..., : 1 if mode == "LA" else 3]
-    if (colours != colours[..., :1]).any():
-        raise InputError(
-            f"image '{file}': has colours; pressure is one number a pixel: save it as an 8-bit grey PNG"
-        )
-    return colours[..., 0]

@@ -141,8 +141,8 @@ class Table:
 
     def refuse(self, why: str, row: int | None = None, column: int | None = None) -> NoReturn:
         """Raise InputError about the table, or a row of it, or one of a row's cells."""
-        where = "" if row is None else f", {self.row_is} {self.lines[row]}"
-        where += "" if column is None else f", column {column + 1}"
+        line = "" if row is None else f", {self.row_is} {self.lines[row]}"
+        where = line if column is None else f"{line}, column {column + 1}"
         raise InputError(f"recordings {self.sources[self.source(row or 0)]}{where}: {why}")
 
     def called(self, column: int) -> str:

@@ -67,7 +67,7 @@ def read_text(path: Path, reading: Reading) -> Table:
         low_memory=False,
         skipinitialspace=True,
         skip_blank_lines=False,
-        quoting=csv.QUOTE_NONE if file.lvm else csv.QUOTE_MINIMAL,
+        quoting=file.quoting,
         **commas,
     )
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
@@ -94,6 +94,7 @@ class _File:
 
     def __init__(self, path: Path, asked: str | None) -> None:
         self.path, self.lvm = path, path.suffix.lower() == ".lvm"
+        self.quoting: Any = csv.QUOTE_NONE if self.lvm else csv.QUOTE_MINIMAL
         self.notes: list[str] = []
         self.lines = self._decoded().splitlines()
         excel = re.fullmatch(r'"?sep=(.)"?[;,]*', self.lines[0], re.I) if self.lines else None
@@ -171,8 +172,7 @@ class _File:
     def _cells(self, delimiter: str, rows: Sequence[int]) -> Iterator[list[str]]:
         """The cells of rows; what stands between quotation marks is one."""
         lines = (self.lines[row].rstrip(" \r") for row in rows)
-        quoting: Any = csv.QUOTE_NONE if self.lvm else csv.QUOTE_MINIMAL
-        for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=quoting):
+        for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=self.quoting):
             yield [cell.strip() for cell in cells]
 
     def _found(self, asked: str | None) -> str:
@@ -256,13 +256,14 @@ class _File:
         """The cells of every row, and the most that one has: empty ones more, and in LabVIEW's form remarks
         behind the numbers, are left out. A last row with fewer is dropped."""
         counts = Counter(map(len, self._cells(self.delimiter, self.rows)))
-        width = names or len(next(self._cells(self.delimiter, self.rows)))
         if self.lvm:
             usual = counts.most_common(1)[0][0]
             cells = next(cells for cells in self._cells(self.delimiter, self.rows) if len(cells) == usual)
             while len(cells) > 2 and not NUMBER.fullmatch(cells[-1]):
                 cells.pop()
             width = len(cells)
+        else:
+            width = names or next(iter(counts))
         remarks, last = 0, self.rows[-1]
         for row, cells in zip([*self.rows], self._cells(self.delimiter, self.rows), strict=True):
             while len(cells) > width and not cells[-1]:
@@ -323,7 +324,8 @@ def _is_header(first: list[str], second: list[str]) -> bool:
     count on below; whole numbers beside text may be names of taxels."""
     filled = [cell for cell in first if cell]
     numbers = [cell for cell in filled if NUMBER.fullmatch(cell)]
-    counts = len(numbers) > 2 and any(numbers == [str(n + k) for n in range(len(numbers))] for k in (0, 1))
+    count = len(numbers)
+    counts = count > 2 and numbers in ([*map(str, range(count))], [*map(str, range(1, count + 1))])
     if len(numbers) == len(filled):
         on = second[0].isdecimal() and first[0].isdecimal() and second[0] == str(int(first[0]) + 1)
         return counts and not on

@@ -341,12 +341,11 @@ def spread_of(by_seed: Sequence[float], recordings: int) -> Record:
 # ---------------------------------------------------------------------- the sweep
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """What the recommended point has to meet: accuracy_floor, a share; latency_budget, seconds;
-    energy_budget, joule of energy_j. None: no bound."""
+    """What the recommended point has to meet: accuracy_floor, a share; latency_budget, seconds. None: no
+    bound."""
 
     accuracy_floor: float | None = None
     latency_budget: float | None = None
-    energy_budget: float | None = None
 
     def given(self) -> dict[str, float]:
         """The bounds that there are, by their names in words."""
@@ -534,8 +533,8 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
 
     Returns
     -------
-    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or
-    joule), sentence.
+    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share or
+    seconds), sentence.
     """
     bounds = asked.given() if asked else {}
 
@@ -543,7 +542,6 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
         over = {
             "accuracy floor": bounds.get("accuracy floor", 0.0) - record["accuracy"],
             "latency budget": record["latency_s"] - bounds.get("latency budget", math.inf),
-            "energy budget": record["energy_j"] - bounds.get("energy budget", math.inf),
         }
         return {name: over[name] for name in names if over[name] > 0}
 
@@ -610,11 +608,7 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
 
 
 def _bound(name: str, value: float) -> str:
-    units = {
-        "accuracy floor": f"{100 * value:.3g} %",
-        "latency budget": f"{1e6 * value:.4g} us",
-        "energy budget": f"{1e6 * value:.4g} uJ",
-    }
+    units = {"accuracy floor": f"{100 * value:.3g} %", "latency budget": f"{1e6 * value:.4g} us"}
     return units[name]
 
 

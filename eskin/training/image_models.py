@@ -18,24 +18,15 @@ import numpy as np
 from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Memo, Record, content_key
 from eskin.golden.core.images import network
 from eskin.golden.data import Recordings, check_fit
-from eskin.golden.model import FloatModel, IntegerModel, check_model_target, images_of
+from eskin.golden.model import check_model_target, images_of
 from eskin.golden.model.image_network import image_seconds
 from eskin.jobs import Jobs
 from eskin.training.crossval import FoldDecisions, Progress, named, split_record
 from eskin.training.fit import one_thread
-from eskin.training.image_formats import check_weight_bits, profile_images
+from eskin.training.image_formats import profile_images
 from eskin.training.level import is_level
 from eskin.training.splits import split_folds
-from eskin.training.train_images import (
-    CODE,
-    ImageFold,
-    ImageRecipe,
-    judge,
-    size_of,
-    train_network,
-    tune_network,
-)
-from eskin.training.trained import written_by
+from eskin.training.train_images import CODE, ImageFold, ImageRecipe, judge, size_of, train_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -94,8 +85,6 @@ def train_image_model(
     folds: int = 5,
     seed: int = 0,
     seeds: int = 1,
-    quantisation_aware: bool = False,
-    weight_bits: int | None = None,
     recipe: ImageRecipe | None = None,
     keep: Memo | None = None,
     workers: int | None = None,
@@ -110,8 +99,6 @@ def train_image_model(
         The configuration that was asked for, or a name of NETWORKS, or ``auto``; neither: ``auto``.
     seeds:
         Networks of each fold, from ``seed`` on.
-    quantisation_aware, weight_bits:
-        Train on with rounded weights (default: 8 bits); the folder then holds the integers too.
     keep:
         Where networks that were trained and judged are kept; None: nowhere.
 
@@ -126,8 +113,7 @@ def train_image_model(
     """
     begin = time.perf_counter()
     check_model_target(out)
-    recipe, bits = recipe or ImageRecipe(), weight_bits or 8
-    check_weight_bits(bits)
+    recipe = recipe or ImageRecipe()
     config = chosen_config(recordings, requested, cell)
     if config is None and not folds:
         raise InputError(
@@ -141,22 +127,19 @@ def train_image_model(
     records: list[Record] = []
     if folds:
         jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
-        tuned_bits = bits if quantisation_aware else 0
-        pieces = [
-            pieces_of(recordings, network, groups, folds, many, judged_by, tuned_bits)
-            for network in candidates
-        ]
+        pieces = [pieces_of(recordings, network, groups, folds, many, judged_by, 0) for network in candidates]
         sized = {size_of(candidates[0]): images}
         results = judged_pieces(
             sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge
         )
-        integers = "tuned" if quantisation_aware else "w8"
         for of_one in zip(candidates, pieces, results, strict=True):
-            records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, integers))
+            records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, "w8"))
         rows = _candidate_rows(candidates, records, [record.pop("correct") for record in records], seeds)
     chosen = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
     config = candidates[chosen]
-    model, integer = _fit(config, recordings, recipe, seed, bits if quantisation_aware else 0, progress)
+    with one_thread():
+        report = named(progress, "training on all images, epochs")
+        model = train_network(config, images, recordings.labels, recipe=recipe, seed=seed, progress=report)
     record: Record = {
         "seed": seed,
         "recipe": dataclasses.asdict(recipe),
@@ -166,8 +149,6 @@ def train_image_model(
         "parameters": config.parameter_count,
         "multiplies": config.multiplies,
         "ranges": profile_images(model, images),
-        "quantisation_aware": quantisation_aware,
-        "widths": {"weight_bits": bits},
         "cross_validation": [records[chosen]] if records else [],
         "baselines": [],
         "doubts": [],
@@ -177,38 +158,9 @@ def train_image_model(
     }
     if len(candidates) > 1:
         record["candidates"] = rows
-    if integer:
-        record |= written_by(config, integer)
     record = json.loads(json.dumps(record))
-    model.save(out, record, integer)
+    model.save(out, record)
     return record
-
-
-def _fit(
-    config: AcceleratorConfig,
-    recordings: Recordings,
-    recipe: ImageRecipe,
-    seed: int,
-    bits: int,
-    progress: Progress | None,
-) -> tuple[FloatModel, IntegerModel | None]:
-    images, labels = images_of(recordings), recordings.labels
-
-    with one_thread():
-        model = train_network(
-            config,
-            images,
-            labels,
-            recipe=recipe,
-            seed=seed,
-            progress=named(progress, "training on all images, epochs"),
-        )
-        if not bits:
-            return model, None
-        report = named(progress, f"training on with weights of {bits} bits, epochs")
-        return tune_network(
-            model, images, labels, weight_bits=bits, recipe=recipe, seed=seed, progress=report
-        )
 
 
 def pieces_of(

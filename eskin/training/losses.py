@@ -55,10 +55,13 @@ def descend(
 def class_loss(
     recipe: Recipe, logits: torch.Tensor, labels: torch.Tensor, counts: torch.Tensor
 ) -> torch.Tensor:
-    """(models) loss of logits (models, batch, steps, C), over the steps that count."""
-    losses = torch.nn.functional.cross_entropy(
-        logits.movedim(-1, 1), labels[..., None].expand(counts.shape), reduction="none"
-    )
+    """(models) loss of logits (models, batch, steps, C), over the steps that count: cross-entropy, or, of least
+    squares, the distance from the classes' indicators."""
+    wanted = labels[..., None].expand(counts.shape)
+    if recipe.squares:
+        losses = ((logits - torch.nn.functional.one_hot(wanted, logits.shape[-1])) ** 2).sum(-1)
+    else:
+        losses = torch.nn.functional.cross_entropy(logits.movedim(-1, 1), wanted, reduction="none")
     if recipe.loss == "last":
         last = counts.sum(-1, keepdim=True) - 1  # the steps that count come first
         return losses.gather(-1, last).mean(dim=(1, 2))

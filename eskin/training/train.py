@@ -3,10 +3,9 @@
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -16,12 +15,11 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, decide_touches
 from eskin.training.crossval import Progress, cross_validate, named
 from eskin.training.datasets import Datasets, touch_rows
-from eskin.training.fit import fine_tune, fit_networks
+from eskin.training.fit import fit_networks
 from eskin.training.losses import Callback, Told
-from eskin.training.quantise import check_widths, profile, range_records
+from eskin.training.quantise import profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import check_split, default_splits
-from eskin.training.trained import written_by
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,12 +39,6 @@ class TrainingRequest:
         48; splits stratified by class).
     recipe:
         Instead of that of the protocol.
-    quantisation_aware:
-        Train the float network on in integer arithmetic and write weights.npz too (a later ``quantise``
-        replaces it by post-training integers of the float network).
-    widths:
-        Bits, as ``eskin.training.quantise.choose_formats`` takes them: of the cross-validation's
-        integers, and of those written.
     known:
         Records of splits that this network, recipe and seeds were cross-validated over before; they are not
         done again.
@@ -58,8 +50,6 @@ class TrainingRequest:
     seeds: int = 3
     protocol: str = "default"
     recipe: Recipe | None = None
-    quantisation_aware: bool = False
-    widths: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     known: Sequence[Record] = ()
 
 
@@ -108,8 +98,6 @@ def train(
     request = request or TrainingRequest()
     recipe = request.recipe or choose_recipe(config, request.protocol)
     seed = request.seed
-    widths = dict(request.widths)
-    check_widths(config, **widths)
     if tuple(recordings.class_names) != config.network.class_names:
         raise InputError(
             f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and "
@@ -130,10 +118,6 @@ def train(
     if teller:
         decided = decide_touches(model, data.touches.take(rows)).decision
         teller.tell(accuracy=float(np.mean(decided == data.labels[data.index >= 0][rows])))
-    integer = None
-    if request.quantisation_aware:
-        report = named(progress, "quantisation-aware training on all recordings")
-        (integer,) = fine_tune(data, recipe, [rows], [model], seed, widths, report)
     ranges = profile(model, data.touches)
     record = {
         "seed": seed,
@@ -145,9 +129,7 @@ def train(
         "recordings": len(recordings),
         "touched": int((data.index >= 0).sum()),
         "parameters": model.parameter_count,
-        "quantisation_aware": request.quantisation_aware,
-        "widths": widths,
-        "ranges": range_records(integer.config if integer else config, ranges),
+        "ranges": range_records(config, ranges),
         "cross_validation": results,
         "versions": {"torch": torch.__version__, "numpy": np.__version__},
         "wall_s": time.perf_counter() - begin,
@@ -155,10 +137,8 @@ def train(
     if notes:
         record |= notes(record)
         record["wall_s"] = time.perf_counter() - begin  # notes may take long
-    if integer:
-        record |= written_by(config, integer)
     record = json.loads(json.dumps(record))  # what the file will hold: lists, not tuples
-    model.save(out, record, integer)
+    model.save(out, record)
     return record
 
 
@@ -186,8 +166,6 @@ def _cross_validation(
             range(request.seed, request.seed + request.seeds),
             folds=request.folds,
             recipe=recipe,
-            widths=dict(request.widths),
-            quantisation_aware=request.quantisation_aware,
             datasets=datasets,
             progress=progress,
         )

@@ -34,9 +34,11 @@ def run(
     config: AcceleratorConfig,
     *,
     methods: Sequence[baselines.Method] = tuple(baselines.METHODS.values()),
+    folds: int = 5,
+    seeds: int = 3,
     progress: Progress | None = None,
 ) -> Record:
-    """Judge the methods on every split and write baselines.json.
+    """Judge the methods on every split, ``folds`` each and ``seeds`` runs of a fold, and write baselines.json.
 
     ``config``: the front end that finds the touches. Without groups every split that it names is judged.
     Returns what `eskin.study.baselines.results` does, with wall_s.
@@ -50,14 +52,14 @@ def run(
     check_target(asked.out / RESULT)
     splits = default_splits(recordings, config) if asked.groups is None else [asked.groups]
     for groups in splits:
-        check_split(recordings, groups, asked.folds)
+        check_split(recordings, groups, folds)
     result = baselines.results(
         recordings,
         config,
         splits,
         methods=methods,
-        folds=asked.folds,
-        seeds=range(asked.seeds),
+        folds=folds,
+        seeds=range(seeds),
         jobs=Jobs(dask=asked.dask, progress=progress, version=CODE),
         keep=Memo(CACHE),
         version=json.dumps([recordings.content, CODE()]),

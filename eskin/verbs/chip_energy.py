@@ -6,6 +6,7 @@ without one. What a cycle without an edge costs is known from the clock's first 
 asked about.
 """
 
+import dataclasses
 from collections.abc import Mapping
 from operator import ne
 
@@ -45,37 +46,37 @@ GLITCHES_BY = (
 )
 
 
-def with_touches(
-    model: IntegerModel, recordings: Recordings, count: int, windows: int | None = None
-) -> tuple[np.ndarray, Recordings]:
-    """``count`` recordings with a touch, spread over the classes: their numbers, and they themselves, cut a
-    hop after the whole touch, or where ``windows`` of its windows are complete.
+def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]:
+    """``count`` recordings with a whole touch, spread over the classes: their numbers, and they themselves, cut
+    a hop after it; where none goes on so long, each to its end.
 
     Raises
     ------
     InputError
-        None has a touch with so many windows.
+        None has a whole touch.
     """
     config, touches = model.config, find_touches(model.config, recordings)
-    needed = min(windows or config.windows.steps, config.windows.steps)
-    after = config.last_frame + config.windows.hop - 1
-    if windows is not None:
-        after = config.window_spans[needed - 1][1] + config.windows.pretrigger_frames
-    ends = {}
-    for number, touch in enumerate(touches.first_touch()):
-        if touch >= 0 and touches.completed[touch] >= needed:
-            end, length = int(touches.start_frame[touch]) + after, int(recordings.lengths[number])
-            if end <= length or windows is not None:
-                ends[number] = min(end, length)
-    if not ends:
-        whole = "a whole touch and a hop after it; energy needs one"
+    first = touches.first_touch()
+    having = np.flatnonzero(first >= 0)
+    having = having[touches.completed[first[having]] == config.windows.steps]
+    if not len(having):
         raise InputError(
-            f"recordings '{recordings.source}': none has "
-            + (whole if windows is None else f"a touch with {needed} windows; ask for fewer")
+            f"recordings '{recordings.source}': none has a whole touch; energy needs one: look at their onsets with "
+            "'eskin inspect'"
         )
-    having = np.array(sorted(ends))
+    ends = touches.start_frame[first] + config.last_frame + config.windows.hop - 1
+    longer = having[ends[having] <= recordings.lengths[having]]
+    having = longer if len(longer) else having
     numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
-    return numbers, recordings.subset(numbers).until([ends[int(number)] for number in numbers])
+    return numbers, recordings.subset(numbers).until(np.minimum(ends, recordings.lengths)[numbers])
+
+
+def _resting(recordings: Recordings, frames: int) -> Recordings:
+    """The first of ``recordings``, its last frame held for ``frames`` more: a step costs what the frames behind its
+    decision cost, too."""
+    one = recordings.subset([0])
+    samples = np.concatenate([one.samples, np.repeat(one.samples[-1:], frames, axis=0)])
+    return dataclasses.replace(one, samples=samples, offsets=np.array([0, len(samples)]))
 
 
 def measured(
@@ -106,7 +107,7 @@ def measured(
         No recording has a whole touch.
     """
     config = model.config
-    _, chosen = with_touches(model, recordings, 1)
+    chosen = _resting(with_touches(model, recordings, 1)[1], config.windows.hop)
     trace, cost, blocks = run(model, chosen), costs(nets, voltage, wire), blocks_of(nets)
     library = {cell.name: cell for cell in nets.cells.values()}
     chip = Chip(nets.module, library, expression, SEED, wrong, delays=True)

@@ -44,6 +44,8 @@ PART = "iCE40UP5K"
 """Whose energy is estimated: the only part with published measurements. Its clock may stop between
 samples."""
 
+FOLDS = 5
+"""Of every split."""
 RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
 
 
@@ -81,9 +83,9 @@ def request_of(
     grid, source = asked.grid, f"grid '{asked.grid}'"
     splits = default_splits(recordings, config) if asked.groups is None and config else [asked.groups or []]
     for groups in splits:
-        check_split(recordings, groups, asked.folds)
-    bounds = {name: getattr(asked, name) for name in ("accuracy_floor", "latency_budget", "energy_budget")}
-    common: Record = {"folds": asked.folds, "bounds": sweeping.Bounds(**bounds)}
+        check_split(recordings, groups, FOLDS)
+    bounds = {name: getattr(asked, name) for name in ("accuracy_floor", "latency_budget")}
+    common: Record = {"folds": FOLDS, "bounds": sweeping.Bounds(**bounds)}
     if config is not None:
         points: Sequence[Any] = sweeping.make_points(
             config, sweeping.GRIDS.get(grid) or sweeping.read_grid(grid), source

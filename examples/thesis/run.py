@@ -81,12 +81,13 @@ def main() -> None:
     try:
         recordings = load_recordings(asked.data)
         config = for_recordings(AcceleratorConfig.load(asked.config), recordings) if asked.config else None
-        given = {name: getattr(asked, name) for name in ("data", "group", "folds", "seeds", "out")}
         result = baselines_job.run(
-            BaselinesRequest(**given),
+            BaselinesRequest(data=asked.data, group=asked.group, out=asked.out),
             recordings,
             config or derive_config(recordings)[0],
             methods=[*map(methods.__getitem__, names), METHODS["gru"]],
+            folds=asked.folds,
+            seeds=asked.seeds,
             progress=lambda what, done, total: print(f"{what}: {done} of {total}", file=sys.stderr),
         )
     except InputError as error:

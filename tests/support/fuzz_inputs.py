@@ -525,7 +525,7 @@ train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @ --out page
 cosim ../in/model --data @
-sweep --data @ --folds 2 --seeds 1
+sweep --data @ --seeds 1
 baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
@@ -560,7 +560,7 @@ generate @ --out design --lanes #
 schedule @
 export @ --to c --out design
 export @ --to onnx --out design
-export @ --to c --out keep --data ../in/recordings.npz
+export @ --to c --out keep
 energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
 build @ --target icebreaker
@@ -585,7 +585,7 @@ convert @ --size 6x7 --out small.npz
 convert @ --size # --out small.npz
 train --data @ --out made
 train --data @ --out made --cell tactnet
-sweep --data @ --folds 2 --out swept
+sweep --data @ --out swept
 evaluate ../in/image_model --data @ --json e.json
 compare ../in/image_model --data @ --out page
 stability ../in/image_model --data @ --out stable
@@ -626,7 +626,7 @@ READERS = {
     "image_model": MODEL.replace("recordings.npz", "images.npz"),
     "image.json": "import ../in/image.pt --out made --config @ --mean 0 --std 255\nrun --data "
     "../in/images.npz --config @",
-    "image_grid.json": "sweep --data ../in/images.npz --grid @ --folds 2 --out swept",
+    "image_grid.json": "sweep --data ../in/images.npz --grid @ --out swept",
     "image.pt": "import @ --out made --config ../in/image.json --mean # --std #",
     "cells.lib": "asic ../in/model --pdk ihp-sg13g2 --liberty @\nasic ../in/model --pdk sky130hd --liberty @",
     "cells.lib.gz": "asic ../in/model --pdk ihp-sg13g2 --liberty @",

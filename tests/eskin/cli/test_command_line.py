@@ -233,6 +233,14 @@ def test_inspect_describes_an_archive_that_gives_no_configuration(call, folder):
     assert "taxels: is 257; it must lie in 1..256" in figures["configuration"]["reasons"][0]
 
 
+def test_an_exported_network_that_decides_otherwise_is_status_1(call, folder, model, monkeypatch):
+    from eskin.verbs import export_job
+
+    bad = {"file": "net", "parameters": 1, "touches": 1, "recordings": None, "difference": 1.0, "limit": 0.1}
+    monkeypatch.setattr(export_job, "export_onnx", lambda *_: bad | {"passed": False})
+    assert call(*"export model --to onnx --out net".split())[0] == 1
+
+
 def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model):
     status, out, err = call(*"quantise model --data data.npz --weight-bits 6".split())
     assert status == 0, err

@@ -44,6 +44,14 @@ def test_a_folder_by_class_is_an_archive_of_images(tmp_path, mode):
             "z.png': has colours",
         ),
         (
+            lambda folder: Image.new("RGB", (9, 6), (9, 2, 3)).quantize().save(folder / "cup" / "z.png"),
+            "z.png': has colours",
+        ),
+        (
+            lambda folder: Image.new("L", (9, 257)).save(folder / "cup" / "z.png"),
+            "z.png': has 257 x 9 pixels, and a side at most 256; save it smaller",
+        ),
+        (
             lambda folder: Image.new("I;16", (9, 6)).save(folder / "cup" / "z.png"),
             "z.png': has mode I;16; save it as an 8-bit grey PNG",
         ),

@@ -221,7 +221,7 @@ def test_widths_that_cannot_hold_the_trained_network_are_told(tmp_path):
 
 
 # ---------------------------------------------------------------------- front and choice
-def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0, energy=1.0):
+def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0):
     return dict(
         name=f"{accuracy}/{latency}/{multiplies}",
         accuracy=accuracy,
@@ -230,7 +230,7 @@ def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0, energy=1.0
         weight_memory_bits=bits,
         standard_error=error,
         config={"lanes": lanes},
-        energy_j=energy,
+        energy_j=1.0,
     )
 
 
@@ -255,16 +255,13 @@ bound = st.none() | st.integers(1, 10)
 
 
 @settings(deadline=None, derandomize=True)
-@given(figures, st.integers(1, 10), bound, bound)
-def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, latency, energy):
-    for number, record in enumerate(records):
-        record["energy_j"] = 1 + (3 * number) % 7
-    bounds = sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=latency, energy_budget=energy)
+@given(figures, st.integers(1, 10), bound)
+def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, latency):
+    bounds = sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=latency)
 
     def misses(record, names):
         over = {"accuracy floor": floor / 10 - record["accuracy"]}
         over |= {"latency budget": record["latency_s"] - (latency or 99)}
-        over |= {"energy budget": record["energy_j"] - (energy or 99)}
         return {name: over[name] for name in names if over[name] > 0}
 
     choice, names = sweeping.recommend(records, bounds), bounds.given()
@@ -283,8 +280,6 @@ def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floo
 
 
 FOUR = [made(0.90, 1.0, 10), made(0.96, 8.0, 20), made(0.96, 2.0, 20, lanes=4), made(0.99, 9.0, 40)]
-JOULE = [(0.96, 20, 155.9e-6), (0.96, 30, 154.2e-6), (0.99, 40, 156.5e-6), (0.90, 10, 153.0e-6)]
-ENERGIES = [made(accuracy, 1, multiplies, energy=joule) for accuracy, multiplies, joule in JOULE]
 TIES, CLEAR = (
     [made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=error)] for error in (0.006, 0.004)
 )
@@ -304,20 +299,19 @@ PLAIN = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in OPTI
 @each_row(
     ("records", "bounds", "point", "words"),
     [
-        (FOUR, (None, 5.0, None), 2, "the latency budget binds"),
-        (FOUR, (None, None, None), 3, "the smallest within one standard error of the most accurate"),
-        (ENERGIES, (0.985, None, 156e-6), 2, "it misses the energy budget 156 uJ by 0.5 uJ"),
-        (TIES, (None, None, None), 1, "0.985"),
-        (CLEAR, (None, None, None), 2, "0.99"),
-        (TIES, (0.995, None, None), 1, "it misses the accuracy floor 99.5 % by 1 %"),
-        (EQUAL, (0.8, None, None), 2, "0.9"),
-        (PLAIN, (0.8, None, None), 2, "0.9"),
+        (FOUR, (None, 5.0), 2, "the latency budget binds"),
+        (FOUR, (None, None), 3, "the smallest within one standard error of the most accurate"),
+        (TIES, (None, None), 1, "0.985"),
+        (CLEAR, (None, None), 2, "0.99"),
+        (TIES, (0.995, None), 1, "it misses the accuracy floor 99.5 % by 1 %"),
+        (EQUAL, (0.8, None), 2, "0.9"),
+        (PLAIN, (0.8, None), 2, "0.9"),
     ],
 )
 def test_the_recommendation_says_why(records, bounds, point, words):
     """Ties within a standard error go to the smaller; of equal multiplies fewer weight bits, then lanes, then
     options decide."""
-    names = ("accuracy_floor", "latency_budget", "energy_budget")
+    names = ("accuracy_floor", "latency_budget")
     choice = sweeping.recommend(records, sweeping.Bounds(**dict(zip(names, bounds, strict=True))))
     assert choice["point"] == point and words in choice["sentence"], choice
 
@@ -373,7 +367,7 @@ def call(*words):
 
 
 def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
-    done = call("--group", "person", "--accuracy-floor", "0.8", "--energy-budget", "1e-3", "--out", "out")
+    done = call("--group", "person", "--accuracy-floor", "0.8", "--latency-budget", "1e-3", "--out", "out")
     assert done.exit_code == 0, done.output
     result = json.loads((tmp_path / "out" / "sweep.json").read_text())
     contract = set("config accuracy agreement cycles_step latency_s lut dsp bram energy_j on_front".split())
@@ -383,7 +377,7 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
         assert point["latency_s"] == point["cycles_decision"] / SMALL.hardware.clock_hz
     chosen = result["points"][result["recommended"]]
     assert chosen["accuracy"] >= 0.8
-    assert chosen["name"] in done.output and "energy budget 1000 uJ" in done.output
+    assert chosen["name"] in done.output and "latency budget 1000 us" in done.output
     assert [baseline["name"] for baseline in result["baselines"]] == ["logistic", "svm", "neighbours"]
     with (tmp_path / "out" / "sweep.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -410,7 +404,7 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
         (["--group", "colour"], "colour"),
         (["--grid", "none.json"], "none.json"),
         (["--latency-budget", "nan"], "--latency-budget"),
-        (["--energy-budget", "-1"], "--energy-budget"),
+        (["--latency-budget", "-1"], "--latency-budget"),
     ],
 )
 def test_bad_usage_trains_nothing_and_writes_nothing(archive, tmp_path, options, words):

@@ -19,6 +19,7 @@ from eskin.teach.evaluate import Question, judge, summary
 from eskin.training import fit as fitting
 from eskin.training import prototypes as prototypes_of
 from eskin.training import recipe
+from eskin.training.aware import train_in_integers
 from eskin.training.evaluate import evaluate
 from eskin.training.quantise import quantise
 from eskin.training.train import TrainingRequest, train
@@ -155,8 +156,9 @@ def test_other_cells_and_narrow_weights_are_enrolled_too(tmp_path, cell, reset, 
 
 def test_integers_that_were_trained_by_themselves_are_the_start(tmp_path, monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 30)
+    train(OLD, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
     written = exchanges(monkeypatch)
-    train(OLD, SMALL, TrainingRequest(folds=0, quantisation_aware=True), out=tmp_path / "m")
+    train_in_integers(tmp_path / "m", OLD)
     pair, real = enrolling.load_pair(tmp_path / "m"), FloatModel.load(tmp_path / "m").arrays
     old = IntegerModel.load(tmp_path / "m").arrays
     assert all((pair.integer.arrays[name] == old[name]).all() for name in old)

@@ -3,6 +3,7 @@ is trained."""
 
 import json
 import os
+from functools import partial
 
 import pytest
 from typer.testing import CliRunner
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 from eskin.cli.main import app
 from eskin.golden.core import InputError
 from eskin.study import baselines
+from eskin.verbs import baselines_job
 from tests.support.result_case import ROW_KEYS
 from tests.support.table import each_row
 from tests.support.touch_scenes import archived, scene
@@ -29,6 +31,7 @@ def archive(tmp_path, monkeypatch):
 
     monkeypatch.setattr(baselines, "judge", noted)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(baselines_job, "run", partial(baselines_job.run, folds=2, seeds=1))
     return seen
 
 
@@ -38,7 +41,7 @@ def call(*words):
 
 
 def test_table_and_json(archive, tmp_path):
-    words = "--group person --folds 2 --seeds 1".split()
+    words = "--group person".split()
     done = call(*words)
     assert done.exit_code == 0, (done.output, done.exception)
     result = json.loads((tmp_path / "out" / "baselines.json").read_text())
@@ -54,10 +57,7 @@ def test_table_and_json(archive, tmp_path):
 
 @each_row(
     ("options", "words"),
-    [
-        (["--group", "colour"], "no group array 'colour'"),
-        ("--folds 41".split(), "41 folds were asked for and there are 40 recordings"),
-    ],
+    [(["--group", "colour"], "no group array 'colour'"), (["--config", "none"], "configuration 'none'")],
 )
 def test_bad_usage_trains_nothing_and_writes_nothing(archive, tmp_path, options, words):
     done = call(*options)

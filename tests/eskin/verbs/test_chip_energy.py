@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from eskin.golden.core import PRESETS
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model import random_integer_model
 from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of
@@ -51,6 +51,20 @@ def test_a_step_costs_what_frames_around_its_decision_cost_more():
     assert found["battery_hours"] == pytest.approx(BATTERY_J / found["average_w"] / 3600)
     assert found["bands"]["step_j"] == pytest.approx([step / 2, 2 * step])
     assert found["clocked_share"] == pytest.approx(50 / period)
+
+
+def test_recordings_may_end_with_their_touch():
+    """A hop after it is taken where there is one; else its last frame is held for a hop."""
+    case, hop = Case(SMALL), SMALL.windows.hop
+    model = random_integer_model(SMALL, 5)
+    _, longer = chip_energy.with_touches(model, case.recordings, 1)
+    ending = longer.until(longer.lengths - hop)
+    _, played = chip_energy.with_touches(model, ending, 1)
+    assert played.lengths == longer.lengths - hop
+    held = chip_energy._resting(played, hop)
+    assert held.lengths == longer.lengths and (held.samples[-hop:] == played.samples[-1]).all()
+    with pytest.raises(InputError, match="none has a whole touch; energy needs one"):
+        chip_energy.with_touches(model, ending.until(ending.lengths - 1), 1)
 
 
 @pytest.mark.slow
