@@ -125,7 +125,7 @@ def cosim(asked: CosimRequest) -> Record:
         if lowest or (asked.dask is None and len(numbers) <= cosim_job.PART[simulator]):
             result = cosimulate(integer, played, numbers=numbers, work=work, **options)
         else:
-            where = Jobs(dask=asked.dask, progress=report, version=cosim_job.CODE)
+            where = Jobs(workers=asked.jobs, dask=asked.dask, progress=report, version=cosim_job.CODE)
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
