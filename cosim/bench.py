@@ -18,7 +18,14 @@ from cocotb.queue import Queue
 from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 
 from eskin.cosim.latency import Measured
-from eskin.cosim.scoreboard import Mismatch, Recording, Scoreboard, flat_stages, recordings_of
+from eskin.cosim.scoreboard import (
+    Mismatch,
+    Recording,
+    Scoreboard,
+    flat_stages,
+    local_decisions,
+    recordings_of,
+)
 from eskin.golden.core import AcceleratorConfig
 
 CYCLE_NS = 10
@@ -395,6 +402,8 @@ class Bench:
             if monitor.stage == "decision":
                 codes = codes.view(np.uint32)
                 self.measured.decisions(cycles)
+                if not self.settings["probes"]:
+                    self.measured.counts["steps"] += local_decisions(codes)
             if monitor.stage == "feature" and self.scans:
                 seen, size = self.scoreboard.seen("feature"), self.config.inputs
                 self.scans.features += cycles[-seen % size :: size].tolist()

@@ -17,7 +17,7 @@ import numpy as np
 from eskin.cosim import flow
 from eskin.cosim.device import FRAME_END, Device, Model, Write
 from eskin.cosim.latency import Measured
-from eskin.cosim.scoreboard import Mismatch, Scoreboard, flat_stages, recordings_of
+from eskin.cosim.scoreboard import Mismatch, Scoreboard, flat_stages, local_decisions, recordings_of
 from eskin.golden.core import AcceleratorConfig, InputError, Record, SimulationError
 
 SIMULATOR = "compiled"
@@ -104,6 +104,8 @@ def cosim(
                     continue
                 if stage == "decision":
                     measured.decisions(cycles)
+                    if not probes:
+                        measured.counts["steps"] += local_decisions(codes)
                 scoreboard.check(stage, codes, cycles)
             ends = device.seen()["cycle"][device.seen()["stage"] == FRAME_END].tolist()
             measured.end(recording["decision_frame"].tolist(), dict(enumerate(ends, start=1)))

@@ -54,6 +54,11 @@ def offered_row(config: AcceleratorConfig, row: Sequence[int]) -> list[int]:
     return list(values.values())
 
 
+def local_decisions(words: np.ndarray) -> int:
+    """How many of these decision words are local ones: one a step, where no probe counts the steps."""
+    return int((words >> DECISION_FIELDS["is_global"][0] & 1 == 0).sum())
+
+
 def _margin_unit(config: AcceleratorConfig, is_global: int) -> int:
     votes = is_global and config.network.decision == "vote"
     return 1 if votes or not config.wide_decisions else MARGIN_UNIT

@@ -636,7 +636,9 @@ class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
         ),
     ] = None
     stalls: Annotated[bool, option("Random stalls on both sides.", "--stalls")] = False
-    jobs: Annotated[int | None, option("Processes that play side by side; default: one a core.", min=1)] = None
+    jobs: Annotated[int | None, option("Processes that play side by side; default: one a core.", min=1)] = (
+        None
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -395,7 +395,7 @@ def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(error
     request = job.BuildRequest(config=CONFIG, arrays={}, target=target("icebreaker"), seeds=seeds)
     if not taken:
         with pytest.raises(
-            job.BuildError, match=r"no seed from 1 to 10 .*\(seed 1: 1 paths .*--seed 11 tries"
+            job.BuildError, match=r"no seed from 1 to 10 .*\(seed 1: 1 paths .*--seeds 20 tries"
         ):
             job.build(request)
         return

@@ -263,7 +263,7 @@ CONFIGS = {
 }
 
 
-SEEDS = {"tracked, defended, 20 taxels, companded": 13}
+SEEDS = {"tracked, defended, 20 taxels, companded": 13, "tracked, free, companded": 0}
 """Recordings with decisions both unsure and not, where those of a configuration's number have one kind
 only."""
 
