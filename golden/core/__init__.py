@@ -1,4 +1,4 @@
-"""What every other folder takes of the core: formats, configuration, errors, files, the memo, jobs."""
+"""Public names of golden.core: formats, configuration, errors, files, the memo, shared types."""
 
 from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.config import PRESETS, AcceleratorConfig

@@ -1,4 +1,4 @@
-"""What other folders take of the golden model: models, how they are run, and what a run is made of."""
+"""Public names of golden.model: models, their runs, and the traces of a run."""
 
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.conversion import codes_of, samples_of, through_converter

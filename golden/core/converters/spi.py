@@ -195,7 +195,7 @@ class OnSpi(Converter):
     data_lines: Annotated[StrictInt, Ge(0)] = 0
 
     def chip(self) -> SpiChip:
-        """The chip's data sheet."""
+        """The chip's data sheet; each kind says its own."""
         raise NotImplementedError
 
     def chips(self, config: AcceleratorConfig) -> int:
