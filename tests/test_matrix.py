@@ -1,7 +1,7 @@
 """The matrix: every verb on every kind of model ends with 0, or with 2 and a sentence that names the field.
 
 A new verb needs an entry in ROWS, a new kind of model one in KINDS. What is refused stands in REFUSED, and
-docs/verification.md shows it.
+docs/figures.md shows it.
 """
 
 import dataclasses
@@ -483,7 +483,7 @@ def test_the_documents_show_what_is_refused():
         for rows, kinds, words in REFUSED
     ]
     table = "\n".join(["| verb | kind of model | ends with 2, and says |", "| --- | --- | --- |", *lines])
-    page = (ROOT / "docs/verification.md").read_text()
+    page = (ROOT / "docs/figures.md").read_text()
     assert table in page, table
 
 
