@@ -35,7 +35,7 @@ def hum(bench: Bench, level: float) -> Change:
     """50 Hz on all taxels, with so many times the amplitude of the noise at rest."""
 
     def add(stream, onset, rng):
-        phase = 2 * np.pi * 50 / bench.config.sensor.sample_rate_hz * np.arange(len(stream)) + rng.uniform(
+        phase = 2 * np.pi * 50 / bench.config.sensor.scan_rate_hz * np.arange(len(stream)) + rng.uniform(
             0, 2 * np.pi
         )
         return stream + (level * bench.rest_noise * np.sin(phase)).astype(np.float32)[:, None]
@@ -133,7 +133,7 @@ def glitch(bench: Bench, stream: np.ndarray, place: int, height: float) -> np.nd
 
 def ramp(bench: Bench, stream: np.ndarray, place: int, speed: float) -> np.ndarray:
     """All taxels ramp by so many standard deviations of the features a second."""
-    step = speed * bench.sigma / bench.config.sensor.sample_rate_hz
+    step = speed * bench.sigma / bench.config.sensor.scan_rate_hz
     return stream + (step * np.arange(len(stream), dtype=np.float32))[:, None]
 
 
@@ -145,7 +145,7 @@ def stretches_and_frames(bench: Bench, streams: Sequence[np.ndarray]) -> str:
 def ramp_in_codes(bench: Bench, streams: Sequence[np.ndarray]) -> str:
     """The ramp in codes, beside what the rest level follows, in words."""
     config = bench.config
-    tracked = f"tracking follows {config.sensor.sample_rate_hz / 16:.0f} at most"
+    tracked = f"tracking follows {config.sensor.scan_rate_hz / 16:.0f} at most"
     return f"{bench.sigma:.3g} codes a second; {tracked if config.rest_level.rest == 'tracked' else 'the rest level is not tracked'}"
 
 
