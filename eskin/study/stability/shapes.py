@@ -165,7 +165,7 @@ class Experiment:
             found[name] = Found(float(np.mean(wrong)), case)
         return found
 
-    def _curve(self, bench: Bench, accuracy: bool) -> tuple[Curve, Curve]:
+    def _curve(self, bench: Bench, accuracy: bool) -> list[Curve]:
         """The curve of the worst and that of the mean."""
         counts = range(0, len(bench.live) + 1, 1 if len(bench.live) < 12 else 2)
         levels = bench.thin(self.levels or counts)
@@ -175,7 +175,7 @@ class Experiment:
         in_turn = self.over not in ("recordings", "quiet")
         lines = {"worst": worst, "mean": mean} if in_turn else {ylabel: worst}
         backwards = dict(reversed(lines.items()))
-        return tuple(Curve(self.xlabel, ylabel, levels, of, self.log) for of in (lines, backwards))
+        return [Curve(self.xlabel, ylabel, levels, of, self.log) for of in (lines, backwards)]
 
     def __call__(self, bench: Bench) -> Outcome:
         accuracy = self.over != "quiet" and not self.early
