@@ -139,7 +139,7 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
     lengths:
         Frames of each recording that the chain takes; those between are random codes.
     seed:
-        Of every random draw.
+        Seed of every random draw.
     """
     rng, fmt, taxels = np.random.default_rng(seed), config.sample_format, config.sensor.taxels
     rule, hop, whole = config.onset_rule, config.windows.hop, config.last_frame

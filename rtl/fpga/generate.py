@@ -68,9 +68,9 @@ def generate(
     Parameters
     ----------
     config:
-        Of the integer model, with the wanted ``lanes``.
+        Configuration of the integer model, with the wanted ``lanes``.
     arrays:
-        Of the integer model (docs/specification.md, section 8).
+        Arrays of the integer model (docs/specification.md, section 8).
     out:
         New folder, an empty one, or an earlier generated one, which is replaced.
     vectors:
