@@ -251,7 +251,7 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
     status, out, err = call(*"generate model --out design --lanes 2 --data data.npz".split())
     assert status == 0, err
     assert AcceleratorConfig.load("design/config.json").hardware.lanes == 2
-    plain = {"accelerator.sv", "registers.h", "registers.json", "testbench.sv"}
+    plain = {"accelerator.sv", "registers.h", "registers.json", "test_accelerator.py", "Makefile"}
     assert plain | {"eskin.rdl", "filelist.f", "eskin.core", "waiver.vlt"} <= set(os.listdir("design"))
     status, out, err = call(*"generate model --out design --bus wishbone".split())
     more = {"eskin_wishbone.sv", "eskin.h", "eskin.c", "load.h"}
