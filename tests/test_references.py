@@ -1,5 +1,5 @@
-"""What documents, comments and docstrings refer to is there: files, sections of the specification, one run of
-the mutants."""
+"""What documents, comments and docstrings refer to is there: files and sections of the
+specification."""
 
 import re
 from functools import cache
@@ -73,14 +73,3 @@ def test_a_block_names_the_section_that_specifies_it(block, title):
     (text,) = (text for name, text in texts().items() if name.startswith("rtl/") and Path(name).stem == block)
     number = int(re.search(r"specification\.md,? section (\d+)", text)[1])
     assert title in headings()[number]
-
-
-def test_documents_and_changelog_name_one_run_of_the_mutants():
-    shares = {
-        re.search(pattern, texts()[name])[1]
-        for name, pattern in (
-            ("docs/verification.md", r"The last complete run,[^.]*kills ([\d.]+) %"),
-            ("CHANGELOG.md", r"complete run of the mutants: ([\d.]+) % killed"),
-        )
-    }
-    assert len(shares) == 1, shares

@@ -1,5 +1,5 @@
 """scripts/tables.py: the tables of designs; cycles and cells of three of them are held here, and a row of
-docs/boards.md."""
+docs/figures.md."""
 
 from pathlib import Path
 
@@ -45,6 +45,22 @@ def test_a_row_a_design_as_soon_as_it_is_known(monkeypatch, capsys):
         "| thesis, gru, P = 4 | 4 gru |",
         "| thesis, linear, P = 4 | 4 linear |",
     ]
+
+
+def test_a_table_of_the_page_is_replaced(monkeypatch):
+    monkeypatch.setattr(tables, "placed", lambda config: (config.network.cell,))
+    page = "a\n\nMade by `python -m scripts.tables designs thesis` at commit `0`.\n\n| old |\n\nb | c\n"
+    assert tables.rewritten(page, ["steps"], "abc") == page
+    new = tables.rewritten(page, [], "abc")
+    assert new.startswith(
+        "a\n\nMade by `python -m scripts.tables designs thesis` at commit `abc`.\n\n| design |"
+    )
+    assert new.endswith("| thesis, linear, P = 4 | linear |\n\nb | c\n") and "old" not in new
+
+
+def test_the_page_of_figures_names_tables_that_there_are():
+    made = {found[2] for found in tables.MADE.finditer(tables.PAGE.read_text())}
+    assert made == set(tables.TABLES)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +119,7 @@ class NoBus(Chain):
     ],
 )
 def test_the_smallest_rows_of_the_boards_are_of_the_present_design(loadable, chain, begins, monkeypatch):
-    page = Path(__file__).resolve().parents[2] / "docs" / "boards.md"
+    page = Path(__file__).resolve().parents[2] / "docs" / "figures.md"
     row = next(line for line in page.read_text().splitlines() if line.startswith(begins))
     config = PRESETS["thesis"].replace(**LEAN, loadable=loadable).with_lanes(1, "dsp")
     arrays = random_integer_model(config.replace(aligned_means=False), 1).arrays
