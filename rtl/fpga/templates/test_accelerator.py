@@ -19,14 +19,15 @@ FOLDER = Path(__file__).parent
 CONFIG = json.loads((FOLDER / "config.json").read_text())
 REGISTERS = json.loads((FOLDER / "registers.json").read_text())
 BITS = CONFIG["sensor"]["sample_bits"]
+ENDS = ("valid", "value")
 PATIENCE_US = 10_000  # a million cycles
 
 
 class StageMonitor:
     """Compares the values of one stage as they come."""
 
-    def __init__(self, dut, stage, valid, value, expected):
-        self.clk, self.valid, self.value = dut.clk, valid, value
+    def __init__(self, clk, stage, valid, value, expected):
+        self.clk, self.valid, self.value = clk, valid, value
         self.stage, self.expected, self.seen = stage, expected, 0
 
     async def run(self):
@@ -94,12 +95,13 @@ async def recording(dut):
     frames, driver = vectors.pop("samples"), Driver(dut)
     Clock(dut.clk, 10, unit="ns").start()
     await driver.reset()
-    ports = {stage: (f"probe__{stage}__valid", f"probe__{stage}__value") for stage in vectors}
-    ports["decision"] = ("o__valid", "o__payload")
-    monitors = [
-        StageMonitor(dut, stage, *(getattr(dut, port) for port in ports[stage]), expected)
-        for stage, expected in vectors.items()
-    ]
+    monitors = []
+    for stage, expected in vectors.items():
+        ports = (
+            ("o__valid", "o__payload") if stage == "decision" else (f"probe__{stage}__{end}" for end in ENDS)
+        )
+        valid, value = (getattr(dut, port) for port in ports)
+        monitors.append(StageMonitor(dut.clk, stage, valid, value, expected))
     for monitor in monitors:
         cocotb.start_soon(monitor.run())
     for line in (FOLDER / "load.hex").read_text().split():
