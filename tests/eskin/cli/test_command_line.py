@@ -121,7 +121,7 @@ def test_convert_says_what_it_understood_and_writes_the_same_recordings(call, fo
 # ---------------------------------------------------------------------- help and usage
 
 
-@each_row("verb", [verb for group in PANELS.values() for verb in group])
+@each_row("verb", [verb.strip("_") for group in PANELS.values() for verb in group])
 def test_every_verb_explains_itself_with_an_example(call, verb):
     status, out, _ = call(verb, "--help")
     assert status == 0 and f"Example: eskin {verb}" in out
