@@ -89,7 +89,7 @@ class Run:
             "frames": frames,
             "block": max(1, min(hop, BLOCK_BITS // (bits * expected[frames].shape[1]))),
             "bits": bits,
-            "period": clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0,
+            "period": clock_hz / config.sensor.scan_rate_hz if pace == "declared" else 0.0,
             "patience": latency.standstill_cycles(config),
             "probes": hardware.probes,
             "measure": "STEP",
@@ -472,11 +472,11 @@ def check(config: AcceleratorConfig, expected: Arrays, vectors: Path, pace: str,
             f"{vectors}: has {taxels} taxels and the accelerator has {config.sensor.taxels}; use one array "
             "for both"
         )
-    least = config.sensor.taxels * config.sensor.sample_rate_hz
+    least = config.sensor.taxels * config.sensor.scan_rate_hz
     if pace == "declared" and clock_hz < least:
         raise InputError(
             f"--clock {clock_hz:.0f}: is too slow for {config.sensor.taxels} taxels at "
-            f"{config.sensor.sample_rate_hz:g} Hz, one a cycle; "
+            f"{config.sensor.scan_rate_hz:g} Hz, one a cycle; "
             f"give at least {least:.0f} Hz"
         )
 

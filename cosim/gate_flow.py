@@ -78,7 +78,7 @@ def cosim(
     gates, scoreboard, measured = chip(seed), Scoreboard(config, expected, probes=probes), Measured()
     stages = (*flat_stages(config), "step") if probes else ()
     device = Device(gates, config.sensor.sample_bits, stages)
-    period = clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0
+    period = clock_hz / config.sensor.scan_rate_hz if pace == "declared" else 0.0
     frames, mismatch = 0, None
     last: dict[str, int] = {}
 

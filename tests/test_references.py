@@ -1,5 +1,5 @@
-"""What documents, comments and docstrings refer to is there: files, sections of the specification, one run of
-the mutants."""
+"""What documents, comments and docstrings refer to is there: files and sections of the
+specification."""
 
 import re
 from functools import cache
@@ -54,14 +54,3 @@ def test_every_section_that_is_named_is_there():
         for number in re.findall(r"specification\.md,? sections? (\d+)", text)
     }
     assert len(named) > 10 and [place for place in named if place[1] not in headings()] == []
-
-
-def test_documents_and_changelog_name_one_run_of_the_mutants():
-    shares = {
-        re.search(pattern, texts()[name])[1]
-        for name, pattern in (
-            ("docs/verification.md", r"The last complete run,[^.]*kills ([\d.]+) %"),
-            ("CHANGELOG.md", r"complete run of the mutants: ([\d.]+) % killed"),
-        )
-    }
-    assert len(shares) == 1, shares

@@ -95,6 +95,7 @@ def cosimulate(
     _check_target(level, target, chip)
     config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
     codes = None
+    recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
         if level != "rtl" or lowest or options.get("stalls"):
             raise InputError(

@@ -455,7 +455,7 @@ class _Steps:
         for number in dict.fromkeys(
             [*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]
         ):
-            recording = self.recordings.subset([number])
+            recording = self.recordings.subset([number]).scanned(self.config.sensor.scan_every)
             trace = pipeline.run(model, recording)
             touch = int(trace.first[0])
             if touch >= 0 and trace.touches.completed[touch]:
@@ -481,9 +481,9 @@ class _Steps:
         candidates = numbers[
             self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))
         ]
-        whole = self.recordings.subset(candidates)
+        whole = self.recordings.subset(candidates).scanned(self.config.sensor.scan_every)
         touches = find_touches(self.config, whole)
-        affordable = int(DECLARED_CYCLES * self.config.sensor.sample_rate_hz / clock_hz)
+        affordable = int(DECLARED_CYCLES * self.config.sensor.scan_rate_hz / clock_hz)
         ends, few_windows = whole.lengths.copy(), whole.lengths.copy()
         first = touches.first_touch()
         for index, touch in enumerate(first):

@@ -115,12 +115,12 @@ class AcceleratorConfig:
             yield from self._format_refusals()
             yield from self._readout_refusals()
         # the front end takes an input every second cycle
-        clock, least = self.hardware.clock_hz, 2 * self.inputs * self.sensor.sample_rate_hz
+        clock, least = self.hardware.clock_hz, 2 * self.inputs * self.sensor.scan_rate_hz
         if clock < least:
             kinds = f" with {self.kinds} kinds of feature" if self.kinds > 1 else ""
             yield (
                 "clock_hz",
-                f"is {clock:g}: {clock / self.sensor.sample_rate_hz:.3g} cycles a frame cannot take "
+                f"is {clock:g}: {clock / self.sensor.scan_rate_hz:.3g} cycles a frame cannot take "
                 f"{self.sensor.taxels} taxels{kinds}; use at least {least:g}",
             )
         yield from self.interface.converter.misfits(self)
@@ -1043,7 +1043,9 @@ def _plain(value: Any) -> Any:
 def _of_every_image(image: Image) -> dict[str, Any]:
     """Fields outside of group ``image`` that have one value only in a network for images of this size."""
     height = image.height
-    sensor: dict[str, Any] = dict(taxels=image.width, sample_bits=8, sample_signed=False, masked_taxels=())
+    sensor: dict[str, Any] = dict(
+        taxels=image.width, scan_every=1, sample_bits=8, sample_signed=False, masked_taxels=()
+    )
     # a window of two hops is what every configuration has; touch_frames cuts it to the one image
     gate: dict[str, Any] = dict(
         onset="immediate", window_mode="touch", pretrigger_frames=0, touch_frames=height

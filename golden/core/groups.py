@@ -74,17 +74,28 @@ LayerText = Annotated[StrictStr, AfterValidator(lambda text: str(parse_layer(tex
 class Sensor(Group):
     """What delivers frames.
 
-    taxels; sample_rate_hz (frames a second); sample_bits, sample_signed (A/D code); volt_per_code (volt, 0
+    taxels; sample_rate_hz (frames a second of the source); scan_every: the chain takes the first of every so
+    many frames, and every other field in frames counts those that it takes; sample_bits, sample_signed (A/D code); volt_per_code (volt, 0
     when the recordings are not voltages); masked_taxels (taxel indices, from 0, that are out of use at
     reset).
     """
 
     taxels: Annotated[StrictInt, Interval(ge=1, le=256)] = 16
     sample_rate_hz: Annotated[Real, Gt(0)] = 3000.0
+    scan_every: Literal[1, 2, 4, 8, 16] = 1
     sample_bits: Annotated[StrictInt, Interval(ge=1, le=16)] = 16
     sample_signed: StrictBool = False
     volt_per_code: Annotated[Real, Ge(0)] = 0.0
     masked_taxels: tuple[StrictInt, ...] = ()
+
+    @property
+    def scan_rate_hz(self) -> float:
+        """Frames a second that the chain takes."""
+        return self.sample_rate_hz / self.scan_every
+
+    def source_frame(self, frame: int) -> int:
+        """The source's frame that is the chain's ``frame``, both counted from 1; 0, none, stays."""
+        return (frame - 1) * self.scan_every + 1 if frame else 0
 
     @property
     def live(self) -> list[int]:

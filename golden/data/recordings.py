@@ -73,6 +73,8 @@ class Recordings:
         the frames, from the top.
     channel_names:
         What the source calls its taxels; empty: nothing.
+    scan_every:
+        They are the first of every so many frames of the source (`scanned`).
     """
 
     samples: np.ndarray
@@ -89,6 +91,7 @@ class Recordings:
     notes: tuple[str, ...] = ()
     image_shape: tuple[int, int] | None = None
     channel_names: tuple[str, ...] = ()
+    scan_every: int = 1
 
     def __post_init__(self) -> None:
         """Give groups with a name of the archive's another one: a column called labels would replace the
@@ -237,6 +240,26 @@ class Recordings:
             offsets=np.cumsum([0, *self.lengths[indices]]),
             labels=self.labels[indices],
             groups={name: values[indices] for name, values in self.groups.items()},
+        )
+
+    def scanned(self, every: int) -> Recordings:
+        """What a chain takes that scans the first of every so many frames of the source; themselves where they are that
+        already."""
+        step, rest = divmod(every, self.scan_every)
+        if rest:
+            raise InputError(
+                f"{self.source}: are every {self.scan_every}-th frame and the model scans every {every}-th; use the "
+                "recordings as they were made"
+            )
+        if step == 1:
+            return self
+        parts = [self.recording(i)[::step] for i in range(len(self))]
+        return dataclasses.replace(
+            self,
+            samples=np.concatenate(parts),
+            offsets=np.cumsum([0, *map(len, parts)]),
+            sample_rate_hz=self.sample_rate_hz / step,
+            scan_every=every,
         )
 
     def until(self, ends: Sequence[int] | np.ndarray) -> Recordings:
@@ -682,10 +705,11 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
             f"says that a code is worth {step:.6g} and configuration '{config.name}', field volt_per_code, "
             f"{of_model:.6g}",
         )
-    if abs(recordings.sample_rate_hz / config.sensor.sample_rate_hz - 1.0) > 0.02:
+    rate = recordings.sample_rate_hz * recordings.scan_every
+    if abs(rate / config.sensor.sample_rate_hz - 1.0) > 0.02:
         refuse(
             "array sample_rate_hz",
-            f"is {recordings.sample_rate_hz:g} and configuration '{config.name}', field sample_rate_hz, has "
+            f"is {rate:g} and configuration '{config.name}', field sample_rate_hz, has "
             f"{config.sensor.sample_rate_hz:g}",
         )
     if recordings.class_names != config.network.class_names:

@@ -99,7 +99,7 @@ class Trace:
         ends = np.array([last for _, last in self.config.window_spans])[self.global_step[touch]]
         since = self.touches.start_frame[touch] - 1 + ends - self.touches.onset_frame[touch]
         times[touched] = np.where(
-            self.global_step[touch] >= 0, since / self.config.sensor.sample_rate_hz, np.nan
+            self.global_step[touch] >= 0, since / self.config.sensor.scan_rate_hz, np.nan
         )
         return times
 
@@ -203,7 +203,7 @@ def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
     since = (
         touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
     )
-    return np.median(since, axis=0) / config.sensor.sample_rate_hz
+    return np.median(since, axis=0) / config.sensor.scan_rate_hz
 
 
 def feature_codes(

@@ -1,6 +1,9 @@
 """Preprocessing in exact integers: onset, windows and normaliser (docs/specification.md, sections 2 and 3),
 vectorised over recordings.
 
+Recordings come as the source made them, or thinned to the frames that the chain takes (`Recordings.scanned`);
+everything here counts the frames that it takes.
+
 The golden expression of those sections, and of the fault detector (docs/specification.md, section 10). It
 sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
 """
@@ -27,7 +30,7 @@ Progress = Callable[[int, int], None]
 @dataclass(frozen=True)
 class Touches:
     """All touches of a set of recordings, ordered by recording, then by time; n touches, K windows, D inputs
-    (taxels x kinds).
+    (taxels x kinds). Frames are those that the chain takes.
 
     recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n):
     frame f, 1-based, in which the rule was met; 0 where the gate opens at once. start_frame (n): first frame,
@@ -122,6 +125,7 @@ def find_touches(
             f"taxels, has {config.sensor.taxels}; use recordings and a configuration of one array"
         )
     spans = window_spans(config, config.windows.steps if steps is None else steps)
+    recordings = recordings.scanned(config.sensor.scan_every)
     lengths = recordings.lengths
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
@@ -590,6 +594,7 @@ def scans(
     """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first, the one behind the
     last, their deviations (frames, recordings, taxels), their touches (recording, onset frame, start frame),
     in order, and the frame that raised the fault flag of each taxel (recordings, taxels), 0 = none."""
+    recordings = recordings.scanned(config.sensor.scan_every)
     lengths, taxels = recordings.lengths, config.sensor.taxels
     for first, last in _batches(lengths, taxels, most):
         samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, taxels), dtype=np.int32)

@@ -40,6 +40,11 @@ def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
     )
 
 
+def has_door(config: AcceleratorConfig) -> bool:
+    """True where frames come from outside and not all are taken; a converter makes none but those."""
+    return config.sensor.scan_every > 1 and config.interface.converter.name == "none"
+
+
 def expands(config: AcceleratorConfig) -> bool:
     """Whether windows add up anything but the deviations. Only then is there a feature expander."""
     return config.features.feature_kinds != ("mean",)

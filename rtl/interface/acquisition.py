@@ -82,7 +82,7 @@ class Acquisition(wiring.Component):
         m = Module()
         config = self._config
         m.submodules.converter = converter = self.converter
-        m.submodules.clock = clock = SampleClock(*sample_clock(self._clock_hz, config.sensor.sample_rate_hz))
+        m.submodules.clock = clock = SampleClock(*sample_clock(self._clock_hz, config.sensor.scan_rate_hz))
         m.submodules.narrower = narrower = SampleNarrower(config)
         m.submodules.guard = guard = FrameGuard(config)
         wiring.connect(m, converter.pins, wiring.flipped(self.pins))

@@ -45,6 +45,7 @@ class Control(Bits):
     )
     FINISH = 2, "The recording has ended: decide an open touch as partial"
     CLEAR_FAULTS = 4, "Clear FAULTS and LONGEST"
+    EVERY = 8, "With ARM: every frame of the source comes, not only those that the chain takes"
 
 
 class Measure(IntEnum):

@@ -82,7 +82,7 @@ def test_labels_by_name_and_of_a_table(lists):
 
 def test_scikit_learns_own_checks_pass_or_are_listed():
     """As it stands the model says that it takes no arrays of two dimensions, and few are tried; of one that says it
-    does, those that fail are those of docs/python.md."""
+    does, those that fail are those of docs/figures.md."""
 
     class OfRows(eskin.Model):
         def __sklearn_tags__(self):
@@ -95,7 +95,7 @@ def test_scikit_learns_own_checks_pass_or_are_listed():
         forced = check_estimator(OfRows(LINEAR, folds=0), on_fail=None, on_skip=None)
     assert {check["status"] for check in own} == {"passed"}
     missed = {check["check_name"] for check in forced if check["status"] == "failed"}
-    listed = set(re.findall(r"`(check_\w+)`", Path("docs/python.md").read_text()))
+    listed = set(re.findall(r"`(check_\w+)`", Path("docs/figures.md").read_text()))
     assert missed == listed - {"check_estimator"}
 
 

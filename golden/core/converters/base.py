@@ -123,7 +123,7 @@ class NoConverter(Converter):
 
 def frame_s(config: AcceleratorConfig) -> float:
     """Seconds that a scan may take."""
-    return (1 - RESERVE) / config.sensor.sample_rate_hz
+    return (1 - RESERVE) / config.sensor.scan_rate_hz
 
 
 def slow_clock(config: AcceleratorConfig) -> Iterator[Refusal]:

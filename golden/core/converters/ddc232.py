@@ -138,12 +138,12 @@ class Ddc232(Converter):
             # an edge of CONV waits for its clock; DVALID crosses two flip-flops
             dvalid=self.dvalid_clocks * 2 * clk_half + 6,
         )
-        frame = math.floor(clock / config.sensor.sample_rate_hz)
+        frame = math.floor(clock / config.sensor.scan_rate_hz)
         return replace(plan, deadline=frame - quiet - plan.read_cycles)
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
         taxels = config.sensor.taxels
-        clock, rate = config.hardware.clock_hz, config.sensor.sample_rate_hz
+        clock, rate = config.hardware.clock_hz, config.sensor.scan_rate_hz
         if taxels > CHANNELS:
             yield (
                 "taxels",
@@ -159,6 +159,12 @@ class Ddc232(Converter):
             yield (
                 "converter.hz",
                 f"is {self.hz:g}; the data clock of a DDC232 has at most {DCLK_HZ:g} Hz here",
+            )
+        if config.sensor.scan_every > 1:
+            yield (
+                "scan_every",
+                f"is {config.sensor.scan_every}; a DDC232 integrates from frame to frame, so that fewer frames have larger "
+                "codes: use 1",
             )
         if rate > RATE_HZ:
             yield (

@@ -137,7 +137,7 @@ class Mpr121(Converter):
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
         array, taxels, left_s = config.interface, config.sensor.taxels, frame_s(config)
-        clock, rate, chips = config.hardware.clock_hz, config.sensor.sample_rate_hz, self.chips
+        clock, rate, chips = config.hardware.clock_hz, config.sensor.scan_rate_hz, self.chips
         size = f"is {array.rows} with {array.columns} columns"
         if array.rows * array.columns != taxels:
             yield "rows", f"{size}, and there are {taxels} taxels; give the array's own"

@@ -243,7 +243,7 @@ class OnSpi(Converter):
 
     def _too_slow(self, config: AcceleratorConfig) -> Iterator[Refusal]:
         """Whether a scan leaves a reserve of the frame; with the nearest that does."""
-        clock, rate, available = config.hardware.clock_hz, config.sensor.sample_rate_hz, frame_s(config)
+        clock, rate, available = config.hardware.clock_hz, config.sensor.scan_rate_hz, frame_s(config)
         plan, chip, count = self.plan(config), self.chip(), self.chips(config)
         took = plan.scan_cycles / clock
         if took <= available:

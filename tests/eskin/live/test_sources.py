@@ -1,6 +1,7 @@
 """eskin/live/sources.py: hardware beside the model, value by value; every kind of difference is seen; a board
 that is only heard."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -113,10 +114,13 @@ def test_one_difference_in_one_recording_is_seen(model, recordings, case):
 
 
 @pytest.mark.timeout(1800)
-def test_the_simulated_rtl_is_equal_in_lock_step(model, recordings):
-    """Several touches, a partial one, none; a fault detector that masks; decisions by vote. Then a word of
-    the model is spoilt."""
-    config = model.config
+@pytest.mark.parametrize("scan_every", [1, 4])
+def test_the_simulated_rtl_is_equal_in_lock_step(model, scan_every):
+    """Several touches, a partial one, none; a fault detector that masks; decisions by vote; frames that the chain does
+    not take. Then a word of the model is spoilt."""
+    config = model.config.replace(scan_every=scan_every)
+    model = dataclasses.replace(model, config=config)
+    recordings = random_recordings(config, LENGTHS, seed=4)
     design, registers = export(config, model.arrays), register_map(config)
     simulator = LiveSimulator(design, config, registers, boot_writes(config, model.arrays), BUILDS)
     stage = Stage(SimulationSource(model, simulator), recordings).go()

@@ -53,8 +53,9 @@ def check_same(stream, trace, recordings, seed, *, stages=True):
         span = slice(offsets[index], offsets[index + 1])
         assert [decision.row() for decision in decisions] == [tuple(row) for row in rows[span].tolist()]
         # the end of the recording brings it
-        expected = np.where(frames[span] == 0, len(samples), frames[span])
-        assert [decision.frame for decision in decisions] == expected.tolist()
+        source_frame = trace.config.sensor.source_frame
+        expected = [source_frame(frame) or len(samples) for frame in frames[span].tolist()]
+        assert [decision.frame for decision in decisions] == expected
         assert stream.decision == trace.decision[index] and stream.touches == np.count_nonzero(
             trace.touches.recording == index
         )
