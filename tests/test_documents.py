@@ -97,34 +97,6 @@ def test_links_lead_somewhere(path):
     assert dead_links(path, prose(path)) == []
 
 
-<<<<<<< HEAD
-OF_THEN = {"golden/sparsity.py"}
-"""Files that a page names as those of an earlier commit."""
-=======
-def test_a_dead_link_is_seen():
-    page = ROOT / "docs" / "results.md"
-    assert dead_links(page, "[a](lost.svg) [b](boards.md#nowhere) [c](boards.md#build)") == [
-        "results.md: lost.svg",
-        "results.md: boards.md#nowhere",
-    ]
-
-
-def test_the_readme_leads_to_every_page_of_the_first_order():
-    linked = set(re.findall(r"\]\(docs/(\w+)\.md", (ROOT / "README.md").read_text()))
-    wanted = {
-        "quick_start",
-        "recordings",
-        "configuration",
-        "boards",
-        "results",
-        "robustness",
-        "verification",
-        "specification",
-    }
-    assert wanted | {"glossary", "area", "changing", "where", "energy"} <= linked
->>>>>>> main
-
-
 @each_row("path", PAGES)
 def test_files_that_are_named_are_there(path):
     named = re.findall(r"`((?:golden|rtl|cosim|scripts|tests|formal|docs)/[\w/.]+)`", path.read_text())
