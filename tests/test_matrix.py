@@ -317,7 +317,7 @@ class Case:
 
     def data(self) -> Path:
         if self.kind == "chosen":
-            scene = turns.turn_recordings(persons=4, trials=2)
+            scene = turns.turn_recordings(persons=2, trials=2)
             return self.made("scene.npz", lambda path: save_archive(scene, path))
         return self.shop / ("images.npz" if self.kind == "image" else "data.npz")
 

@@ -5,8 +5,6 @@ import re
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("golden", "rtl", "cosim", "scripts", "tests", "formal", "docs", "eskin")
 WRITTEN = {"builds.md", "coverage.md", "fit.md", "mutants.md", "proofs.md", "ratios.md", "registers.md"}
@@ -56,20 +54,3 @@ def test_every_section_that_is_named_is_there():
         for number in re.findall(r"specification\.md,? sections? (\d+)", text)
     }
     assert len(named) > 10 and [place for place in named if place[1] not in headings()] == []
-
-
-@pytest.mark.parametrize(
-    ("block", "title"),
-    [
-        ("memory_check", "Checksum"),
-        ("register_check", "Checksum"),
-        ("signature", "Checksum"),
-        ("watchdog", "watchdog"),
-        ("fault_detector", "Defences"),
-        ("packet_transmitter", "Serial link"),
-    ],
-)
-def test_a_block_names_the_section_that_specifies_it(block, title):
-    (text,) = (text for name, text in texts().items() if name.startswith("rtl/") and Path(name).stem == block)
-    number = int(re.search(r"specification\.md,? section (\d+)", text)[1])
-    assert title in headings()[number]

@@ -1,7 +1,7 @@
 """Test vectors: what goes into the accelerator and what must come out, in one file that needs no torch to
 read.
 
-The file is what crosses from the golden model to co-simulation and to the generated testbench.
+The file is what crosses from the golden model to co-simulation and to the generated bench.
 """
 
 from collections.abc import Mapping, Sequence
