@@ -84,11 +84,3 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
         shares.append((right[held_out & (held == 2)].mean(), right[held_out & (held == 6)].mean()))
     (before, whole_before), (after, whole_after) = shares
     assert after > before + 0.05 and whole_after > whole_before - 0.05, shares
-
-
-def test_many_classes_of_few_touches_are_fitted_without_a_word():
-    """With pytest a warning is an error; a user saw scikit-learn's eight times."""
-    labels = np.arange(40) % 24
-    config = CONFIG.replace(class_names=tuple(f"object{label}" for label in range(24)))
-    features = np.random.default_rng(3).normal(0, 0.1, (40, 6, 4)) + labels[:, None, None]
-    assert np.isfinite(fit_linear(config, features, labels, 1.0)["V"]).all()
