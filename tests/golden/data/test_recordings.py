@@ -380,12 +380,15 @@ def test_latin_1_headers_are_read(tmp_path):
 
 
 BAD_TEXTS = [
-    (text_of().replace("1,690000", "NaN"), "line 2, column 3: NaN is not a finite number"),
-    (text_of().replace("1,690000", "broken"), "line 2, column 3: 'broken' is no number"),
-    (text_of().replace("0,000333", "later"), "line 2, column 1: 'later' is no number"),
-    (text_of().replace("0,000000", "start"), "line 1, column 1: 'start' is no number"),
-    (text_of().replace("1,690000", ""), "line 2, column 3: '' is no number"),
-    (text_of(header=HEADER).replace("1,690000", "NaN"), "line 17, column 3: NaN is not a finite number"),
+    (text_of().replace("1,690000", "NaN"), "line 2: column 3 holds 'NaN', which is not a finite number"),
+    (text_of().replace("1,690000", "broken"), "line 2: column 3 holds 'broken', which is no number"),
+    (text_of().replace("0,000333", "later"), "line 2: column 1 holds 'later', which is no number"),
+    (text_of().replace("0,000000", "start"), "line 1: column 1 holds 'start', which is no number"),
+    (text_of().replace("1,690000", ""), "line 2: column 3 holds an empty cell, which is no number"),
+    (
+        text_of(header=HEADER).replace("1,690000", "NaN"),
+        "line 17: column 3 holds 'NaN', which is not a finite number",
+    ),
     (text_of().replace("\t1,500000\t0,500000", ""), "line 3: has 3 cells where line 1 has 5"),
     (text_of().replace("0,500000", "0,500000\t1,5"), "line 3: has 6 cells where line 1 has 5"),
     (HEADER, "holds no row"),
@@ -396,7 +399,7 @@ BAD_TEXTS = [
         text_of().replace("0,000667", "0,000967"),
         r"line 3: column 1 jumps, from 0.000333 to 0.000967 .* give --rate HZ",
     ),
-    (text_of().replace("0,000333", ""), "line 2, column 1: the time is missing"),
+    (text_of().replace("0,000333", ""), "line 2: column 1 holds an empty cell"),
 ]
 
 
