@@ -109,9 +109,8 @@ def run(
     if load_config(model_dir).is_image:
         bench = ImageBench(IntegerModel.load(model_dir, images=True), recordings, few=few, **bench_options)
     else:
-        bench = Bench(
-            IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options
-        )
+        models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
+        bench = Bench.of(*models, recordings, few=few, **bench_options)
     own = [bench.real, bench.points, bench.long] if isinstance(bench, Bench) else []
     content = content_key(
         bench.model, recordings, code_version(*LEARNING), [few, bench.flips, bench.seed], *own

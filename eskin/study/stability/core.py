@@ -1,9 +1,9 @@
 """Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with
 its reason, and a curve.
 
-An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under
-test): one of the shapes that most modes have (``eskin.study.stability.shapes``) around a disturbance, or a
-function of its own. ``eskin.study.stability.table`` has a row for each. A broken variant changes the bench:
+An experiment is a function of a ``Bench`` (a model on a ``Scene``: recordings, and the parts of the golden
+model under test): an ``Experiment`` (``eskin.study.stability.shapes``) with a disturbance, or a function of its
+own. ``eskin.study.stability.table`` has a row for each. A broken variant changes the bench:
 the same experiment must then report a failure. The tests see to it for every mode
 (tests/support/broken_variants.py). A property that no weight and no recording can change, a width or a
 table's entry, is no mode but a test.
@@ -15,7 +15,7 @@ import dataclasses
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import Fixed, FloatModel, IntegerModel, Touches, pipeline, preprocess
 from eskin.golden.model.preprocess import sums_alone
+from eskin.training.datasets import scaling
 
 GROUPS = ("numeric", "stream", "sensor", "memory")
 
@@ -50,65 +51,62 @@ class Parts:
     arithmetic: Callable[[AcceleratorConfig], Fixed] = Fixed
 
 
-@dataclass(frozen=True)
-class Bench:
-    """A quantised model, its float network, recordings to disturb.
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Recordings to disturb under a front end. What there is to disturb depends on the front end alone: where
+    the touches are, how far features spread, how loud the taxels are at rest.
 
-    few: recordings (spread evenly) that the points of a curve take; the figure itself takes all. points: of a
-    curve at most; 0 = all. long: steps of the longest run without a reset. flips: bit flips tried in each
-    memory at most. origin: the bench that a changed one came from; it says where the touches are, so that a
-    broken variant meets the same disturbances.
+    config: the front end's. few: recordings (spread evenly) that the points of a curve take; the figure itself
+    takes all. points: of a curve at most; 0 = all. origin: the scene that a changed one came from; it says
+    where the touches are, so that a broken variant meets the same disturbances.
     """
 
-    model: IntegerModel
-    real: FloatModel
+    config: AcceleratorConfig
     recordings: Recordings
     parts: Parts = field(default_factory=Parts)
     few: int = 100
     points: int = 0
-    long: int = 20000
-    flips: int = 4000
     seed: int = 1
-    origin: Bench | None = field(default=None, compare=False, repr=False)
+    origin: Any = field(default=None, compare=False, repr=False)
     memo: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        # the frames that reach the chain are what is disturbed: a converter reads no others, a host sends no others
+        scanned = self.recordings.scanned(self.config.sensor.scan_every)
+        object.__setattr__(self, "recordings", scanned)
 
     def __getstate__(self) -> Record:
         """What another process gets: the fields, not what was computed from them here."""
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}
 
-    @property
-    def config(self) -> AcceleratorConfig:
-        """The configuration under test."""
-        return self.model.config
-
-    def changed(
-        self, config: Mapping[str, Any] | None = None, *, arrays: Arrays | None = None, **parts: Any
-    ) -> Bench:
-        """A bench with fields of the configuration, arrays of the integer model, or parts replaced."""
-        model = IntegerModel(
-            self.config.replace(**(config or {})), {**self.model.arrays, **(arrays or {})}, self.model.source
-        )
+    def changed(self, config: Mapping[str, Any] | None = None, **parts: Any) -> Self:
+        """The same with fields of the configuration or parts replaced."""
         return dataclasses.replace(
             self,
-            model=model,
+            config=self.config.replace(**(config or {})),
             parts=dataclasses.replace(self.parts, **parts),
             origin=self.origin or self,
             memo={},
         )
 
-    def with_recordings(self, recordings: Recordings) -> Bench:
-        """A bench on other recordings."""
+    def with_recordings(self, recordings: Recordings) -> Self:
+        """The same on other recordings."""
         return dataclasses.replace(self, recordings=recordings, origin=None, memo={})
 
     def rng(self, *key: int) -> np.random.Generator:
-        """Random numbers that depend on the bench's seed and ``key`` alone."""
+        """Random numbers that depend on the seed and ``key`` alone."""
         return np.random.default_rng([self.seed, *key])
 
     def thin(self, levels: Sequence[float]) -> Sequence[float]:
         """The levels of a curve, the first ``points`` of them."""
         return levels[: self.points] if self.points else levels
 
-    # -- the clean run, made once
+    def remember(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """``make()``, once: what two modes share."""
+        if key not in self.memo:
+            self.memo[key] = make()
+        return self.memo[key]
+
     @cached_property
     def clean(self) -> Recordings:
         """The recordings up to the end of their first touch and a hop: what follows cannot change its
@@ -125,8 +123,8 @@ class Bench:
         return self.recordings.until(ends)
 
     @cached_property
-    def sample(self) -> Bench:
-        """The same bench on ``few`` of the clean recordings."""
+    def sample(self) -> Self:
+        """The same on ``few`` of the clean recordings."""
         if self.origin:
             few = self.origin.sample
             return dataclasses.replace(self, recordings=few.recordings, origin=few, memo={})
@@ -155,28 +153,13 @@ class Bench:
         return np.maximum(preprocess.find_onsets(self.config, self.clean), 1)
 
     @cached_property
-    def codes(self) -> np.ndarray:
-        """Feature codes (n, K, D) of ``touches``."""
-        return self.features(self.touches)
-
-    @cached_property
-    def clean_accuracy(self) -> float:
-        """Accuracy on the undisturbed recordings."""
-        return self.accuracy(self.clean)
-
-    @cached_property
     def sigma(self) -> float:
-        """Standard deviation of the window means in training, codes."""
+        """Standard deviation of the window means, codes."""
         if self.origin:
             return self.origin.sigma
-        if self.config.constants == 1 and self.config.features.feature_kinds == ("mean",):
-            return float(self.real.arrays["sigma"])
         plain = sums_alone(self.config)
-        return float(
-            preprocess.real_features(plain, preprocess.find_touches(plain, self.recordings).sums)[
-                ..., self.live
-            ].std()
-        )
+        touches = preprocess.find_touches(plain, self.clean)
+        return scaling(plain, preprocess.real_features(plain, touches.sums), touches.completed)[1]
 
     @cached_property
     def rest_noise(self) -> float:
@@ -195,6 +178,42 @@ class Bench:
     def live(self) -> list[int]:
         """Taxels that are not masked."""
         return self.config.sensor.live
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench(Scene):
+    """A quantised model on a scene, and its float network.
+
+    long: steps of the longest run without a reset. flips: bit flips tried in each memory at most.
+    """
+
+    model: IntegerModel
+    real: FloatModel
+    long: int = 20000
+    flips: int = 4000
+
+    @classmethod
+    def of(cls, model: IntegerModel, real: FloatModel, recordings: Recordings, **options: Any) -> Self:
+        """The bench of a model, under the model's configuration."""
+        return cls(config=model.config, model=model, real=real, recordings=recordings, **options)
+
+    def changed(
+        self, config: Mapping[str, Any] | None = None, *, arrays: Arrays | None = None, **parts: Any
+    ) -> Self:
+        """The same with fields of the configuration, arrays of the integer model, or parts replaced."""
+        other = super().changed(config, **parts)
+        arrays = {**self.model.arrays, **(arrays or {})}
+        return dataclasses.replace(other, model=IntegerModel(other.config, arrays, self.model.source))
+
+    @cached_property
+    def codes(self) -> np.ndarray:
+        """Feature codes (n, K, D) of ``touches``."""
+        return self.features(self.touches)
+
+    @cached_property
+    def clean_accuracy(self) -> float:
+        """Accuracy on the undisturbed recordings."""
+        return self.accuracy(self.clean)
 
     # -- running the parts
     def features(self, touches: Touches) -> np.ndarray:
@@ -219,24 +238,18 @@ class Bench:
         )
         return touches, local, decision
 
-    def decisions(self, recordings: Recordings) -> np.ndarray:
+    def decide(self, recordings: Recordings) -> np.ndarray:
         """Global decision of the first touch of each recording, -1 none."""
         touches, _, decision = self.decide_all(recordings)
         return pipeline.by_recording(decision, touches.first_touch())
 
     def accuracy(self, recordings: Recordings) -> float:
         """Share of recordings decided as labelled; no decision is wrong."""
-        return float(np.mean(self.decisions(recordings) == recordings.labels))
+        return float(np.mean(self.decide(recordings) == recordings.labels))
 
     def local(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> np.ndarray:
         """Local decisions (n, K) of feature codes of ``touches``."""
         return self.parts.decide(self.config, self.forward(codes, arithmetic)[1], self.touches.completed)[0]
-
-    def remember(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """``make()``, once for this bench: what two modes share."""
-        if key not in self.memo:
-            self.memo[key] = make()
-        return self.memo[key]
 
 
 def rebuilt(
@@ -262,15 +275,15 @@ def rebuilt(
 
 
 Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
-"""A disturbance: (samples (frames, taxels), float, a copy), onset frame from 1, random numbers -> samples."""
+"""A disturbance: (samples (frames, taxels), float, a copy, onset frame from 1, random numbers) -> samples."""
 
 
-def disturbed(bench: Bench, change: Change) -> Recordings:
-    """The clean recordings of a bench, each through ``change``; random numbers depend on the recording's
+def disturbed(scene: Scene, change: Change) -> Recordings:
+    """The clean recordings of a scene, each through ``change``; random numbers depend on the recording's
     place alone."""
-    clean, onsets = bench.clean, bench.onsets
+    clean, onsets = scene.clean, scene.onsets
     streams = [
-        change(clean.recording(i).astype(np.float32), int(onsets[i]), bench.rng(3, i))
+        change(clean.recording(i).astype(np.float32), int(onsets[i]), scene.rng(3, i))
         for i in range(len(clean))
     ]
     return rebuilt(clean, streams)

@@ -163,7 +163,7 @@ def register_flips(bench: Bench) -> Outcome:
     front end: decisions changed."""
     config = bench.config
     few = bench.with_recordings(bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8))))
-    clean = few.decisions(few.clean)
+    clean = few.decide(few.clean)
     fields = {"rearm_frames": 16}
     if config.onset_rule.onset == "baseline":
         fields["onset_threshold"] = 16
@@ -179,12 +179,12 @@ def register_flips(bench: Bench) -> Outcome:
             except InputError:  # a value the configuration refuses, as the register does
                 continue
             sites.append((name, bit))
-            shares.append(float(np.mean(wrong.decisions(few.clean) != clean)))
+            shares.append(float(np.mean(wrong.decide(few.clean) != clean)))
     for taxel in range(config.sensor.taxels):
         masks = set(config.sensor.masked_taxels) ^ {taxel}
         sites.append(("mask", taxel))
         shares.append(
-            float(np.mean(few.changed({"masked_taxels": tuple(sorted(masks))}).decisions(few.clean) != clean))
+            float(np.mean(few.changed({"masked_taxels": tuple(sorted(masks))}).decide(few.clean) != clean))
         )
     changed = np.array(shares)
     name, bit = sites[int(changed.argmax())]

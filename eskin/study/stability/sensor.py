@@ -7,22 +7,19 @@ from functools import partial
 import numpy as np
 
 from eskin.golden.data import Recordings
-from eskin.study.stability.core import Bench, Change, Curve, Outcome, disturbed
+from eskin.study.stability.core import Bench, Change, Curve, Outcome, Scene, disturbed
 
 SPIKE_CODES = 3000
 """The largest spikes in the recordings of PVDF taxels are about as large."""
 
-TaxelChange = Callable[[Bench, int, float], tuple[Bench, Change]]
-"""(bench, taxel, level) -> (the bench that decides, the disturbance)."""
-
 
 # ---------------------------------------------------------------------- one taxel
-def rest_of(stream: np.ndarray, bench: Bench) -> np.ndarray:
+def rest_of(stream: np.ndarray, bench: Scene) -> np.ndarray:
     """Rest level of each taxel: the median of the first frames."""
     return np.median(stream[: max(bench.config.rest_level.rest_frames, 5)], axis=0)
 
 
-def held(bench: Bench, taxels: Sequence[int], level: str, since: float | None) -> Change:
+def held(bench: Scene, taxels: Sequence[int], level: str, since: float | None) -> Change:
     """Taxels held at ``rest``, ``high`` or ``low`` (ends of the code range): from the first frame (None), or
     from so many touch lengths after the onset on."""
     fmt = bench.config.sample_format
@@ -38,59 +35,57 @@ def held(bench: Bench, taxels: Sequence[int], level: str, since: float | None) -
     return change
 
 
-def stuck(level: str) -> TaxelChange:
-    """A taxel at an end of its range, or without a sound at its rest level, from so many touch lengths after
+def stuck(level: str) -> Callable[[Scene, float, Sequence[int]], Change]:
+    """Taxels at an end of their range, or without a sound at their rest level, from so many touch lengths after
     the onset on."""
-    return lambda where, taxel, since: (where, held(where, [taxel], level, since))
+    return lambda bench, since, taxels: held(bench, taxels, level, since)
 
 
-def stuck_from_start(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
-    """A taxel at the highest code from the first frame on."""
-    return where, held(where, [taxel], "high", None)
+def stuck_from_start(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+    """Taxels at the highest code from the first frame on."""
+    return held(bench, taxels, "high", None)
 
 
-def stuck_and_masked(where: Bench, taxel: int, since: float) -> tuple[Bench, Change]:
-    """A taxel at the highest code whose mask bit is set."""
-    masked = where.changed({"masked_taxels": tuple(sorted({*where.config.sensor.masked_taxels, taxel}))})
-    return masked, held(where, [taxel], "high", since)
-
-
-def noisy(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
-    """White noise of ``level`` times the taxel's own rest noise."""
+def noisy(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+    """White noise of ``level`` times the taxels' own rest noise."""
 
     def change(stream, onset, rng):
-        quiet = stream[: max(onset - where.config.onset_rule.onset_mean_frames, 32)]
-        stream[:, taxel] += (
-            level * quiet[:, taxel].std() * rng.standard_normal(len(stream)).astype(np.float32)
-        )
+        quiet = stream[: max(onset - bench.config.onset_rule.onset_mean_frames, 32), taxels]
+        noise = rng.standard_normal((len(stream), len(taxels))).astype(np.float32)
+        stream[:, taxels] += level * quiet.std(axis=0) * noise
         return stream
 
-    return where, change
+    return change
 
 
-def gain_off(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
-    """A taxel that is more sensitive by the share ``level``."""
+def gain_off(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+    """Taxels that are more sensitive by the share ``level``."""
 
     def change(stream, onset, rng):
-        level_of = rest_of(stream, where)[taxel]
-        stream[:, taxel] = level_of + (1 + level) * (stream[:, taxel] - level_of)
+        level_of = rest_of(stream, bench)[taxels]
+        stream[:, taxels] = level_of + (1 + level) * (stream[:, taxels] - level_of)
         return stream
 
-    return where, change
+    return change
 
 
-def offset(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
-    """A taxel shifted by so many standard deviations of the features at the onset."""
-    return where, offset_of_all(where, level, [taxel])
+def offset(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+    """Taxels shifted together by so many standard deviations of the features at the onset."""
+
+    def add(stream, onset, rng):
+        stream[max(onset - 1, 0) :, taxels] += level * bench.sigma
+        return stream
+
+    return add
 
 
 # ---------------------------------------------------------------------- several taxels, or all
-def dead_together(bench: Bench, taxels: Sequence[int]) -> Change:
+def dead_together(bench: Scene, count: float, taxels: Sequence[int]) -> Change:
     """Taxels that rest from shortly before the touch on."""
     return held(bench, taxels, "rest", -0.1)
 
 
-def exchanged(bench: Bench, taxels: Sequence[int]) -> Change:
+def exchanged(bench: Scene, count: float, taxels: Sequence[int]) -> Change:
     """Each taxel in the place of the one before it, the first in that of the last."""
     order = list(range(bench.config.sensor.taxels))
     for source, target in zip(taxels, [*taxels[1:], *taxels[:1]], strict=True):
@@ -98,7 +93,7 @@ def exchanged(bench: Bench, taxels: Sequence[int]) -> Change:
     return lambda stream, onset, rng: stream[:, order]
 
 
-def gains(bench: Bench, level: float) -> Change:
+def gains(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """Every taxel with a gain of its own, drawn within +-level."""
 
     def scale(stream, onset, rng):
@@ -110,17 +105,7 @@ def gains(bench: Bench, level: float) -> Change:
     return scale
 
 
-def offset_of_all(bench: Bench, level: float, taxels: Sequence[int] | slice = slice(None)) -> Change:
-    """All taxels, or some, shifted by so many standard deviations of the features at the onset."""
-
-    def add(stream, onset, rng):
-        stream[max(onset - 1, 0) :, taxels] += level * bench.sigma
-        return stream
-
-    return add
-
-
-def clipped(bench: Bench, level: float) -> Change:
+def clipped(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """Every taxel limited to so many standard deviations of the features around its rest level."""
 
     def limit(stream, onset, rng):
@@ -130,7 +115,7 @@ def clipped(bench: Bench, level: float) -> Change:
     return limit
 
 
-def spikes(bench: Bench, level: float) -> Change:
+def spikes(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """A share of the samples off by ``SPIKE_CODES``, either way, from the onset on."""
 
     def add(stream, onset, rng):

@@ -1,23 +1,23 @@
-"""The shapes that most failure modes have: one disturbance, over taxels or recordings, at a nominal level and
-along a curve of levels.
+"""What most failure modes are: one disturbance, over recordings, taxels or quiet stretches, at a nominal level
+and along a curve of levels.
 
-A shape is a value with the disturbance in it, called with a bench; ``eskin.study.stability.table`` has one a
-row.
+An experiment is a value with the disturbance in it, called with a bench; ``eskin.study.stability.table`` has one
+a row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import pipeline
-from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, disturbed, rebuilt
+from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, Scene, disturbed, rebuilt
 from eskin.training.quantise import profile, quantise_model
 
 PAIRS = 28
@@ -28,218 +28,177 @@ AGREED = 0.98
 """Share of decisions as in float below which `eskin evaluate` refuses a quantised model."""
 
 
-def worst_recordings(bench: Bench, recordings: Recordings, decisions: np.ndarray, count: int = 3) -> Case:
-    """Up to ``count`` recordings for the hardware, wrongly decided ones first, with the bench's model."""
-    order = np.argsort(decisions == recordings.labels, kind="stable")[:count]
-    return Case(recordings.subset(np.sort(order)), bench.model)
-
-
-# ---------------------------------------------------------------------- recordings under a disturbance
-def changed_recordings(bench: Bench, change: Change | Recordings) -> Recordings:
-    """The clean recordings of a bench through a disturbance, if it is not recordings already."""
-    return change if isinstance(change, Recordings) else disturbed(bench, change)
-
-
-@dataclass(frozen=True)
-class Whole:
-    """Accuracy of all recordings at the nominal level, the curve from the few; three wrongly decided
-    recordings are the case.
-
-    Parameters
-    ----------
-    change:
-        (bench, level) -> the disturbance, or the disturbed recordings.
-    what:
-        The nominal level in words, or (bench, its decisions) -> words.
-    """
-
-    change: Callable[[Bench, float], Change | Recordings]
-    nominal: float
-    levels: Sequence[float]
-    xlabel: str
-    what: str | Callable[[Bench, np.ndarray], str]
-    log: bool = False
-
-    def __call__(self, bench: Bench) -> Outcome:
-        changed, few = changed_recordings(bench, self.change(bench, self.nominal)), bench.sample
-        decisions, levels = bench.decisions(changed), bench.thin(self.levels)
-        words = self.what if isinstance(self.what, str) else self.what(bench, decisions)
-        line = [few.accuracy(changed_recordings(few, self.change(few, level))) for level in levels]
-        curve = Curve(self.xlabel, "accuracy", levels, {"accuracy": line}, self.log)
-        accuracy = float(np.mean(decisions == changed.labels))
-        return Outcome(
-            accuracy,
-            f"{words}; clean {bench.clean_accuracy:.4f}",
-            curve,
-            worst_recordings(bench, changed, decisions),
-        )
-
-
-def _shares(bench: Bench, changes: dict[str, tuple[Bench, Change]]) -> dict[str, tuple[float, Case]]:
-    """Accuracy under each disturbance, by what it is called, and its three worst recordings."""
-    shares = {}
-    for name, (where, change) in changes.items():
-        recordings = disturbed(bench, change)
-        decisions = where.decisions(recordings)
-        shares[name] = (
-            float(np.mean(decisions == recordings.labels)),
-            worst_recordings(where, recordings, decisions),
-        )
-    return shares
-
-
-@dataclass(frozen=True)
-class EachTaxel:
-    """Each taxel in turn: the one that is missed most, or the ``mean`` over the taxels.
-
-    Parameters
-    ----------
-    change:
-        (bench, taxel, level) -> (the bench that decides, the disturbance).
-    """
-
-    change: Callable[[Bench, int, float], tuple[Bench, Change]]
-    nominal: float
-    levels: Sequence[float]
-    xlabel: str
-    log: bool = False
-    mean: bool = False
-
-    @property
-    def averaged(self) -> EachTaxel:
-        """The same, the mean over the taxels. What both find is found once."""
-        return replace(self, mean=True)
-
-    def __call__(self, bench: Bench) -> Outcome:
-        shares, lines = bench.remember(replace(self, mean=False), lambda: self._found(bench))
-        worst = min(shares, key=lambda name: shares[name][0])
-        average = float(np.mean([share for share, _ in shares.values()]))
-        order = ("mean", "worst taxel") if self.mean else ("worst taxel", "mean")
-        curve = Curve(
-            self.xlabel, "accuracy", bench.thin(self.levels), {name: lines[name] for name in order}, self.log
-        )
-        words = f"taxel {worst}: {shares[worst][0]:.4f}; mean {average:.4f}, clean {bench.clean_accuracy:.4f}"
-        return Outcome(average if self.mean else shares[worst][0], words, curve, shares[worst][1])
-
-    def _found(self, bench: Bench) -> tuple[dict[str, tuple[float, Case]], dict[str, list[float]]]:
-        all_of = _shares(bench, {str(taxel): self.change(bench, taxel, self.nominal) for taxel in bench.live})
-        lines: dict[str, list[float]] = {"mean": [], "worst taxel": []}
-        for level in bench.thin(self.levels):
-            few = bench.sample
-            shares = [
-                share
-                for share, _ in _shares(
-                    few, {str(taxel): self.change(few, taxel, level) for taxel in bench.live}
-                ).values()
-            ]
-            lines["mean"].append(float(np.mean(shares)))
-            lines["worst taxel"].append(min(shares))
-        return all_of, lines
-
-
-@dataclass(frozen=True)
-class TaxelPairs:
-    """Pairs of taxels, at most ``PAIRS`` of them: mean over the pairs; the curve draws more taxels at once.
-
-    Parameters
-    ----------
-    change:
-        (bench, taxels) -> the disturbance of these.
-    step:
-        Taxels from one point of the curve to the next; ``up_to`` so many fewer than there are.
-    draws:
-        Keys of the random numbers, of the pairs and of the curve.
-    """
-
-    change: Callable[[Bench, Sequence[int]], Change]
-    xlabel: str
-    draws: tuple[int, int]
-    step: int = 1
-    spared: int = 1
-
-    def __call__(self, bench: Bench) -> Outcome:
-        pairs = list(combinations(bench.live, 2))
-        pairs = [pairs[i] for i in np.sort(bench.rng(self.draws[0]).permutation(len(pairs))[:PAIRS])]
-        shares = _shares(bench, {f"{a} and {b}": (bench, self.change(bench, [a, b])) for a, b in pairs})
-        worst = min(shares, key=lambda name: shares[name][0])
-        counts, line = bench.thin(range(0, len(bench.live) + 1 - self.spared, self.step)), []
-        for count in counts:
-            some = [
-                bench.rng(self.draws[1], int(count), k).permutation(bench.live)[: int(count)].tolist()
-                for k in range(DRAWS)
-            ]
-            line.append(
-                float(
-                    np.mean(
-                        [
-                            bench.sample.accuracy(disturbed(bench.sample, self.change(bench, taxels)))
-                            for taxels in some
-                        ]
-                    )
-                )
-            )
-        average = float(np.mean([share for share, _ in shares.values()]))
-        words = f"taxels {worst}: {shares[worst][0]:.4f}; mean of {len(pairs)} pairs {average:.4f}"
-        return Outcome(
-            average, words, Curve(self.xlabel, "accuracy", counts, {"mean": line}), shares[worst][1]
-        )
-
-
 # ---------------------------------------------------------------------- quiet stretches
-def lead_ins(bench: Bench) -> tuple[list[np.ndarray], list[int]]:
+def lead_ins(scene: Scene) -> tuple[list[np.ndarray], list[int]]:
     """The quiet frames before each recording's touch, where there are enough of them, and whose they are."""
-    config, streams, origins = bench.config, [], []
-    for i, onset in enumerate(bench.onsets):
+    config, streams, origins = scene.config, [], []
+    for i, onset in enumerate(scene.onsets):
         end = int(onset) - config.onset_rule.onset_mean_frames - config.windows.pretrigger_frames
         if end > config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames:
-            streams.append(bench.clean.recording(i)[:end])
+            streams.append(scene.clean.recording(i)[:end])
             origins.append(i)
     if not streams:  # recordings that begin in contact: the rest level with its noise, as far as there is any
-        streams = [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)]
+        streams = [np.repeat(scene.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)]
         origins = [0]
     return streams, origins
 
 
+# ---------------------------------------------------------------------- recordings under a disturbance
 @dataclass(frozen=True)
-class QuietStretches:
-    """The quiet frames before each touch, disturbed: share of them in which an onset is found.
+class Played:
+    """A case of an experiment: recordings, the scene that they are played to (a taxel may be masked there),
+    and which of the clean ones they come from."""
+
+    scene: Any
+    recordings: Recordings
+    rows: np.ndarray
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of a case: the share that went wrong, and recordings for the hardware, wrong ones first."""
+
+    wrong: float
+    case: Case
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One disturbance, at a nominal level on all recordings and along a curve of levels on the few.
 
     Parameters
     ----------
     change:
-        (bench, stream, its place among them, level) -> stream.
+        (scene, level, taxels) -> the disturbance, or the disturbed recordings. Of quiet stretches it gets the
+        place of a stretch among them for the onset.
+    levels:
+        Of the curve; none: numbers of taxels, from 0 to all.
     what:
-        (bench, streams) -> what was tried, in words.
+        The nominal level in words, or (scene) -> words.
+    over:
+        What is disturbed: all ``recordings``; each of the ``taxels`` in turn; ``pairs`` of them, PAIRS at most,
+        and so many at once as a level says; both ``ways``, level and minus level; the ``quiet`` stretches before
+        each touch, in which no onset may be found.
+    mean:
+        The figure is the mean over what is disturbed in turn, and not the worst.
+    masked:
+        The taxels' mask bits are set.
     sampled:
-        No more of them than the points of a curve take.
+        No more recordings than the points of a curve take.
+    early:
+        Counted are onsets more than a window earlier than recorded.
     """
 
-    change: Callable[[Bench, np.ndarray, int, float], np.ndarray]
+    change: Callable[[Any, float, Sequence[int]], Change | Recordings]
     nominal: float
     levels: Sequence[float]
     xlabel: str
-    what: Callable[[Bench, Sequence[np.ndarray]], str]
+    what: str | Callable[[Any], str] = ""
+    over: Literal["recordings", "taxels", "pairs", "ways", "quiet"] = "recordings"
+    _: KW_ONLY
     log: bool = False
-    sampled: bool = True
+    mean: bool = False
+    masked: bool = False
+    sampled: bool = False
+    early: bool = False
+
+    @property
+    def averaged(self) -> Experiment:
+        """The same, the mean over the taxels. What both find is found once."""
+        return replace(self, mean=True)
+
+    # -- what is played
+    def cases(self, scene: Scene, level: float | None = None) -> dict[str, Played]:
+        """Every case at a level (None: the nominal one), by what is disturbed."""
+        level = self.nominal if level is None else level
+        if self.over == "ways":
+            return {f"{way * level:+.0%}": self._played(scene, way * level, scene.live) for way in (1, -1)}
+        if self.over == "taxels":
+            return {f"taxel {taxel}": self._played(scene, level, [taxel]) for taxel in scene.live}
+        if self.over == "pairs":
+            return {f"taxels {some}": self._played(scene, level, some) for some in _sets(scene, int(level))}
+        return {self.over: self._played(scene, level, scene.live)}
+
+    def _played(self, scene: Scene, level: float, taxels: Sequence[int]) -> Played:
+        masks = tuple(sorted({*scene.config.sensor.masked_taxels, *taxels}))
+        where = scene.changed({"masked_taxels": masks}) if self.masked else scene
+        change, rows = self.change(scene, level, taxels), np.arange(len(scene.clean))
+        if isinstance(change, Recordings):
+            return Played(where, change, rows)
+        if self.over != "quiet":
+            return Played(where, disturbed(scene, change), rows)
+        streams, of = lead_ins(scene)
+        count = scene.few if self.sampled else len(streams)
+        streams = [
+            change(stream.astype(np.float32), place, scene.rng(4, place))
+            for place, stream in enumerate(streams[:count])
+        ]
+        return Played(where, rebuilt(scene.clean, streams, of[:count]), np.array(of[:count]))
+
+    def wrong_by_gate(self, played: Played) -> np.ndarray | None:
+        """(n) bool: the gate opened where it must not; None where a decision has to tell."""
+        if self.over != "quiet" and not self.early:
+            return None
+        scene, recordings = played.scene, played.recordings
+        touches = scene.parts.find_touches(scene.config, recordings, steps=0)
+        first = touches.first_touch()
+        if self.over == "quiet":
+            return first >= 0
+        onsets = np.where(first >= 0, touches.onset_frame[first], 1 << 30)
+        return onsets < scene.onsets - scene.config.windows.window
+
+    # -- what becomes of it
+    def figure(self, wrong: Iterable[float]) -> float:
+        """The mode's figure of the share of each case that went wrong: a share of false onsets, else accuracy."""
+        shares = list(wrong)
+        share = float(np.mean(shares) if self.mean else max(shares))
+        return share if self.over == "quiet" or self.early else 1.0 - share
+
+    def _found(self, bench: Bench, level: float | None = None) -> dict[str, Found]:
+        found = {}
+        for name, played in self.cases(bench, level).items():
+            recordings, wrong = played.recordings, self.wrong_by_gate(played)
+            if wrong is None:
+                wrong = played.scene.decide(recordings) != recordings.labels
+            order = np.argsort(~wrong, kind="stable")[:3]
+            case = Case(recordings.subset(np.sort(order)), played.scene.model)
+            found[name] = Found(float(np.mean(wrong)), case)
+        return found
+
+    def _curve(self, bench: Bench, accuracy: bool) -> list[Curve]:
+        """The curve of the worst and that of the mean."""
+        counts = range(0, len(bench.live) + 1, 1 if len(bench.live) < 12 else 2)
+        levels = bench.thin(self.levels or counts)
+        shares = [[one.wrong for one in self._found(bench.sample, level).values()] for level in levels]
+        worst, mean = ([replace(self, mean=way).figure(of) for of in shares] for way in (False, True))
+        ylabel = "accuracy" if accuracy else "share with a false onset"
+        in_turn = self.over not in ("recordings", "quiet")
+        lines = {"worst": worst, "mean": mean} if in_turn else {ylabel: worst}
+        backwards = dict(reversed(lines.items()))
+        return [Curve(self.xlabel, ylabel, levels, of, self.log) for of in (lines, backwards)]
 
     def __call__(self, bench: Bench) -> Outcome:
-        streams, rows = lead_ins(bench)
-        if self.sampled:
-            streams, rows = streams[: bench.few], rows[: bench.few]
-
-        def found(level: float) -> tuple[float, Recordings]:
-            recordings = rebuilt(
-                bench.clean, [self.change(bench, stream, i, level) for i, stream in enumerate(streams)], rows
-            )
-            touches = bench.parts.find_touches(bench.config, recordings, steps=0)
-            return len(np.unique(touches.recording)) / len(streams), recordings
-
-        share, recordings = found(self.nominal)
-        lines = {"false onsets": [found(level)[0] for level in self.levels]}
-        curve = Curve(self.xlabel, "share with a false onset", self.levels, lines, self.log)
-        return Outcome(
-            share, self.what(bench, streams), curve, Case(recordings.subset(range(min(3, len(streams)))))
+        accuracy = self.over != "quiet" and not self.early
+        found, curves = bench.remember(
+            replace(self, mean=False), lambda: (self._found(bench), self._curve(bench, accuracy))
         )
+        worst = max(found, key=lambda name: found[name].wrong)
+        words = self.what if isinstance(self.what, str) else self.what(bench)
+        if len(found) > 1:
+            shares = [one.wrong for one in found.values()]
+            words = f"{worst}: {1 - found[worst].wrong:.4f}; mean of {len(found)} {1 - np.mean(shares):.4f}"
+        if accuracy:
+            words += f"; clean {bench.clean_accuracy:.4f}"
+        value = self.figure(one.wrong for one in found.values())
+        return Outcome(value, words, curves[self.mean], found[worst].case)
+
+
+def _sets(scene: Scene, count: int) -> list[list[int]]:
+    """Every pair of live taxels, PAIRS at most; of another number of them DRAWS sets at random."""
+    if count == 2:
+        pairs = [list(pair) for pair in combinations(scene.live, 2)]
+        return [pairs[i] for i in np.sort(scene.rng(5).permutation(len(pairs))[:PAIRS])]
+    return [scene.rng(6, count, k).permutation(scene.live)[:count].tolist() for k in range(DRAWS)]
 
 
 def float_decisions(bench: Bench, touches: Any) -> np.ndarray:

@@ -9,15 +9,14 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import Touches
 from eskin.study.leak import Leak, known_without_touch
-from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, disturbed, rebuilt
-from eskin.study.stability.shapes import Whole
+from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, Scene, rebuilt
+from eskin.study.stability.shapes import lead_ins
 
-RATE_ERRORS = (0.02, 0.05, 0.1, 0.2, 0.4)
 LEFT_IN = (0.0, 0.05, 0.1, 0.25, 0.5, 1.0)
 
 
 # ---------------------------------------------------------------------- disturbances of whole streams
-def drift(bench: Bench, level: float) -> Change:
+def drift(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """All taxels ramp by so many standard deviations of the features in a touch."""
 
     def ramp(stream, onset, rng):
@@ -31,11 +30,11 @@ def drift(bench: Bench, level: float) -> Change:
     return ramp
 
 
-def hum(bench: Bench, level: float) -> Change:
+def hum(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """50 Hz on all taxels, with so many times the amplitude of the noise at rest."""
 
     def add(stream, onset, rng):
-        phase = 2 * np.pi * 50 / bench.config.sensor.sample_rate_hz * np.arange(len(stream)) + rng.uniform(
+        phase = 2 * np.pi * 50 / bench.config.sensor.scan_rate_hz * np.arange(len(stream)) + rng.uniform(
             0, 2 * np.pi
         )
         return stream + (level * bench.rest_noise * np.sin(phase)).astype(np.float32)[:, None]
@@ -43,17 +42,17 @@ def hum(bench: Bench, level: float) -> Change:
     return add
 
 
-def frames_lost(bench: Bench, level: float) -> Change:
+def frames_lost(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """A share of the frames is missing, at random; the stream closes up."""
     return lambda stream, onset, rng: stream[rng.random(len(stream)) >= level]
 
 
-def frames_repeated(bench: Bench, level: float) -> Change:
+def frames_repeated(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """A share of the frames comes twice, at random."""
     return lambda stream, onset, rng: np.repeat(stream, 1 + (rng.random(len(stream)) < level), axis=0)
 
 
-def gap(bench: Bench, level: float) -> Change:
+def gap(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """A share of a touch's frames is missing in one piece, at a random place in the touch."""
 
     def cut(stream, onset, rng):
@@ -64,7 +63,7 @@ def gap(bench: Bench, level: float) -> Change:
     return cut
 
 
-def rate_off(bench: Bench, level: float) -> Change:
+def rate_off(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """Sampled too slowly by the share ``level``; negative: too fast."""
     return lambda stream, onset, rng: _resampled(stream, 1 + level)
 
@@ -76,7 +75,7 @@ def _resampled(stream: np.ndarray, factor: float) -> np.ndarray:
     return stream[lower] * (1 - part) + stream[np.minimum(lower + 1, len(stream) - 1)] * part
 
 
-def cut_short(bench: Bench, share: float) -> Recordings:
+def cut_short(bench: Scene, share: float, taxels: Sequence[int]) -> Recordings:
     """Streams that end after a share of the touch's steps."""
     clean, touches = bench.clean, bench.touches
     ends = clean.lengths.copy()
@@ -86,17 +85,12 @@ def cut_short(bench: Bench, share: float) -> Recordings:
     return rebuilt(clean, [clean.recording(i)[:end] for i, end in enumerate(ends)])
 
 
-def without_lead(bench: Bench, quiet: float) -> Change:
+def without_lead(bench: Scene, quiet: float, taxels: Sequence[int]) -> Change:
     """Streams that begin so many frames before the onset."""
     return lambda stream, onset, rng: stream[max(onset - 1 - int(quiet), 0) :]
 
 
-def undecided(bench: Bench, decisions: np.ndarray) -> str:
-    """How many recordings have no decision, in words."""
-    return f"{int(np.sum(decisions < 0))} of {len(decisions)} without a decision"
-
-
-def overlapped(bench: Bench, share: float) -> Recordings:
+def overlapped(bench: Scene, share: float, taxels: Sequence[int]) -> Recordings:
     """The movement of a recording of another class added after a share of the touch."""
     clean, onsets, labels = bench.clean, bench.onsets, bench.clean.labels
     streams = []
@@ -117,73 +111,54 @@ def _amplified(stream: np.ndarray, gain: float, config: AcceleratorConfig) -> np
     return np.asarray(level + gain * (stream - level), dtype=np.float32)
 
 
-def louder(bench: Bench, stream: np.ndarray, place: int, gain: float) -> np.ndarray:
+def louder(bench: Scene, gain: float, taxels: Sequence[int]) -> Change:
     """Noise and bursts times ``gain``."""
-    return _amplified(stream, gain, bench.config)
+    return lambda stream, place, rng: _amplified(stream, gain, bench.config)
 
 
-def glitch(bench: Bench, stream: np.ndarray, place: int, height: float) -> np.ndarray:
+def glitch(bench: Scene, height: float, taxels: Sequence[int]) -> Change:
     """One sample of one taxel off by ``height`` codes; up in one stretch, down in the next."""
-    spoiled = stream.astype(np.float32)
     settled = bench.config.rest_level.rest_frames + bench.config.onset_rule.onset_mean_frames
-    frame = int(bench.rng(4, place).integers(settled, len(stream)))
-    spoiled[frame, bench.live[place % len(bench.live)]] += height * (1 - 2 * (place % 2))
-    return spoiled
+
+    def spoil(stream, place, rng):
+        frame = int(rng.integers(settled, len(stream)))
+        stream[frame, taxels[place % len(taxels)]] += height * (1 - 2 * (place % 2))
+        return stream
+
+    return spoil
 
 
-def ramp(bench: Bench, stream: np.ndarray, place: int, speed: float) -> np.ndarray:
+def ramp(bench: Scene, speed: float, taxels: Sequence[int]) -> Change:
     """All taxels ramp by so many standard deviations of the features a second."""
-    step = speed * bench.sigma / bench.config.sensor.sample_rate_hz
-    return stream + (step * np.arange(len(stream), dtype=np.float32))[:, None]
+    step = speed * bench.sigma / bench.config.sensor.scan_rate_hz
+    return lambda stream, place, rng: stream + (step * np.arange(len(stream), dtype=np.float32))[:, None]
 
 
-def stretches_and_frames(bench: Bench, streams: Sequence[np.ndarray]) -> str:
+def stretches_and_frames(bench: Scene) -> str:
     """How much quiet there was, in words."""
+    streams = lead_ins(bench)[0]
     return f"{len(streams)} quiet stretches, {sum(map(len, streams))} frames"
 
 
-def ramp_in_codes(bench: Bench, streams: Sequence[np.ndarray]) -> str:
+def ramp_in_codes(bench: Scene) -> str:
     """The ramp in codes, beside what the rest level follows, in words."""
     config = bench.config
-    tracked = f"tracking follows {config.sensor.sample_rate_hz / 16:.0f} at most"
+    tracked = f"tracking follows {config.sensor.scan_rate_hz / 16:.0f} at most"
     return f"{bench.sigma:.3g} codes a second; {tracked if config.rest_level.rest == 'tracked' else 'the rest level is not tracked'}"
 
 
+def burst(bench: Scene, gain: float, taxels: Sequence[int]) -> Change:
+    """Everything before the touch, bursts of the axis's motor included, times ``gain``."""
+
+    def louder_lead(stream, onset, rng):
+        quiet = max(onset - bench.config.onset_rule.onset_mean_frames, 0)
+        stream[:quiet] = _amplified(stream, gain, bench.config)[:quiet]
+        return stream
+
+    return louder_lead
+
+
 # ---------------------------------------------------------------------- touches in time
-def motor_burst(bench: Bench) -> Outcome:
-    """Everything before the touch, bursts of the axis's motor included, times 1.5: onsets more than a window
-    earlier than recorded."""
-    clean = bench.onsets
-
-    def early(where: Bench, gain: float) -> tuple[float, Recordings]:
-        def change(stream, onset, rng):
-            quiet = max(onset - where.config.onset_rule.onset_mean_frames, 0)
-            level = stream[: max(where.config.rest_level.rest_frames, 1)].mean(axis=0)
-            stream[:quiet] = level + gain * (stream[:quiet] - level)
-            return stream
-
-        recordings = disturbed(where, change)
-        touches = where.parts.find_touches(where.config, recordings, steps=0)
-        first = touches.first_touch()
-        onsets = np.where(first >= 0, touches.onset_frame[first], 1 << 30)
-        return float(np.mean(onsets < where.onsets - where.config.windows.window)), recordings
-
-    share, recordings = early(bench, 1.5)
-    gains = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0]
-    curve = Curve(
-        "burst / recorded",
-        "share with an early onset",
-        gains,
-        {"early": [early(bench.sample, gain)[0] for gain in gains]},
-    )
-    return Outcome(
-        share,
-        f"{round(share * len(clean))} of {len(clean)} recordings",
-        curve,
-        Case(recordings.subset(range(min(3, len(recordings))))),
-    )
-
-
 def two_touches(bench: Bench) -> Outcome:
     """Each recording's touch after that of another one, with its own lead-in in between: nine in ten local
     decisions those it had in its own recording."""
@@ -249,23 +224,3 @@ def without_touch(bench: Bench) -> Outcome:
     known = [leak_of(bench.sample, share).accuracy for share in shares]
     curve = Curve("share of the touch left in", "share of recordings known", shares, {"known": known})
     return Outcome(leak.accuracy, f"{leak.recordings} recordings have a quiet lead-in long enough", curve)
-
-
-def wrong_rate(bench: Bench) -> Outcome:
-    """The stream is sampled 5 % too fast and 5 % too slow: the worse accuracy."""
-    ways = {
-        name: Whole(
-            rate_off,
-            sign * 0.05,
-            [sign * level for level in RATE_ERRORS],
-            "error of the rate",
-            f"5 % {name.split()[0]}",
-        )
-        for name, sign in (("slow sampling", 1), ("fast sampling", -1))
-    }
-    outcomes = {name: way(bench) for name, way in ways.items()}
-    worse = outcomes[min(outcomes, key=lambda name: outcomes[name].value)]
-    lines = {name: outcome.curve.lines["accuracy"] for name, outcome in outcomes.items() if outcome.curve}
-    curves = {"the worse": np.min(list(lines.values()), axis=0).tolist(), **lines}
-    curve = Curve("error of the rate", "accuracy", bench.thin(RATE_ERRORS), curves)
-    return Outcome(worse.value, worse.worst_case, curve, worse.case)

@@ -2,7 +2,7 @@
 
 from eskin.study.stability import memory, numeric, sensor, stream
 from eskin.study.stability.core import COMMON_OFFSET, ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
-from eskin.study.stability.shapes import AGREED, AsInFloat, EachTaxel, QuietStretches, TaxelPairs, Whole
+from eskin.study.stability.shapes import AGREED, AsInFloat, Experiment
 
 TWO_TAXELS_MEAN = 0.90
 """Share of the undisturbed accuracy that must be left without two taxels, mean over the pairs: less sharp,
@@ -25,8 +25,8 @@ NOT_FROM_A_TOUCH = (
     "an offset that comes with the touch cannot be told from it: it may not cost more than the taxel itself"
 )
 
-DEAD = EachTaxel(sensor.stuck("rest"), -0.1, BEGINS, TO_FAILURE)
-MASKED = EachTaxel(sensor.stuck_and_masked, -0.1, BEGINS, TO_FAILURE)
+DEAD = Experiment(sensor.stuck("rest"), -0.1, BEGINS, TO_FAILURE, over="taxels")
+MASKED = Experiment(sensor.stuck("high"), -0.1, BEGINS, TO_FAILURE, over="taxels", masked=True)
 
 
 # fmt: off
@@ -54,25 +54,29 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "saturation", at_least=AGREED),
     # stream: touches in time, and what happens to frames
     Mode("stream", "no touch",
-        QuietStretches(stream.louder, 1.0, (1.0, 1.25, 1.5, 2.0, 3.0, 4.0), "noise and bursts / recorded",
-            stream.stretches_and_frames, sampled=False),
+        Experiment(stream.louder, 1.0, (1.0, 1.25, 1.5, 2.0, 3.0, 4.0), "noise and bursts / recorded",
+            stream.stretches_and_frames, "quiet"),
         QUIET, "a decision without a touch is an invention",
         "The frames before each recording's touch alone, noise and motor bursts included: recordings in "
         "which an onset is found.", at_most=0, needs=("onset",)),
-    Mode("stream", "motor burst before the touch", stream.motor_burst,
+    Mode("stream", "motor burst before the touch",
+        Experiment(stream.burst, 1.5, (1.0, 1.5, 2.0, 3.0, 4.0, 6.0), "burst / recorded", "half as much again",
+            early=True),
         "share of recordings with an onset a window early",
         "a burst taken for the onset makes the touch fall out of its windows; half as much again is a "
-        "motor's ageing", at_most=0.01, needs=("onset",)),
+        "motor's ageing",
+        "Everything before the touch, bursts of the axis's motor included, times 1.5: onsets more than a window "
+        "earlier than recorded.", at_most=0.01, needs=("onset",)),
     Mode("stream", "touch near the end of the stream",
-        Whole(stream.cut_short, 0.5, (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05), "share of the steps "
+        Experiment(stream.cut_short, 0.5, (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05), "share of the steps "
                                                                                     "there are",
             "half of the steps"), ACCURACY,
         "half of the steps must do: a cut touch is decided by the steps it has, and flagged partial",
         "Streams that end in the middle of the touch: the decision of the "
         "completed steps. Curve: other shares of the steps.", at_least=ONE_TAXEL_WORST),
     Mode("stream", "touch at frame 1",
-        Whole(stream.without_lead, 0, (400, 200, 128, 96, 64, 32, 0), "quiet frames before the onset",
-            stream.undecided), ACCURACY,
+        Experiment(stream.without_lead, 0, (400, 200, 128, 96, 64, 32, 0), "quiet frames before the onset",
+            "none"), ACCURACY,
         "an array that is switched on while held must not be worse off than one with a dead taxel",
         "Streams that begin at the onset: the rest level settles within the touch. Curve: quiet frames "
         "before the "
@@ -81,7 +85,7 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "a touch must not know what came before it: state and sums are cleared", at_least=0.98,
         needs=("onset",)),
     Mode("stream", "a touch while one is decided",
-        Whole(stream.overlapped, 0.75, (0.9, 0.75, 0.6, 0.5, 0.4, 0.25), "where in the touch the second "
+        Experiment(stream.overlapped, 0.75, (0.9, 0.75, 0.6, 0.5, 0.4, 0.25), "where in the touch the second "
                                                                          "begins",
             "the last quarter"), ACCURACY,
         "the vote of the first three quarters stands: what comes then must not change the decision of the "
@@ -89,48 +93,49 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "before", "The movement of a recording of another class is added to the last quarter of "
         "the touch: the first touch's decision.", at_least=harmless),
     Mode("stream", "one-sample glitch before the touch",
-        QuietStretches(stream.glitch, sensor.SPIKE_CODES, (30, 100, 300, 1000, sensor.SPIKE_CODES, 10000,
-            30000), "height of the glitch (codes)", lambda bench, streams: f"{len(streams)} quiet stretches",
-            log=True),
+        Experiment(stream.glitch, sensor.SPIKE_CODES, (30, 100, 300, 1000, sensor.SPIKE_CODES, 10000,
+            30000), "height of the glitch (codes)", stream.stretches_and_frames, "quiet", log=True, sampled=True),
         QUIET, "one sample is no touch",
         "One sample of one taxel, each in turn, off by 3000 codes in the quiet frames before each touch: "
         "onsets found.", at_most=0, needs=("onset",)),
     Mode("stream", "slow ramp through the band",
-        QuietStretches(stream.ramp, 1.0, (0.5, 1.0, 2.0, 4.0, 8.0, 16.0),
-            "ramp (deviations of the features a second)", stream.ramp_in_codes, log=True),
+        Experiment(stream.ramp, 1.0, (0.5, 1.0, 2.0, 4.0, 8.0, 16.0),
+            "ramp (deviations of the features a second)", stream.ramp_in_codes, "quiet", log=True, sampled=True),
         QUIET,
         "temperature and charge drift move the rest level; what takes a second for a touch's usual height"
         " must not look like one",
         "All taxels ramp by one standard deviation of the features a second before the touch: quiet "
         "recordings with an onset.", at_most=0, needs=("onset",)),
     Mode("stream", "drift of all taxels",
-        Whole(stream.drift, 0.25, (0.125, 0.25, 0.5, 1.0, 2.0),
+        Experiment(stream.drift, 0.25, (0.125, 0.25, 0.5, 1.0, 2.0),
             "drift in a touch (deviations of the features)", "a quarter of a deviation", log=True),
         ACCURACY, "the rest level is frozen in a touch: what drifts in one touch must stay small beside its features",
         "All taxels ramp through the whole recording by a quarter of the features' standard deviation in "
         "a touch.", at_least=harmless),
     Mode("stream", "mains hum",
-        Whole(stream.hum, 2, (1, 2, 5, 10, 20, 50), "amplitude / noise at rest",
-            lambda bench, decisions: f"twice the noise at rest of {bench.rest_noise:.2g} codes", log=True),
+        Experiment(stream.hum, 2, (1, 2, 5, 10, 20, 50), "amplitude / noise at rest",
+            lambda bench: f"twice the noise at rest of {bench.rest_noise:.2g} codes", log=True),
         ACCURACY, "a window of several hum periods averages it away",
         "50 Hz on all taxels, with twice the amplitude of the noise at rest.", at_least=harmless),
     Mode("stream", "frames lost",
-        Whole(stream.frames_lost, 0.01, (0.01, 0.03, 0.1, 0.2, 0.4), "share of frames lost",
+        Experiment(stream.frames_lost, 0.01, (0.01, 0.03, 0.1, 0.2, 0.4), "share of frames lost",
             "one in a hundred", log=True),
         ACCURACY, "a link that loses one frame in a hundred is a bad one",
         "One frame in a hundred is missing, at random; the stream closes up.", at_least=harmless),
     Mode("stream", "frames repeated",
-        Whole(stream.frames_repeated, 0.01, (0.01, 0.03, 0.1, 0.2, 0.4), "share of frames repeated",
+        Experiment(stream.frames_repeated, 0.01, (0.01, 0.03, 0.1, 0.2, 0.4), "share of frames repeated",
             "one in a hundred", log=True),
         ACCURACY, "a link that repeats one frame in a hundred is a bad one",
         "One frame in a hundred comes twice, at random.", at_least=harmless),
     Mode("stream", "a gap in the touch",
-        Whole(stream.gap, 0.01, (0.01, 0.03, 0.1, 0.3), "gap / touch", "a hundredth of the touch", log=True),
+        Experiment(stream.gap, 0.01, (0.01, 0.03, 0.1, 0.3), "gap / touch", "a hundredth of the touch", log=True),
         ACCURACY, "a retry of the link takes some milliseconds",
         "A hundredth of a touch's frames is missing in one piece, at a random place in the touch.",
         at_least=harmless),
-    Mode("stream", "wrong sample rate", stream.wrong_rate, ACCURACY,
-        "an oscillator without a crystal is off by 5 %", at_least=harmless),
+    Mode("stream", "wrong sample rate",
+        Experiment(stream.rate_off, 0.05, (0.02, 0.05, 0.1, 0.2, 0.4), "error of the rate", over="ways"), ACCURACY,
+        "an oscillator without a crystal is off by 5 %",
+        "The stream is sampled 5 % too fast and 5 % too slow: the worse accuracy.", at_least=harmless),
     Mode("stream", "class without the touch", stream.without_touch, "share of recordings known",
         "what knows the class without the touch knows it from the rest level, the onset's time or the length",
         at_most=lambda bench: bench.remember("leak", lambda: stream.leak_of(bench)).limit, needs=("onset",)),
@@ -147,66 +152,66 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
     Mode("sensor", "one taxel stuck at full scale, masked, worst", MASKED, ACCURACY, LIKE_A_DEAD_ONE,
         "The same, the worst taxel.", at_least=ONE_TAXEL_WORST),
     Mode("sensor", "one taxel stuck high from power-on",
-        EachTaxel(sensor.stuck_from_start, 0, (0,), "from the first frame on"), ACCURACY,
+        Experiment(sensor.stuck_from_start, 0, (0,), "from the first frame on", over="taxels"), ACCURACY,
         "a level that never moves is removed with the rest level or masked",
         "Each taxel in turn at the highest code from the first frame on: the worst one.",
         at_least=ONE_TAXEL_WORST),
     Mode("sensor", "one taxel sticks high in the touch",
-        EachTaxel(sensor.stuck("high"), 0.25, BEGINS, TO_FAILURE), ACCURACY, DETECTOR_IN_TIME,
+        Experiment(sensor.stuck("high"), 0.25, BEGINS, TO_FAILURE, over="taxels"), ACCURACY, DETECTOR_IN_TIME,
         "Each taxel in turn jumps to the highest code a quarter into the touch and stays: the worst one. "
         "Curve: when it sticks.", at_least=ONE_TAXEL_WORST, needs=("detector",)),
     Mode("sensor", "one taxel sticks low in the touch",
-        EachTaxel(sensor.stuck("low"), 0.25, BEGINS, TO_FAILURE), ACCURACY, DETECTOR_IN_TIME,
+        Experiment(sensor.stuck("low"), 0.25, BEGINS, TO_FAILURE, over="taxels"), ACCURACY, DETECTOR_IN_TIME,
         "Each taxel in turn falls to the lowest code a quarter into the touch and stays: the worst one.",
         at_least=ONE_TAXEL_WORST, needs=("detector",)),
     Mode("sensor", "one taxel sticks high at the onset",
-        EachTaxel(sensor.stuck("high"), 0.0, BEGINS, TO_FAILURE), ACCURACY,
+        Experiment(sensor.stuck("high"), 0.0, BEGINS, TO_FAILURE, over="taxels"), ACCURACY,
         "the same bound as later in the touch: the first windows are lost until the detector has seen a "
         "whole block",
         "Each taxel in turn jumps to the highest code with the onset and stays: the worst one.",
         at_least=ONE_TAXEL_WORST, needs=("detector",)),
     Mode("sensor", "one taxel sticks high before the touch",
-        EachTaxel(sensor.stuck("high"), -0.2, (-0.05, -0.1, -0.2, -0.4), TO_FAILURE), ACCURACY,
+        Experiment(sensor.stuck("high"), -0.2, (-0.05, -0.1, -0.2, -0.4), TO_FAILURE, over="taxels"), ACCURACY,
         "a jump of one taxel is an onset to the rule: the touch it opens must not swallow the real one",
         "Each taxel in turn jumps to the highest code a fifth of a touch before the onset: the worst one;"
         " the first touch decides.", at_least=ONE_TAXEL_WORST, needs=("onset", "detector")),
-    Mode("sensor", "two taxels dead", TaxelPairs(sensor.dead_together, "dead taxels", (5, 6)), ACCURACY,
+    Mode("sensor", "two taxels dead", Experiment(sensor.dead_together, 2, (), "dead taxels", over="pairs", mean=True), ACCURACY,
         "with two gone the array is less sharp, not broken",
         "Every pair of taxels dead from shortly before the touch on: mean over the pairs. Curve: number "
         "of dead taxels.", at_least=TWO_TAXELS_MEAN),
     Mode("sensor", "one noisy taxel",
-        EachTaxel(sensor.noisy, 3.0, (1, 2, 3, 5, 10, 20), "noise / rest noise", log=True), ACCURACY,
+        Experiment(sensor.noisy, 3.0, (1, 2, 3, 5, 10, 20), "noise / rest noise", over="taxels", log=True), ACCURACY,
         "a loose contact is several times noisier than the rest; the window mean must hold it",
         "White noise of three times its own rest noise on each taxel in turn: the worst one.",
         at_least=harmless),
     Mode("sensor", "gain of one taxel 20 % high",
-        EachTaxel(sensor.gain_off, 0.2, (0.1, 0.2, 0.5, 1.0, 3.0), "gain error"), ACCURACY,
+        Experiment(sensor.gain_off, 0.2, (0.1, 0.2, 0.5, 1.0, 3.0), "gain error", over="taxels"), ACCURACY,
         "taxels of one film differ by as much", "Each taxel in turn 20 % more sensitive: the worst one.",
         at_least=harmless),
     Mode("sensor", "gain of one taxel 20 % low",
-        EachTaxel(sensor.gain_off, -0.2, (-0.1, -0.2, -0.4, -0.6, -0.8), "gain error"), ACCURACY,
+        Experiment(sensor.gain_off, -0.2, (-0.1, -0.2, -0.4, -0.6, -0.8), "gain error", over="taxels"), ACCURACY,
         "taxels of one film differ by as much, and they age",
         "Each taxel in turn 20 % less sensitive: the worst one.", at_least=harmless),
     Mode("sensor", "gains of all taxels within 20 %",
-        Whole(sensor.gains, 0.2, (0.1, 0.2, 0.4, 0.6, 0.9), "largest gain error", "within 20 %"), ACCURACY,
+        Experiment(sensor.gains, 0.2, (0.1, 0.2, 0.4, 0.6, 0.9), "largest gain error", "within 20 %"), ACCURACY,
         "another film of the same make",
         "Every taxel with a gain of its own, drawn within +-20 %, one draw a recording.", at_least=harmless),
     Mode("sensor", "offset of one taxel by one deviation up",
-        EachTaxel(sensor.offset, 1.0, (0.25, 0.5, 1.0, 2.0, 4.0), OFFSET), ACCURACY, NOT_FROM_A_TOUCH,
+        Experiment(sensor.offset, 1.0, (0.25, 0.5, 1.0, 2.0, 4.0), OFFSET, over="taxels"), ACCURACY, NOT_FROM_A_TOUCH,
         "Each taxel in turn shifted up by one standard deviation of the features at the onset: the worst "
         "one.", at_least=ONE_TAXEL_WORST),
     Mode("sensor", "offset of one taxel by one deviation down",
-        EachTaxel(sensor.offset, -1.0, (-0.25, -0.5, -1.0, -2.0, -4.0), OFFSET), ACCURACY, NOT_FROM_A_TOUCH,
+        Experiment(sensor.offset, -1.0, (-0.25, -0.5, -1.0, -2.0, -4.0), OFFSET, over="taxels"), ACCURACY, NOT_FROM_A_TOUCH,
         "Each taxel in turn shifted down by one standard deviation of the features at the onset: the "
         "worst one.", at_least=ONE_TAXEL_WORST),
     Mode("sensor", "offset of all taxels at the onset",
-        Whole(sensor.offset_of_all, COMMON_OFFSET, (0.125, 0.25, 0.5, 1.0, 2.0), OFFSET, "a quarter",
+        Experiment(sensor.offset, COMMON_OFFSET, (0.125, 0.25, 0.5, 1.0, 2.0), OFFSET, "a quarter",
             log=True),
         ACCURACY, "a supply step of a quarter of the features' deviation is seen by every taxel alike",
         "All taxels shifted together by a quarter of the features' standard deviation at the onset.",
         at_least=harmless),
     Mode("sensor", "clipped signals",
-        Whole(sensor.clipped, 4.0, (8, 4, 2, 1, 0.5, 0.25), "limit (deviations of the features)",
+        Experiment(sensor.clipped, 4.0, (8, 4, 2, 1, 0.5, 0.25), "limit (deviations of the features)",
             "four deviations", log=True),
         ACCURACY,
         "an amplifier has room for four deviations of the features; what stays at a limit for a whole "
@@ -214,13 +219,13 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "Every taxel limited to four standard deviations of the features around its rest level.",
         at_least=ONE_TAXEL_WORST),
     Mode("sensor", "spikes",
-        Whole(sensor.spikes, 0.01, (0.003, 0.01, 0.03, 0.1, 0.3), "share of samples", "one in a hundred",
+        Experiment(sensor.spikes, 0.01, (0.003, 0.01, 0.03, 0.1, 0.3), "share of samples", "one in a hundred",
             log=True),
         ACCURACY, "recordings hold spikes of a few samples; the clip and the window mean must hold them",
         "One sample in a hundred of every taxel off by 3000 codes, either way, from the onset on.",
         at_least=harmless),
     Mode("sensor", "two taxels exchanged",
-        TaxelPairs(sensor.exchanged, "taxels that changed places", (7, 8), step=2, spared=0), ACCURACY,
+        Experiment(sensor.exchanged, 2, (), "taxels that changed places", over="pairs", mean=True), ACCURACY,
         "nothing defends against a wiring mistake, which installation finds; at half of the decisions the"
         " array is of no use",
         "Every pair of taxels exchanged: mean over the pairs. Curve: taxels that changed places.",

@@ -1,14 +1,12 @@
 """The model as plain C against the golden model: every decision of random designs, under both compilers' warnings
 and sanitizers; sizes on microcontrollers; and all recordings."""
 
-import json
 import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -336,20 +334,6 @@ def test_two_models_go_into_one_program(tmp_path):
     assert not (tmp_path / "no").exists()
 
 
-def test_sizes_are_those_of_the_tables(tmp_path):
-    model = model_of(RING.replace(fault_frames=0), 1)
-    result = export_c(model, tmp_path / "c")
-    weights = sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
-    biases = sum(array.size for name, array in model.arrays.items() if name[0] == "b")
-    halves = 2 * (model.config.formats.table_entries // 2 + 1)
-    # the window lengths' constants: mean 4, scale 2, shift 1 bytes; an index a window; a mask a taxel
-    lengths = len(model.config.window_lengths)
-    assert result["table_bytes"] == weights + 2 * biases + 2 * halves + 7 * lengths + 9 + 5
-    header = (tmp_path / "c" / plain_c.HEADER).read_text()
-    assert f"Tables: {result['table_bytes']} bytes" in header
-    assert json.dumps(result["products"]["most"]) in header
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("kind", MODELS)
@@ -369,16 +353,3 @@ def test_all_images_decide_the_same(shared_data, tmp_path):
     config = AcceleratorConfig.of_image(*images.image_shape, layers, images.class_names)
     result = differences(model_of(config, 1), images, tmp_path / "c")
     assert result == {"recordings": 876, "decisions": 876, "different": 0}
-
-
-def test_a_folder_with_other_files_stays(tmp_path):
-    (tmp_path / "c").mkdir()
-    (tmp_path / "c" / "mine").write_text("keep")
-    with pytest.raises(InputError, match="with other files"):
-        export_c(model_of(RING, 1), tmp_path / "c")
-    assert [path.name for path in (tmp_path / "c").iterdir()] == ["mine"]
-
-
-def test_class_names_are_c_strings():
-    assert plain_c.c_string('a"\\?é') == '"a\\042\\134\\077\\303\\251"'
-    assert np.all([byte < 128 for byte in plain_c.c_string("ä/*").encode()])

@@ -168,16 +168,3 @@ def test_pause_next_class_and_the_end(model, recordings):
     assert [begun["number"] for begun in stage.seen("begin")][5:] == [2, 5, 8]
     stage.stop()
     assert stage.player.error is None
-
-
-def test_a_source_that_fails_ends_the_player(model, recordings):
-    class Fails(ModelSource):
-        def take(self, samples):
-            if self.stream.frame > 100:
-                raise RuntimeError("the port went away")
-            return super().take(samples)
-
-    stage = Stage(Fails(model), recordings, [2], speed=1.0)
-    with pytest.raises(RuntimeError, match="went away"):
-        stage.go()
-    assert stage.controls.stopped and 100 < stage.player.tally.frames < recordings.lengths[2]

@@ -67,7 +67,7 @@ def test_decisions_are_those_of_the_pipeline():
     assert touches.faults.any()
     order = np.array([3, 0, 7])
     decisions, margins = defences._decisions(bench.model, CONFIG, touches.first_touch()[order], touches)
-    assert decisions.tolist() == trace.decision[order].tolist() == bench.decisions(spoiled)[order].tolist()
+    assert decisions.tolist() == trace.decision[order].tolist() == bench.decide(spoiled)[order].tolist()
     assert margins.tolist() == trace.global_margin[trace.first[order]].tolist()
     none = defences._decisions(bench.model, CONFIG, np.array([-1, -1]), touches)
     assert none[0].tolist() == [-1, -1] and none[1].tolist() == [0, 0]

@@ -44,11 +44,3 @@ def test_an_input_that_never_changes_is_no_trouble():
         CONFIG, np.full_like(features, 7.0), labels
     )  # nor are inputs that all never do
     assert not arrays["V"].any() and np.allclose(arrays["b_y"], 0.5)
-
-
-def test_many_classes_of_few_touches_are_fitted_without_a_word():
-    """With pytest a warning is an error; a user saw scikit-learn's eight times."""
-    labels = np.arange(40) % 24
-    config = CONFIG.replace(class_names=tuple(f"object{label}" for label in range(24)))
-    features = np.random.default_rng(3).normal(0, 0.1, (40, 6, 4)) + labels[:, None, None]
-    assert np.isfinite(fit_linear(config, features, labels, 1.0)["V"]).all()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from eskin.rtl.program.cells import cell_program
-from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Layout, Microcode, _Slots
+from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Layout, Microcode
 from eskin.rtl.program.schedule import schedule
 from tests.support.small_designs import CELLS, reference
 from tests.support.table import each_row
@@ -169,17 +169,6 @@ def test_vector_counts_within_a_word_and_nothing_else_does():
         (12, 0, 5),
         (0, 0, 0),
     ]
-
-
-def test_a_hazard_raises():
-    slots = _Slots()
-    slots.set(3, vector=5, mac=1)
-    slots.set(3, mac=1, t=2)
-    assert slots == {3: {"vector": 5, "mac": 1, "t": 2}}
-    with pytest.raises(
-        RuntimeError, match="slot 3: vector is needed as 5 and as 6: the schedule has a hazard"
-    ):
-        slots.set(3, vector=6)
 
 
 def test_a_schedule_with_two_uses_of_one_slot_is_refused():

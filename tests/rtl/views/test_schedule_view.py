@@ -1,15 +1,8 @@
 """The schedule made visible: every operation drawn once, figures those of the schedule."""
 
-import json
-from itertools import pairwise
-from pathlib import Path
-
-import pytest
-
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
-from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.views import schedule_view as view
 from tests.support.small_designs import CELLS, reference
 from tests.support.table import each_row
@@ -74,91 +67,4 @@ def shares(plan, name: str) -> int:
     return sum(span.slots * span.rows for span in unit(plan, name))
 
 
-@each_row(("lanes", "lane_type"), [*KINDS[:2], *KINDS[3:]])
-def test_figures_text_and_picture_are_the_schedules(lanes, lane_type):
-    plan = schedule(reference(lanes=lanes, lane_type=lane_type))
-    s, steps = view.summary(plan), plan.step_cycles
-    assert (s["step_cycles"], s["decision_cycles"], s["busy_share"]) == (
-        steps,
-        plan.decision_cycles,
-        plan.busy_share,
-    )
-    assert s["phase_a_cycles"] == plan.slots_before == s["step_cycles"] - s["decision_cycles"]
-    assert s["ideal_cycles"] == plan.config.step_ideal and s["ratio"] == steps / s["ideal_cycles"]
-    assert shares(plan, view.LANES) / (lanes * steps) == plan.busy_share
-    assert shares(plan, view.ELEMENTS) / steps == s["element_share"]
-    assert s["prologue_cycles"] == Microcode(plan).again
-    head, _, body = view.text(plan).partition("what\n")
-    for name, words in view.figures(plan):
-        assert f"{name:30} {words}\n" in head
-    *rows, last = (line.split(maxsplit=2) for line in body.splitlines())
-    assert last[0] == str(steps)
-    assert sorted(row[:2] for row in rows) == sorted(
-        [f"{span.slot}..{span.last_slot}", "A" if span.before else "B"] for span in view.spans(plan)
-    )
-    assert max(int(cycles.split("..")[1]) for cycles, *_ in rows) == steps - logit_to_decision(plan.config)
-    figure = view.timeline(plan)
-    drawn = 0.0
-    for axes in figure.axes:
-        for path in (path for bars in axes.collections for path in bars.get_paths()):
-            (left, top), (right, bottom) = path.vertices.min(axis=0), path.vertices.max(axis=0)
-            assert axes.get_xlim()[0] <= left and right <= axes.get_xlim()[1]
-            drawn += (right - left) * (bottom - top)
-    assert round(drawn) == sum(shares(plan, name) for name in view.UNITS)
-    limits = [axes.get_xlim() for axes in figure.axes]
-    assert limits[0][0] == 0 and all(before[1] == after[0] for before, after in pairwise(limits))
-    lines = [line.get_xdata()[0] for axes in figure.axes for line in axes.lines]
-    assert lines == [plan.slots_before, steps]
-    legend = [entry.get_text() for entry in figure.legends[0].get_texts()]
-    assert sorted(legend[:-1]) == sorted({span.block for span in view.spans(plan)})
-
-
 # ---------------------------------------------------------------------- the verb
-@pytest.fixture
-def call(call, monkeypatch, tmp_path):
-    """Of ``eskin schedule`` in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return lambda *words: call("schedule", *words)
-
-
-@each_row(
-    ("words", "part"),
-    [
-        (["nothing"], "nothing"),
-        (["thesis", "--lanes", 0], "lanes"),
-        (["thesis", "--lanes", 65], "1..64"),
-        (["thesis", "--out", "file"], "file"),
-        (["damaged"], "config.json"),
-        (["thesis", "--out", "file/x"], "file"),
-    ],
-)
-def test_bad_input_is_one_sentence_and_status_2(call, words, part):
-    Path("file").write_text("")
-    Path("damaged").mkdir(exist_ok=True)
-    Path("damaged/config.json").write_text("{")
-    before = sorted(Path().rglob("*"))
-    status, out, err = call(*words)
-    assert status == 2 and out == "" and sorted(Path().rglob("*")) == before
-    assert err.startswith("eskin: ") and err.count("\n") == 1 and part in err
-
-
-def test_drawing_of_a_model_folder(call):
-    config = reference("lstm", lanes=4)
-    Path("model").mkdir()
-    Path("model/config.json").write_text(config.to_json())
-    assert call("model", "--lanes", 6, "--out", "one")[0] == 0
-    status, out, _ = call("model", "--lanes", 6, "--out", "two")
-    plan = schedule(config.replace(lanes=6))
-    assert status == 0 and f"{plan.step_cycles} cycles" in out and f"{plan.config.step_ideal} cycles" in out
-    files = {path.name: path.read_bytes() for path in Path("one").iterdir()}
-    assert sorted(files) == ["schedule.json", "schedule.png", "schedule.svg", "schedule.txt"]
-    assert files == {path.name: path.read_bytes() for path in Path("two").iterdir()}
-    values = json.loads(files["schedule.json"])
-    assert values["summary"] == view.summary(plan) and [
-        view.Span(**span) for span in values["spans"]
-    ] == list(view.spans(plan))
-    assert files["schedule.txt"].decode() == view.text(plan)
-    assert (
-        files["schedule.png"].startswith(b"\x89PNG")
-        and f"{plan.step_cycles} cycles a step".encode() in files["schedule.svg"]
-    )
