@@ -43,7 +43,7 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.core.files import exchange
-from eskin.golden.data import Recordings
+from eskin.golden.data import Recordings, for_model
 from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
@@ -175,6 +175,8 @@ def run(
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
             planned = plan.config if plan else user_config
+            if held is not None and planned is not None:
+                held = for_model(held, planned, say)
             wished = [planned and planned.to_dict(), user_config is None, network, prefer, fits]
             base = [loaded.content, seed, *wished]
         with _Work(out) as work:

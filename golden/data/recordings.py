@@ -655,6 +655,27 @@ def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
     )
 
 
+def for_model(
+    recordings: Recordings, config: AcceleratorConfig, say: Callable[[str], None] = lambda note: None
+) -> Recordings:
+    """``recordings`` as a model takes them: in its codes (``rescaled``) and with its classes. ``say`` is called with
+    each sentence about a change.
+
+    Raises
+    ------
+    InputError
+        As ``check_fit``; a recording is of no class of the model.
+    """
+    known = len(recordings.notes)
+    recordings = rescaled(recordings, config)
+    for note in recordings.notes[known:]:
+        say(f"recordings '{recordings.source}': {note}")
+    if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
+        recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
+    check_fit(recordings, config)
+    return recordings
+
+
 def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
     """Refuse recordings that this configuration's sensor did not give, before any long work.
 
