@@ -190,6 +190,7 @@ def test_training_features_go_through_the_integer_normaliser(config):
         assert np.ptp(exact) > 100 and (model.arrays["sigma"] > (1 if config is SMALL else 0.5)).all()
 
 
+@pytest.mark.slow
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 80)
     recordings = scene(60, seed=1)

@@ -221,13 +221,6 @@ def test_chain_equals_golden(name):
     )
 
 
-def test_chain_with_masked_taxels_and_rom():
-    config, masked = shifted(CASES["pvdf"]).replace(loadable=False), (1,)
-    stream, means = make_stream(config, 200, seed=12), means_of(config)
-    expected, _ = golden_centred(config, [stream], means, masked)
-    assert run_chain(config, [stream], means, masked=masked) == expected
-
-
 def test_chain_onset_early_late_and_never():
     config = shifted(CASES["thesis"])
     onsets = ([1], [2], [4], [5], [150], [199], [])
@@ -235,13 +228,3 @@ def test_chain_onset_early_late_and_never():
     expected, touches = golden_centred(config, streams, means)
     assert touches == 6
     assert run_chain(config, streams, means) == expected
-
-
-@pytest.mark.parametrize("name", ["two end together, faults", "pvdf faults"])
-def test_chain_arm_begins_a_new_recording(name):
-    """Three recordings in a row, the second cut in the middle of a frame and of a touch: the third is as if
-    it were alone."""
-    config = shifted(CASES[name])
-    streams, means = [make_stream(config, 110, seed=seed) for seed in (11, 14, 12)], means_of(config)
-    expected, _ = golden_centred(config, [streams[0], streams[2]], means)
-    assert run_chain(config, streams, means, cuts=(1,)) == expected
