@@ -97,7 +97,11 @@ class Plan:
         if not self.screened:
             return None
         taken = taken or self.config
-        rows = {one.candidate.front_end: screened_row(one, self.screened[0]) for one in self.screened}
+        rows = {
+            one.candidate.front_end: screened_row(one, self.screened[0])
+            | {"energy_touch_j": self.market.cost_of(one.config).energy_touch_j}
+            for one in self.screened
+        }
         rivals = [row for config, row in rows.items() if config != taken]
         return {"chosen": rows[taken], "rivals": rivals, **self.facts}
 
