@@ -25,6 +25,7 @@ def run(notebook: dict[str, Any], name: str) -> dict[str, Any]:
     return names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -35,20 +36,3 @@ def test_a_notebook_runs(path, tmp_path, monkeypatch):
         assert names["wrong"]["mismatches"] == 1
     else:
         assert names["states"] == names["expected"] and len(names["states"]) > 20
-
-
-def test_a_cell_that_fails_is_seen():
-    assert len(NOTEBOOKS) == 2
-    notebook = json.loads(NOTEBOOKS[1].read_text())
-    notebook["cells"].append(
-        {
-            "cell_type": "code",
-            "id": "last",
-            "outputs": [],
-            "execution_count": None,
-            "source": ["assert False"],
-        }
-    )
-    broken = {**notebook, "cells": notebook["cells"][-1:]}
-    with pytest.raises(AssertionError):
-        run(broken, "broken")

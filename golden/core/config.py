@@ -43,7 +43,7 @@ WIDEST_ACCUMULATOR = 48
 exactly."""
 
 MOST_INPUTS = 512
-"""Of a network."""
+"""Highest number of inputs of a network."""
 
 WIDEST_SCORE = 16
 """Bits of a score, and of a margin."""
@@ -55,7 +55,7 @@ WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
 
 IMAGE_ROWS_HZ = 1000.0
-"""Rows of an image a second where nothing says another rate; a still image has none."""
+"""Default rows of an image per second; a still image has no rate."""
 
 MOST_MEAN_FRAC = 10
 """Fraction bits of the normaliser's means at most: sensors of two code levels have windows that differ by a
@@ -67,7 +67,7 @@ RING_SLACK_FRAMES = 8
 
 @dataclass(frozen=True, kw_only=True)
 class AcceleratorConfig:
-    """One accelerator. docs/specification.md says what each rule means; widths and counts derived here are
+    """One accelerator. docs/specification.md defines each rule; widths and counts derived here are
     used by model and RTL alike.
 
     The fields stand in groups (groups.py): ``config.sensor.taxels``. Each group checks itself, this class
@@ -106,7 +106,7 @@ class AcceleratorConfig:
             raise InputError(f"configuration '{name}', field {field}: {why}")
 
     def _refusals(self) -> Iterator[Refusal]:
-        """What does not fit together. The user is told of the first."""
+        """Reasons why fields do not fit together. The user sees the first one."""
         yield from self._front_end_refusals()
         if self.is_image:
             yield from self._image_refusals()
@@ -481,6 +481,11 @@ class AcceleratorConfig:
         """Frame (1-based from the first window's start) that completes the last window: the end of the
         touch."""
         return self.window_spans[-1][1]
+
+    @property
+    def touch_s(self) -> float:
+        """Seconds from the first window's start to the last one's end."""
+        return self.last_frame / self.sensor.scan_rate_hz
 
     # ------------------------------------------------------------------ features
     @property
@@ -932,7 +937,7 @@ class AcceleratorConfig:
         return cls(**own, image=image, **groups)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-        """A copy on other lanes. None keeps what is there."""
+        """A copy with other lanes. None keeps the current value."""
         fields = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
         return self.replace(**{field: value for field, value in fields.items() if value is not None})
 
@@ -967,7 +972,7 @@ class AcceleratorConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any], source: str = "configuration") -> AcceleratorConfig:
-        """The configuration in ``values``, as `to_dict` makes them; what is left out is as by default.
+        """The configuration in ``values``, as `to_dict` makes them; missing fields have their defaults.
         ``source`` names the file in errors."""
         if not isinstance(values, dict):
             raise InputError(

@@ -361,7 +361,7 @@ class Stream:
         return decisions
 
     def _decided(self, touch: _Touch) -> Decided:
-        """What the model makes of the windows that are complete."""
+        """Decisions of the model from the windows that are complete."""
         # a linear cell has weights for each step, so it gets them all; open windows are 0 and do not count
         steps = touch.completed if self.config.recurrent else self.config.windows.steps
         alone = Touches(

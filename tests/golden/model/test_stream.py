@@ -2,10 +2,8 @@
 which the hardware gives it."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 
-from eskin.golden.core import InputError
 from eskin.golden.model import (
     FloatModel,
     Stream,
@@ -131,19 +129,3 @@ def test_the_state_of_the_detector_is_told():
         assert (stream.onset_frame is not None) == (stream.state == "touch")
     order = [state for index, state in enumerate(states) if index == 0 or state != states[index - 1]]
     assert order[:4] == ["settling", "armed", "touch", "rearm"]
-
-
-@each_row(
-    "frames, word",
-    [
-        (np.zeros((3, 5), dtype=int), "shape"),
-        (np.zeros((3, 4)), "integers"),
-        (np.full((2, 4), 1 << 17), "converter"),
-        (np.zeros((2, 2, 4), dtype=int), "shape"),
-    ],
-)
-def test_what_is_no_frame_is_refused(frames, word):
-    stream = Stream(random_integer_model(SMALL, 3))
-    with pytest.raises(InputError, match=word):
-        stream.push(frames)
-    assert stream.frame == 0
