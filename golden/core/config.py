@@ -49,7 +49,7 @@ WIDEST_SCORE = 16
 """Bits of a score, and of a margin."""
 
 MOST_TAUGHT = 255
-"""Places for taught touches: their number has a byte in register TAUGHT."""
+"""Highest number of taught-touch slots; the count must fit the 8-bit field of register TAUGHT."""
 
 WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
