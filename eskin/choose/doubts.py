@@ -202,9 +202,11 @@ def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> 
     """A doubt where only the longest of the front ends ``screened`` (configuration, correct; best first) are
     level with the best: a longer touch may be decided better.
 
-    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best.
+    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best. Those that
+    scan less often than it do not count: their rest level takes longer, so they may begin later.
     """
     best, correct = screened[0]
+    screened = [row for row in screened if row[0].sensor.scan_every <= best.sensor.scan_every]
     longest = max(config.touch_s for config, _ in screened)
     brief = [(config, row) for config, row in screened if config.touch_s <= SHORTER * longest]
     if best.touch_s <= SHORTER * longest or not brief:
