@@ -49,7 +49,7 @@ WIDEST_SCORE = 16
 """Bits of a score, and of a margin."""
 
 MOST_TAUGHT = 255
-"""Places for taught touches: their number has a byte in register TAUGHT."""
+"""Highest number of taught-touch slots; the count must fit the 8-bit field of register TAUGHT."""
 
 WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
@@ -481,6 +481,11 @@ class AcceleratorConfig:
         """Frame (1-based from the first window's start) that completes the last window: the end of the
         touch."""
         return self.window_spans[-1][1]
+
+    @property
+    def touch_s(self) -> float:
+        """Seconds from the first window's start to the last one's end."""
+        return self.last_frame / self.sensor.scan_rate_hz
 
     # ------------------------------------------------------------------ features
     @property

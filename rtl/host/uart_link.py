@@ -27,7 +27,7 @@ class UartLink(wiring.Component):
     A frame or write acts when its number is the one expected, so each acts once and in order however often it
     is sent; a read acts always and its answer carries the number expected next. A packet that comes while one
     is still acting (the accelerator not ready, an answer not yet sent) is dropped like a damaged one.
-    Whatever came, the next flag is a beginning again: no reset, no timer.
+    The next flag always resynchronises the receiver; no reset or timeout is needed.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ CONTROLS = (
 - gate_write, t_write: the table's answer of this slot is written.
 - value: the finished row goes to the T memory as it is.
 - logit, ends_step: it goes to the classifier; it is the step's last.
-- element_*: the same for the element-wise lane. It starts from the rounding half, and from T where ``add``.
+- element_*: the same for the element-wise lane. The sum starts at the rounding constant, plus T with ``add``.
 - t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top.
 - scale: the gate memory's address is that of the scale of the window's length.
 - state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state.
