@@ -482,6 +482,11 @@ class AcceleratorConfig:
         touch."""
         return self.window_spans[-1][1]
 
+    @property
+    def touch_s(self) -> float:
+        """Seconds from the first window's start to the last one's end."""
+        return self.last_frame / self.sensor.scan_rate_hz
+
     # ------------------------------------------------------------------ features
     @property
     def kinds(self) -> int:
