@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
+from eskin.choose.candidate import Candidate, Judged, best_of, choose
 from eskin.choose.cost import Market
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
@@ -342,7 +342,7 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
         judge.all(features(config, screen.knee(config)))
     if brief:
         return judge.all(list(judge.judged))
-    judge.all(_around(most_accurate(list(judge.judged.values())).candidate.front_end, by_gate))
+    judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
     budget = DESCENT
     while True:
         at = choose(list(judge.judged.values()), market).candidate
@@ -388,7 +388,7 @@ def listed(judged: Sequence[Judged], market: Market) -> Listed:
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
     """
-    taken, best = choose(judged, market), most_accurate(judged)
+    taken, best = choose(judged, market), best_of(judged)
     near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
     groups = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
     groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]

@@ -25,12 +25,12 @@ from typing import Any
 
 import numpy as np
 
-from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
+from eskin.choose.candidate import Candidate, Judged, best_of, choose
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
 from eskin.golden.model import with_network
-from eskin.training.crossval import Piece, Terms, judge_pieces, share_right
+from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 
 AUTO = "auto"
@@ -194,11 +194,11 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
         tried.extend(outcomes)
         return outcomes
 
-    def best_of(probes: Sequence[Candidate]) -> Generator[Round, list[Judged], Candidate]:
+    def best_probe(probes: Sequence[Candidate]) -> Generator[Round, list[Judged], Candidate]:
         # the best, not the cheapest that is level: with few updates short touches look better than they are
         outcomes = yield from asked(probes, effort.probe_share)
         outcomes.sort(key=lambda one: market.price(one.config))
-        return most_accurate(outcomes).candidate
+        return best_of(outcomes).candidate
 
     cell, hidden = ("gru", effort.probe) if wish.open else (None, None)
     probes = usable(wish.possible(on, cell, hidden) for on in front_ends.for_recurrent)
@@ -211,17 +211,17 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
             )
         if len(probes) < 2 or not probes[0].config.recurrent:
             return probes[0], []
-        return (yield from best_of(probes)), []
+        return (yield from best_probe(probes)), []
     cheapest, *others = front_ends.smaller
     fits = {fit: wish.possible(cheapest, "linear", None, fit) for fit in effort.fits}
     first = yield from judged(fits.values())
     if first and not any(one.settled for one in first):
-        best = most_accurate(first).candidate
+        best = best_of(first).candidate
         fit = next(fit for fit, candidate in fits.items() if candidate == best)
         yield from judged(wish.possible(on, "linear", None, fit) for on in others)
     on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
-        on = (yield from best_of(probes)).front_end
+        on = (yield from best_probe(probes)).front_end
     units = yield from judged(wish.possible(on, "gru", count) for count in effort.units)
     if len(units) > 1 and goes_on(tried):
         yield from judged([wish.possible(on, "gru", LARGER_UNITS)])
@@ -232,11 +232,11 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
             "with --cell and --hidden"
         )
     if effort.seeds > 1:
-        most = most_accurate(tried).accuracy
+        most = best_of(tried).score
         near = [
             one
             for one in tried
-            if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not beaten(one.candidate)
+            if most - one.score <= OUT_OF_REACH * one.score_standard_error and not beaten(one.candidate)
         ]
         more = yield Round([one.candidate for one in near], effort.share, other_seeds=True)
         further = {one.candidate: one for one in more}
@@ -248,9 +248,9 @@ def goes_on(tried: Sequence[Judged]) -> bool:
     """GRU 12, the last of ``tried``, is not level: below the best, or still better than GRU 8, by more than a
     standard error."""
     *_, eight, twelve = tried
-    best = most_accurate(tried)
-    below = best.accuracy - twelve.accuracy > best.standard_error
-    rising = twelve.accuracy - eight.accuracy > max(eight.standard_error, twelve.standard_error)
+    best = best_of(tried)
+    below = best.score - twelve.score > best.score_standard_error
+    rising = twelve.score - eight.score > max(eight.score_standard_error, twelve.score_standard_error)
     return below or rising
 
 
@@ -288,10 +288,9 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
             for number in numbers
             for test in parts[number].tests
         ]
+        called = terms.called(candidate.network["cell"])
         try:
-            runs = judge_pieces(
-                terms.datasets, pieces, int(seeds[0]), terms.called(candidate.network["cell"])
-            )
+            trained = train_pieces(terms.datasets, pieces, int(seeds[0]), called)
         except InputError:
             if candidate.config.recurrent:
                 raise
@@ -300,11 +299,31 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
         owners = [number for _ in seeds for number in numbers for _ in parts[number].tests]
         for at, number in enumerate(owners):
             of_number[number].append(at)
+        runs = [network.decided() for network in trained]
         for number, places in of_number.items():
-            own = [runs[at] for at in places]
+            own, rows = [runs[at] for at in places], parts[number].rows
             right = share_right(terms.recordings.labels, [pieces[at].test for at in places], own)
-            answers[number].append(Judged(candidate, right[parts[number].rows], runs=tuple(own)))
+            wrong = _wrong(candidate, [trained[at] for at in places], terms)
+            one = Judged(candidate, right[rows], runs=tuple(own), stress=terms.stress)
+            answers[number].append(dataclasses.replace(one, wrong=None if wrong is None else wrong[:, rows]))
     return answers
+
+
+def _wrong(candidate: Candidate, networks: Sequence[Trained], terms: Terms) -> np.ndarray | None:
+    """(cases, recordings) the share of the networks that were wrong under each disturbance, of those that had
+    not seen the recording."""
+    if terms.stress is None:
+        return None
+    tests = [network.piece.test for network in networks]
+    told = [
+        terms.stress.wrong(candidate.config, network.integer, test)
+        for network, test in zip(networks, tests, strict=True)
+    ]
+    total, judged = np.zeros((len(told[0]), len(terms.recordings))), np.zeros(len(terms.recordings))
+    for wrong, test in zip(told, tests, strict=True):
+        total[:, test] += wrong
+        judged[test] += 1
+    return total / np.maximum(judged, 1)
 
 
 def shortened(candidate: Candidate, share: int) -> Recipe:

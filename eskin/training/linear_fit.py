@@ -1,10 +1,13 @@
 """Multinomial logistic regression on all windows of a touch, as the weights and bias of a linear cell."""
 
 import warnings
+from typing import Any
 
 import numpy as np
+from scipy.linalg import solve
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model import real_by_input
 
 MOST_ITERATIONS = 300
 """Iterations of the solver at most. Where it has not converged by then it is a hair from the best weights."""
@@ -97,6 +100,116 @@ def fit_least_squares(
     indicators = (labels[:, None] == np.arange(config.classes)).astype(float)
     ridge = RidgeCV([penalty * unit for penalty in PENALTIES], scoring=right).fit(inputs, indicators)
     return _arrays(config, ridge.coef_, ridge.intercept_)
+
+
+LOST, CUT = 0.5, 0.25
+"""Shares of the touches that are fitted with a taxel lost, and cut short."""
+CUT_AFTER = (0.4, 0.6, 0.8)
+"""Shares of the windows that are left of a touch that is cut short."""
+OFFSET, COMMON, DRIFT, RATE = 0.7, 0.3, 0.3, 0.06
+"""Standard deviations of an offset of one taxel, of all together and of their drift in a touch, in those of the
+means; and of the sample rate's error."""
+
+
+def fit_sturdy(
+    config: AcceleratorConfig,
+    features: np.ndarray,
+    counts: np.ndarray,
+    labels: np.ndarray,
+    scales: tuple[Any, Any],
+    penalty: float,
+) -> dict[str, np.ndarray]:
+    """Weights and bias of the linear cell that is least squares over touches as recorded and disturbed, in
+    closed form: the expected products of inputs under the disturbances take the place of those recorded.
+
+    A taxel is lost in a share LOST of the touches, each as often: it reads rest, or is masked. A share CUT ends
+    after some of its windows. An offset and a drift move what grows with the mean by as much as the mean, and
+    the integral by its derivative; a rate error moves each window along the touch. What is small is taken to
+    the first order, so each adds the products of its derivative.
+
+    Parameters
+    ----------
+    features, labels:
+        As for ``fit_least_squares``.
+    counts:
+        (touches, K): the steps that a touch has.
+    scales:
+        (mu, sigma) of the normaliser.
+    penalty:
+        Ridge penalty, as a share of the mean squared length of a touch's inputs.
+    """
+    (touches, steps, width), kinds = features.shape, config.kinds
+    mu, sigma = (real_by_input(config, np.asarray(scale)) + np.zeros(width) for scale in scales)
+    taxel_of = np.arange(width) // kinds
+    indicators = (labels[:, None] == np.arange(config.classes)).astype(float)
+
+    def shaped(values: np.ndarray) -> np.ndarray:
+        """(touches, inputs) of (touches, K, D)."""
+        return _inputs(config, values * counts[..., None])
+
+    def by_taxel(values: np.ndarray) -> np.ndarray:
+        """What was given for each of D, for each input."""
+        return np.tile(values, config.sets if config.sets > 1 else 1)
+
+    x, taxel = shaped(features), by_taxel(taxel_of)
+    alike = taxel[:, None] == taxel
+    gram, sums = x.T @ x / touches, x.mean(axis=0)
+    cross, share = x.T @ indicators / touches, indicators.mean(axis=0)
+    live = (~np.array(config.input_mask)).astype(float)
+    rest = shaped(np.broadcast_to(-mu / sigma * live, features.shape)).mean(axis=0)
+    number = max(len(config.sensor.live), 1)
+    total, moments, targets, weight = gram.copy(), sums.copy(), cross.copy(), 1.0
+
+    def add(of: float, products: np.ndarray, means: np.ndarray, classes: np.ndarray) -> None:
+        nonlocal total, moments, targets, weight
+        total, moments = total + of * products, moments + of * means
+        targets, weight = targets + of * classes, weight + of
+
+    for level in (rest, np.zeros_like(rest)):
+        outer = np.outer(sums, level)
+        apart = (number - 2) * gram + outer + outer.T
+        within = (number - 1) * gram + np.outer(level, level)
+        add(
+            LOST / 2,
+            np.where(alike, within, apart) / number,
+            ((number - 1) * sums + level) / number,
+            ((number - 1) * cross + np.outer(level, share)) / number,
+        )
+    for part in CUT_AFTER:
+        short = shaped(features * (np.arange(steps) < max(round(part * steps), 1))[:, None])
+        add(
+            CUT / len(CUT_AFTER),
+            short.T @ short / touches,
+            short.mean(axis=0),
+            short.T @ indicators / touches,
+        )
+    # what one deviation of the means does to each input
+    slopes = np.zeros_like(features)
+    kind_of = np.arange(width) % kinds
+    of_mean = sigma[kind_of == 0].max() if "mean" in config.features.feature_kinds else 1.0
+    for kind, name in enumerate(config.features.feature_kinds):
+        columns = kind_of == kind
+        if name == "mean":
+            slopes[..., columns] = of_mean / sigma[columns]
+        elif name == "integral":
+            real = np.abs(features[..., columns] * sigma[columns] + mu[columns])
+            frames = np.array([last for _, last in config.window_spans])[:, None]
+            grown = 2.0 ** (config.features.integral_knee + np.minimum(real, 40.0)) * np.log(2)
+            slopes[..., columns] = of_mean * frames / grown / sigma[columns]
+    slopes *= live
+    along = np.gradient(features, axis=1) if steps > 1 else np.zeros_like(features)
+    time = (np.arange(steps) + 0.5)[:, None]
+    offset, drift, rate = shaped(slopes), shaped(slopes * time / steps), shaped(along * time)
+    of_taxel = np.where(alike, offset.T @ offset / touches, 0.0) / number
+    total += OFFSET**2 * of_taxel
+    for size, slope in ((COMMON, offset), (DRIFT, drift), (RATE, rate)):
+        total += size**2 * slope.T @ slope / touches
+    total, moments, targets = total / weight, moments / weight, targets / weight
+    centred = total - np.outer(moments, moments)
+    unit = max(float(x.var(axis=0).sum()), 1e-12)
+    centred[np.diag_indices_from(centred)] += penalty * unit
+    weights = solve(centred, targets - np.outer(moments, share), assume_a="pos").T
+    return _arrays(config, weights, share - weights @ moments)
 
 
 def _inputs(config: AcceleratorConfig, features: np.ndarray) -> np.ndarray:
