@@ -10,6 +10,7 @@
 # make where NAME=classifier   module, test, proof and golden model of a block, a stage or a verb
 # make budget     tokens by folder, options, configuration fields beside their caps of budget.toml; fails above one
 # make docs       the documents as a site with an API reference: build/docs/index.html
+# make figures    the tables of docs/figures.md that this program can make: some 20 minutes
 # PYTHON=...      another interpreter     PIP_ARGS=...   arguments of pip install
 
 PYTHON ?= python3
@@ -17,7 +18,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all wheel-test formal mutants coverage fuzz designs docs where budget lint format format-check types clean tools tools-test
+.PHONY: install run test test-all wheel-test formal mutants coverage fuzz designs docs figures where budget lint format format-check types clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -38,14 +39,15 @@ $(INSTALLED): requirements.lock pyproject.toml | tools
 run: $(INSTALLED)
 	$(BIN)/eskin run
 
-# Two test processes on two cores: a second thread of one takes its time from the other.
+# Two test processes on two cores: a second thread of one takes its time from the other. Who is done takes
+# tests that still wait behind the other's long ones.
 test test-all: export OMP_NUM_THREADS = 1
 
 test: $(INSTALLED) tools-test
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-all: $(INSTALLED) tools-test
-	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "slow or not slow"
 
 wheel-test: $(INSTALLED)
 	$(BIN)/python -m scripts.wheel_test
@@ -65,6 +67,9 @@ fuzz: $(INSTALLED)
 
 designs: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_random_designs.py -k drawn -m "slow or not slow"
+
+figures: $(INSTALLED)
+	$(BIN)/python -m scripts.tables figures
 
 where: $(INSTALLED)
 	@$(BIN)/python -m scripts.where $(NAME)

@@ -23,6 +23,7 @@ from eskin.cosim.scoreboard import (
     Recording,
     Scoreboard,
     flat_stages,
+    loading,
     local_decisions,
     recordings_of,
 )
@@ -289,8 +290,7 @@ class Bench:
         self.settings: dict[str, Any] = json.loads(Path("bench.json").read_text())
         design = Path(self.settings["design"])
         self.config = AcceleratorConfig.load(design / "config.json")
-        self.map = json.loads((design / "registers.json").read_text())
-        self.boot = [divmod(int(line, 16), 1 << 16) for line in (design / "load.hex").read_text().split()]
+        self.map, self.boot = loading(design)
         with np.load("vectors.npz") as archive:
             self.recordings = recordings_of(dict(archive))
         self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])

@@ -2,7 +2,7 @@
 in C++.
 
 Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). What
-is played into it, a scenario, is the same for both: `eskin.cosim.live`, `eskin.cosim.gate_flow`.
+is played into it, a scenario, is the same for both: `eskin.cosim.live`, `eskin.cosim.bulk`.
 """
 
 import ctypes

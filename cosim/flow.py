@@ -3,6 +3,7 @@
 import copy
 import json
 import operator
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -12,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim import latency, runner
+from eskin.cosim import bulk, latency, runner
+from eskin.cosim.device import Design, Model
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import Mismatch, recordings_of, stages_of
+from eskin.cosim.scoreboard import Mismatch, loading, part_of, recordings_of, stages_of
 from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
@@ -28,6 +30,8 @@ from eskin.golden.core import (
 
 PACES = ("full", "declared")
 MEASURES = ("frame", "step", "windows")
+COMPILED = "compiled"
+"""The simulator of a chip's netlist, in this process."""
 SLOWEST_CYCLES_PER_S = {
     ("rtl", "verilator"): 50e3,
     ("rtl", "icarus"): 500.0,
@@ -89,7 +93,7 @@ class Run:
             "frames": frames,
             "block": max(1, min(hop, BLOCK_BITS // (bits * expected[frames].shape[1]))),
             "bits": bits,
-            "period": clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0,
+            "period": clock_hz / config.sensor.scan_rate_hz if pace == "declared" else 0.0,
             "patience": latency.standstill_cycles(config),
             "probes": hardware.probes,
             "measure": "STEP",
@@ -97,6 +101,19 @@ class Run:
             "fault": None,
         }
         return cls(config, expected, hardware, simulator, Path(builds), clock_hz, settings)
+
+    def of_recordings(self, positions: Sequence[int]) -> "Run":
+        """The same of these recordings only."""
+        return replace(self, expected=part_of(self.expected, positions))
+
+    def in_process(self) -> Callable[[int], Model] | None:
+        """What stands behind a device in this process, by the seed of its states; None: nothing can."""
+        if self.simulator == COMPILED:
+            return self.hardware.compiled
+        if self.simulator != "verilator" or self.hardware.level != "rtl" or self.settings["bits"] == 32:
+            return None
+        (verilog,) = self.hardware.sources
+        return lambda seed: Design(verilog.read_text(), self.builds, "co-simulation")
 
     def play(
         self,
@@ -147,10 +164,11 @@ def cosim(
     hardware: Hardware | None = None,
     measure: str = "step",
     waves: bool = True,
+    cocotb: Sequence[int] | None = None,
     work: Path,
     builds: Path,
 ) -> Record:
-    """Play ``vectors`` into ``design`` under cocotb and compare every stage, up to the first value that differs.
+    """Play ``vectors`` into ``design`` and compare every stage, up to the first value that differs.
 
     Parameters
     ----------
@@ -159,7 +177,7 @@ def cosim(
     vectors:
         File written by eskin.golden.model.vectors.write_vectors.
     simulator:
-        ``verilator`` or ``icarus``.
+        ``verilator``, ``icarus`` or, of hardware that has it, ``compiled``.
     pace:
         ``full``: a beat whenever ready. ``declared``: frames at the sensor's rate, at ``clock_hz``.
     clock_hz:
@@ -175,6 +193,10 @@ def cosim(
         ``registers`` LONGEST.
     waves:
         On a mismatch, play its recording once more and keep waves.
+    cocotb:
+        Positions of the recordings that are played under cocotb; the others are played in bulk in this process
+        (`eskin.cosim.bulk`). Default: all, but with ``compiled``. What the process cannot play goes under cocotb, too:
+        Icarus, a board's netlist, a converter, stalls, ``probe``.
     work:
         Folder for settings, log, answer and waves; made when absent.
     builds:
@@ -201,31 +223,43 @@ def cosim(
     run = Run.of(
         design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
     )
-    config, expected, hardware = run.config, run.expected, run.hardware
+    config, hardware = run.config, run.hardware
     if measure not in MEASURES:
         raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
     settings: Record = {"measure": measure.upper(), "stalls": seed & 0x7FFFFFFF if stalls else None}
     if probe and config.hardware.loadable:
-        settings["write_at"] = _open_touch(config, expected)
-    said, wall_s = run.play(Path(work), settings)
+        settings["write_at"] = _open_touch(config, run.expected)
+    played: Record = {
+        "simulator": simulator,
+        "level": hardware.level,
+        "target": hardware.target,
+        "pace": pace,
+    }
+    played |= {"stalls": stalls, "seed": seed}
+    everything = range(len(run.expected["numbers"]))
+    here = None if stalls or probe else run.in_process()
+    if simulator == COMPILED:
+        if here is None:
+            reason = "takes no stalls" if stalls else "is for chips"
+            raise InputError(f"--simulator {COMPILED}: {reason}; take verilator")
+        cocotb = ()
+    shown = [*everything] if here is None or cocotb is None else sorted({*cocotb} & {*everything})
+    others = sorted({*everything} - {*shown})
+    results = []
+    if shown:
+        results.append(_under_cocotb(run.of_recordings(shown), settings, played, Path(work), waves=waves))
+    if others and here is not None:
+        results.append(_in_bulk(run.of_recordings(others), here, settings, played, Path(work), waves=waves))
+    return joined(config, results) if len(results) > 1 else results[0]
+
+
+def _under_cocotb(run: Run, settings: Record, played: Record, work: Path, *, waves: bool) -> Record:
+    config, hardware = run.config, run.hardware
+    said, wall_s = run.play(work, settings)
     converting = config.interface.converter.name != "none"
     if converting:
         said["overruns"] = said["conversion"]["faults"] >> 2 & 1
-    result = result_of(
-        config,
-        len(expected["numbers"]),
-        said,
-        {
-            "simulator": simulator,
-            "level": hardware.level,
-            "target": hardware.target,
-            "pace": pace,
-            "stalls": stalls,
-            "seed": seed,
-        },
-        clock_hz=run.clock_hz,
-        wall_s=wall_s,
-    )
+    result = result_of(run, said, played, wall_s=wall_s)
     refused = said["probe"]
     if "-DCLOCKED" in hardware.options:
         result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
@@ -241,22 +275,36 @@ def cosim(
         and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
     )
     if said["mismatch"] and waves:
-        result["waves"] = str(_keep_waves(run, said["mismatch"], settings, Path(work)))
+        result["waves"] = str(_keep_waves(run, said["mismatch"], settings, work))
+    return result
+
+
+def _in_bulk(
+    run: Run, here: Callable[[int], Model], settings: Record, played: Record, work: Path, *, waves: bool
+) -> Record:
+    begun = time.monotonic()
+    registers, boot = loading(Path(run.settings["design"]))
+    said = bulk.play(
+        run.config,
+        here,
+        recordings_of(run.expected),
+        registers,
+        boot,
+        probes=run.hardware.probes,
+        measure=settings["measure"],
+        period=run.settings["period"],
+        seed=played["seed"],
+    )
+    result = result_of(run, said, played, wall_s=time.monotonic() - begun, in_bulk=True)
+    if said["mismatch"] and waves and played["simulator"] in runner.SIMULATORS:
+        result["waves"] = str(_keep_waves(run, said["mismatch"], settings, work))
     return result
 
 
 def result_of(
-    config: AcceleratorConfig,
-    recordings: int,
-    said: Mapping[str, Any],
-    played: Mapping[str, Any],
-    *,
-    clock_hz: float,
-    wall_s: float,
-    bulk: bool = False,
+    run: Run, said: Mapping[str, Any], played: Mapping[str, Any], *, wall_s: float, in_bulk: bool = False
 ) -> Record:
-    """The result of a run as `cosim` describes it. ``passed`` leaves out what only a bench in a simulator
-    tries.
+    """The result as `cosim` describes it. ``passed`` leaves out what only a bench in a simulator tries.
 
     Parameters
     ----------
@@ -264,9 +312,8 @@ def result_of(
         What the bench says (`eskin.cosim.bench.Bench`).
     played:
         simulator, level, target, pace, stalls, seed: into the result as they are.
-    bulk:
-        The recordings were played in this process, without cocotb.
     """
+    config, clock_hz, recordings = run.config, run.clock_hz, len(run.expected["numbers"])
     mismatch = (
         Mismatch(**{k: v for k, v in said["mismatch"].items() if k != "since_arm"})
         if said["mismatch"]
@@ -285,14 +332,14 @@ def result_of(
     exact = mismatch is None and compared > 0
     result = {
         "recordings": recordings,
-        "cocotb_recordings": 0 if bulk else recordings,
-        "bulk_recordings": recordings if bulk else 0,
+        "cocotb_recordings": 0 if in_bulk else recordings,
+        "bulk_recordings": recordings if in_bulk else 0,
         **{name: said[name] for name in ("frames", "steps", "decisions")},
         "compared_values": compared,
         "mismatches": int(mismatch is not None),
         "stages": stages_of(said["compared"], mismatch),
         "bit_exact": exact,
-        "golden": said.get("golden", "torch"),
+        "golden": "torch",
         "gave_up": {"recording": mismatch.recording, "frame": mismatch.frame}
         if mismatch and mismatch.stage == "input"
         else None,
@@ -472,11 +519,11 @@ def check(config: AcceleratorConfig, expected: Arrays, vectors: Path, pace: str,
             f"{vectors}: has {taxels} taxels and the accelerator has {config.sensor.taxels}; use one array "
             "for both"
         )
-    least = config.sensor.taxels * config.sensor.sample_rate_hz
+    least = config.sensor.taxels * config.sensor.scan_rate_hz
     if pace == "declared" and clock_hz < least:
         raise InputError(
             f"--clock {clock_hz:.0f}: is too slow for {config.sensor.taxels} taxels at "
-            f"{config.sensor.sample_rate_hz:g} Hz, one a cycle; "
+            f"{config.sensor.scan_rate_hz:g} Hz, one a cycle; "
             f"give at least {least:.0f} Hz"
         )
 
@@ -519,13 +566,12 @@ def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
 def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> Path:
     """Play the recording of the mismatch alone, with waves around it; beside them the meaning of the signals.
     The folder."""
-    played = recordings_of(run.expected)
-    recording = next((part for part in played if part.number == mismatch["recording"]), played[0])
-    folder = work / f"waves_recording{recording.number}"
+    numbers = run.expected["numbers"].tolist()
+    position = numbers.index(mismatch["recording"]) if mismatch["recording"] in numbers else 0
+    folder = work / f"waves_recording{numbers[position]}"
     since = mismatch["since_arm"] if mismatch["cycle"] >= 0 else 0
-    alone = replace(run, expected=recording.alone())
     settings = settings | {"waves_from": max(0, since - WAVES_BEFORE)}
-    said, _ = alone.play(folder, settings, waves=True)
+    said, _ = run.of_recordings([position]).play(folder, settings, waves=True)
     formats = stage_formats(run.config)
     signals = {f"wrapper.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
     described = {"mismatch": said["mismatch"], "formats": signals}

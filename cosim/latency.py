@@ -62,7 +62,7 @@ def step_limit_frames(config: AcceleratorConfig) -> int:
 
 def limits(config: AcceleratorConfig) -> dict[str, float]:
     """Limit in seconds of each budget that a cycle count of the run decides."""
-    period, budget = 1.0 / config.sensor.sample_rate_hz, config.hardware.decide_within_s
+    period, budget = 1.0 / config.sensor.scan_rate_hz, config.hardware.decide_within_s
     if config.is_image:  # the next image takes as long to come
         image = config.image.height * period
         return {"frame": period, "step": image, "decision": budget or image}
@@ -127,7 +127,7 @@ def needed_clock(config: AcceleratorConfig, cycles: Mapping[str, int | None]) ->
     The counts of a declared-pace run hardly depend on its clock, but a slow clock can make steps queue: run
     again at the result to verify.
     """
-    needed = [config.sensor.taxels * config.sensor.sample_rate_hz]
+    needed = [config.sensor.taxels * config.sensor.scan_rate_hz]
     needed += [
         count / limit
         for name, limit in limits(config).items()

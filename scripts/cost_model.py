@@ -250,7 +250,7 @@ def show(counted_rows: dict[str, Record]) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print rows, constants and errors."""
     parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0], epilog="example: --fit docs/energy.md"
+        description=__doc__.splitlines()[0], epilog="example: --fit docs/figures.md"
     )
     parser.add_argument("--designs", nargs="*", default=list(DESIGNS), help="by name (default: all)")
     parser.add_argument("--fit", type=Path, metavar="FILE", help="take the rows of a document")

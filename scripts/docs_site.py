@@ -24,10 +24,14 @@ ROOT = Path(__file__).resolve().parents[1]
 CODE = ("golden", "rtl", "cosim", "eskin", "scripts")
 ORDER = {
     "": "index",
-    "Use": "quick_start report recordings images python configuration front_end features linear widths enrolment "
-    "boards live_view interface system other_tools",
-    "Judge": "results baselines robustness energy verification long_jobs skipped_work",
-    "Change": "where specification changing area glossary",
+    "Start": "quick_start",
+    "Your data": "recordings images configuration",
+    "The result": "report live_view",
+    "Into hardware": "boards interface system other_tools python asic",
+    "Teach it": "enrolment",
+    "Judge it": "results energy robustness verification figures",
+    "How it works": "specification area glossary",
+    "Change it": "where changing long_jobs",
 }
 """Sections of the navigation and their pages, in the order in which a newcomer reads them."""
 KINDS = {"integer": "whole number", "number": "number", "string": "text", "boolean": "`true`, `false`"}

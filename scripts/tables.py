@@ -1,14 +1,11 @@
-"""Tables of what designs cost, for the documents: ``python -m scripts.tables TABLE [ROW ...]`` prints one, a
-row as soon as it is known. Networks have random numbers: nothing depends on them.
+"""Tables of the cost of designs for docs/figures.md: ``python -m scripts.tables TABLE [ROW ...]`` prints one
+table, row by row. The networks have random weights; no figure depends on them.
 
-cells SCENE ...
-    Linear, GRU 4, 8, 12 on the front ends of several scenes. A SCENE is a model folder of ``eskin train``
-    without --cell, whose training.json has the accuracy of every candidate on recordings left out, by itself
-    or as NAME=FOLDER; or a preset's name, then without accuracies. Cycles are those of the program on 4 DSP lanes;
-    latency is from the last sample of a window to its decision at the icebreaker's 12 MHz. Energy is the
-    estimate of ``eskin build`` for cell and classifier, good to a factor (docs/energy.md).
-designs [SCENE ...]
-    Of each SCENE a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3;
+figures [TABLE ...]
+    Replace these tables of docs/figures.md (default: all that this program makes) and the commit beside each.
+
+designs [PRESET ...]
+    Of each preset a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3;
     with ``--liberty`` a GRU with 4 lanes and ROMs on a chip.
     Energy and power are the estimate of ``eskin build``: a touch with all its frames; waiting with a clock
     that stops between samples, of a chip its leakage.
@@ -34,7 +31,8 @@ without the serial link.
 """
 
 import argparse
-import json
+import re
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
@@ -65,6 +63,7 @@ from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.study.energy import estimate, scheduled_activity
 from eskin.verbs import asic_job, build_job, defence_cost
 
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "figures.md"
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
 READOUTS = {
     "dense": 0,
@@ -110,20 +109,6 @@ CHECKS = {
 Row = tuple[Any, ...]
 
 
-def scene(text: str) -> tuple[str, AcceleratorConfig, list[Record]]:
-    """Name, front end and judged candidates of a SCENE."""
-    if text in PRESETS:
-        return text, PRESETS[text], []
-    name, _, folder = text.rpartition("=")
-    try:
-        candidates = json.loads((Path(folder) / "training.json").read_text())["candidates"]
-    except (OSError, ValueError, KeyError):
-        raise InputError(
-            f"{folder}: is no preset and no model folder of 'eskin train --cell auto'; give one of them"
-        ) from None
-    return name or Path(folder).name, AcceleratorConfig.load(Path(folder) / "config.json"), candidates
-
-
 CELLS = dict(
     lut="SB_LUT4", carry="SB_CARRY", ff="SB_DFF", bram="SB_RAM40_4K", spram="SB_SPRAM", dsp="SB_MAC16"
 )
@@ -135,38 +120,6 @@ def cells_of(design: Any) -> dict[str, int]:
     with tempfile.TemporaryDirectory() as folder:
         counts = synthesise(design, ICE40, Path(folder)).cells.items()
     return {kind: sum(n for cell, n in counts if cell.startswith(name)) for kind, name in CELLS.items()}
-
-
-# ---------------------------------------------------------------------- cells
-def accuracy_of(candidates: Sequence[Record], config: AcceleratorConfig) -> str:
-    """The best recipe's accuracy of that network, in words; - where it was judged on another front end, or
-    not at all."""
-    hidden = config.network.hidden if config.recurrent else 0
-    sizes = {"cell": config.network.cell, "hidden": hidden, "multiplies_step": config.multiplies}
-    rows = [row for row in candidates if all(row[key] == value for key, value in sizes.items())]
-    best = max(rows, key=lambda row: row["accuracy"], default=None)
-    return f"{100 * best['accuracy']:.1f} +- {100 * best['standard_error']:.1f} %" if best else "-"
-
-
-def cell_rows(asked: argparse.Namespace) -> Iterator[Row]:
-    """Every cell on every scene."""
-    for name, front, candidates in [scene(text) for text in asked.rows]:
-        for cell, hidden in (("linear", None), ("gru", 4), ("gru", 8), ("gru", 12)):
-            config = network(front, cell, hidden).replace(lanes=LANES, lane_type="dsp", feature_shift=())
-            config = random_integer_model(config, 1).config
-            cells, plan, board = cells_of(Chain(config)), schedule(config), target(BOARD)
-            activity = scheduled_activity(config, plan.step_cycles, *mean_frame_cycles(config), cells["dsp"])
-            energy = estimate(config, board.device, activity, lowest_clock_hz(config))
-            yield (
-                name,
-                f"GRU {hidden}" if hidden else cell,
-                accuracy_of(candidates, config),
-                config.windows.steps * config.multiplies,
-                plan.step_cycles,
-                f"{1e6 * plan.decision_cycles / board.clock_hz:.1f} us",
-                *(cells[kind] for kind in ("lut", "ff", "dsp", "bram", "spram")),
-                f"{1e9 * energy['per_touch_j']:.0f} nJ",
-            )
 
 
 # ---------------------------------------------------------------------- designs
@@ -224,8 +177,8 @@ def made_up(config: AcceleratorConfig) -> Recordings:
 
 def design_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """Every design of every scene."""
-    for name, front, _ in [scene(text) for text in asked.rows or SCENES]:
-        front = front.replace(feature_shift=())
+    for name in asked.rows or SCENES:
+        front = PRESETS[name].replace(feature_shift=())
         gru = network(front, "gru", 12)
         for config, lanes in ((gru, 1), (gru, LANES), (network(front, "linear", None), LANES)):
             yield f"{name}, {config.network.cell}, P = {lanes}", *placed(config.with_lanes(lanes, "dsp"))
@@ -275,7 +228,7 @@ def bus_rows(asked: argparse.Namespace) -> Iterator[Row]:
 # ---------------------------------------------------------------------- features, checks
 def feature_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """Every set of kinds."""
-    base = PRESETS["pvdf"].replace(lanes=asked.lanes, lane_type=asked.lane_type, activity_block=asked.block)
+    base = PRESETS["pvdf"].replace(lanes=LANES, lane_type="dsp", activity_block=24)
     for name in asked.rows or FEATURES:
         config = random_integer_model(base.replace(**FEATURES[name]), 1).config
         plan, cells = schedule(config), cells_of(Chain(config))
@@ -287,7 +240,7 @@ def feature_rows(asked: argparse.Namespace) -> Iterator[Row]:
 def check_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """With and without checksum and watchdog. Without the link nobody reads the faults, and what finds them
     is not there either."""
-    base = PRESETS[asked.preset].with_lanes(asked.lanes, asked.lane_type)
+    base = PRESETS["thesis"].with_lanes(LANES, "dsp")
     for name, fields in CHECKS.items():
         model = random_integer_model(base.replace(**dict.fromkeys(fields, True)), 1)
         cells = defence_cost.placed(model.config, model.arrays, BOARD, build_job.CACHE, link=True)
@@ -338,7 +291,7 @@ def taught_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) ->
 
 def step_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """Cells, three sizes and 1 to 12 lanes."""
-    base = PRESETS[asked.preset]
+    base = PRESETS["thesis"]
     cells = (("gru", "before"), ("gru", "after"), ("lstm", "before"))
     for (cell, reset), (taxels, hidden, classes) in product(cells, ((16, 12, 3), (8, 8, 5), (64, 32, 32))):
         names = tuple(f"class{k}" for k in range(classes))
@@ -354,11 +307,6 @@ def step_rows(asked: argparse.Namespace) -> Iterator[Row]:
 
 
 TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
-    "cells": (
-        "scene | cell | accuracy | multiplies a touch | cycles a step | latency | LUT | flip-flops | multipliers "
-        "| block memories | large ones | a touch",
-        cell_rows,
-    ),
     "designs": (
         "design | cells | memories | MHz | cycles a frame, touch | quiet | cycles a step | a touch | waiting",
         design_rows,
@@ -382,31 +330,63 @@ TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
 """Columns and rows of each table."""
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Print the table, a row as soon as it is known."""
-    parser = argparse.ArgumentParser(
+MADE = re.compile(
+    r"^Made by `python -m scripts\.tables ((\w+).*?)` at commit `\w+`\.\n\n(?:\|.*\n)+", re.MULTILINE
+)
+"""A table of docs/figures.md, from the line that says how it was made."""
+
+
+def lines(asked: argparse.Namespace) -> Iterator[str]:
+    """The lines of a table."""
+    columns, rows = TABLES[asked.table]
+    yield f"| {columns} |"
+    yield "| --- |" + " --: |" * columns.count("|")
+    for row in rows(asked):
+        yield "| " + " | ".join(map(str, row)) + " |"
+
+
+def rewritten(page: str, chosen: Sequence[str], commit: str) -> str:
+    """``page`` with new tables in place of those whose names are ``chosen`` (none: all)."""
+
+    def made(found: re.Match[str]) -> str:
+        if chosen and found[2] not in chosen:
+            return found[0]
+        table = "".join(line + "\n" for line in lines(parser().parse_args(found[1].split())))
+        return f"Made by `python -m scripts.tables {found[1]}` at commit `{commit}`.\n\n{table}"
+
+    return MADE.sub(made, page)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    found = argparse.ArgumentParser(
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         prog="python -m scripts.tables",
     )
-    parser.add_argument("table", choices=TABLES)
-    parser.add_argument("rows", nargs="*", metavar="ROW")
-    parser.add_argument("--lanes", type=int, default=LANES, help="of features, checks")
-    parser.add_argument("--lane-type", default="dsp", help="of features, checks: plain or dsp")
-    parser.add_argument("--block", type=int, default=24, help="of features: frames of a block of activity")
-    parser.add_argument("--preset", default="thesis", help="of checks, steps")
-    parser.add_argument("--pdk", default="ihp-sg13g2", help="of designs, readouts")
-    parser.add_argument(
+    found.add_argument("table", choices=[*TABLES, "figures"])
+    found.add_argument("rows", nargs="*", metavar="ROW")
+    found.add_argument("--pdk", default="ihp-sg13g2", help="of designs, readouts")
+    found.add_argument(
         "--liberty", nargs="*", type=Path, default=(), help="of designs, readouts: the chip's process"
     )
-    asked = parser.parse_args(words)
-    columns, rows = TABLES[asked.table]
-    print(f"| {columns} |\n| --- |" + " --: |" * columns.count("|"))
+    return found
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Print the table row by row, or write the page of figures."""
+    asked = parser().parse_args(words)
     try:
-        for row in rows(asked):
-            print("| " + " | ".join(map(str, row)) + " |", flush=True)
+        if asked.table == "figures":
+            commit = subprocess.run(
+                ["git", "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True, check=True
+            ).stdout.strip()
+            PAGE.write_text(rewritten(PAGE.read_text(), asked.rows, commit))
+        else:
+            for line in lines(asked):
+                print(line, flush=True)
     except InputError as error:
-        parser.error(str(error))
+        parser().error(str(error))
 
 
 if __name__ == "__main__":

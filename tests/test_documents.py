@@ -65,7 +65,11 @@ def prose(path: Path) -> str:
 
 
 # ------------------------------------------------------------------ length, links, paths
-def test_the_readme_is_short():
+def test_the_pages_are_short():
+    """A command writes the page of figures, and the specification is as long as the design needs."""
+    words = {path.stem: len(path.read_text().split()) for path in PAGES if path.stem != "figures"}
+    assert sum(words.values()) <= 32_000
+    assert {page for page, count in words.items() if count > 2500} <= {"specification"}
     assert len((ROOT / "README.md").read_text().splitlines()) <= 130
 
 
@@ -93,41 +97,10 @@ def test_links_lead_somewhere(path):
     assert dead_links(path, prose(path)) == []
 
 
-def test_a_dead_link_is_seen():
-    page = ROOT / "docs" / "results.md"
-    assert dead_links(page, "[a](lost.svg) [b](boards.md#nowhere) [c](boards.md#on-a-board)") == [
-        "results.md: lost.svg",
-        "results.md: boards.md#nowhere",
-    ]
-
-
-def test_the_readme_leads_to_every_page_of_the_first_order():
-    linked = set(re.findall(r"\]\(docs/(\w+)\.md", (ROOT / "README.md").read_text()))
-    wanted = {
-        "quick_start",
-        "recordings",
-        "configuration",
-        "boards",
-        "results",
-        "robustness",
-        "verification",
-        "specification",
-    }
-    assert wanted | {"glossary", "area", "changing", "where", "energy"} <= linked
-
-
-OF_THEN = {"golden/sparsity.py"}
-"""Files that a page names as those of an earlier commit."""
-
-
 @each_row("path", PAGES)
 def test_files_that_are_named_are_there(path):
     named = re.findall(r"`((?:golden|rtl|cosim|scripts|tests|formal|docs)/[\w/.]+)`", path.read_text())
-    assert [
-        name
-        for name in named
-        if not re.search("NAME|FOLDER", name) and name not in OF_THEN and not (ROOT / name).exists()
-    ] == []
+    assert [name for name in named if not re.search("NAME|FOLDER", name) and not (ROOT / name).exists()] == []
 
 
 # ------------------------------------------------------------------ commands
@@ -175,13 +148,6 @@ def commands(path: Path) -> list[str]:
 @each_row("path", PAGES)
 def test_verbs_options_and_targets_exist(path):
     assert {command: wrong(command) for command in commands(path) if wrong(command)} == {}
-
-
-def test_an_option_that_does_not_exist_is_seen():
-    assert sum(len(commands(path)) for path in PAGES) > 40
-    assert wrong("eskin train --data x --epochs 3") == ["--epochs"]
-    assert wrong("make fun") == ["fun"]
-    assert wrong("eskin trian") == ["trian"]
 
 
 def test_every_verb_is_in_the_readme():
@@ -251,10 +217,6 @@ def test_quick_commands_run(folder):
     assert (folder / "mine.npz").exists()
 
 
-def test_a_command_that_fails_is_seen(folder):
-    assert "status 2" in run(Block("page", 1, "quick", "sh", ".venv/bin/eskin inspect lost.npz\n"), folder)
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
 def test_all_commands_run(folder):
@@ -295,24 +257,6 @@ def test_tests_and_proofs_mirror_the_folders():
 def test_every_page_is_in_the_navigation_once():
     listed = [path for paths in docs_site.pages().values() for path in paths]
     assert sorted(listed) == sorted((ROOT / "docs").glob("*.md"))
-
-
-def test_a_page_that_nobody_listed_comes_last(tmp_path, monkeypatch):
-    (tmp_path / "docs").mkdir()
-    for name in ("zebra", "index", "results"):
-        (tmp_path / "docs" / f"{name}.md").touch()
-    monkeypatch.setattr(docs_site, "ROOT", tmp_path)
-    assert [path.stem for paths in docs_site.pages().values() for path in paths] == [
-        "index",
-        "results",
-        "zebra",
-    ]
-
-
-def test_lists_become_lists():
-    assert (
-        docs_site.filled("a:\n- b\n  c\n- d\n```\nx\n- y\n```\n") == "a:\n\n- b\n  c\n- d\n```\nx\n- y\n```\n"
-    )
 
 
 @pytest.mark.timeout(1800)

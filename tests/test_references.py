@@ -1,11 +1,9 @@
-"""What documents, comments and docstrings refer to is there: files, sections of the specification, one run of
-the mutants."""
+"""What documents, comments and docstrings refer to is there: files and sections of the
+specification."""
 
 import re
 from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("golden", "rtl", "cosim", "scripts", "tests", "formal", "docs", "eskin")
@@ -56,31 +54,3 @@ def test_every_section_that_is_named_is_there():
         for number in re.findall(r"specification\.md,? sections? (\d+)", text)
     }
     assert len(named) > 10 and [place for place in named if place[1] not in headings()] == []
-
-
-@pytest.mark.parametrize(
-    ("block", "title"),
-    [
-        ("memory_check", "Checksum"),
-        ("register_check", "Checksum"),
-        ("signature", "Checksum"),
-        ("watchdog", "watchdog"),
-        ("fault_detector", "Defences"),
-        ("packet_transmitter", "Serial link"),
-    ],
-)
-def test_a_block_names_the_section_that_specifies_it(block, title):
-    (text,) = (text for name, text in texts().items() if name.startswith("rtl/") and Path(name).stem == block)
-    number = int(re.search(r"specification\.md,? section (\d+)", text)[1])
-    assert title in headings()[number]
-
-
-def test_documents_and_changelog_name_one_run_of_the_mutants():
-    shares = {
-        re.search(pattern, texts()[name])[1]
-        for name, pattern in (
-            ("docs/verification.md", r"The last complete run,[^.]*kills ([\d.]+) %"),
-            ("CHANGELOG.md", r"complete run of the mutants: ([\d.]+) % killed"),
-        )
-    }
-    assert len(shares) == 1, shares

@@ -69,7 +69,8 @@ class Plan:
 
     config: it. reasons: in words. split, split_from: of ``choose_split``. market: what candidates cost.
     front_ends: to choose from again inside folds; None where nothing is to be judged. screened: the front ends
-    judged, best first; none where it was asked for. facts: of the judging, for training.json. guessed: too few recordings to choose on.
+    judged, best first; none where it was asked for. facts: of the judging, for training.json. guessed: too few
+    recordings to choose on. doubts: about the recordings, of the judging.
     """
 
     config: AcceleratorConfig
@@ -81,6 +82,7 @@ class Plan:
     screened: tuple[Judged, ...] = ()
     facts: Record = dataclasses.field(default_factory=dict)
     guessed: bool = False
+    doubts: tuple[Record, ...] = ()
 
     @property
     def listed(self) -> Listed:
@@ -221,17 +223,14 @@ def choose_front_end(
         f"({split_from}), on {len(judged_on)} recordings: {words}, {chosen.accuracy:.1%}"
         f"{'' if best is chosen else level}",
     ]
-    config = chosen.candidate.front_end
-    classes = len(recordings.class_names)
+    config, classes, found = chosen.candidate.front_end, len(recordings.class_names), list[Record]()
     if alone - 1 / classes > LEVEL_TELLS * (1 - 1 / classes):
-        fix = "if so, take the level off (--config with rest 'initial')"
-        if config.rest_level.rest != "none":
-            fix = "the front end takes the level off, but not what else a session leaves: record classes in turn"
-        reasons.append(
-            f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each class "
-            f"was recorded in a session of its own that may be the session; {fix}"
-        )
-    return Plan(config, reasons, split, split_from, market, front_ends, tuple(screened), facts)
+        without = [one.accuracy for one in screened if one.config.rest_level.rest != "none"]
+        found += doubts.level_tells(frames, alone, max(without, default=None), split)
+    found += doubts.still_climbing([(one.config, one.correct) for one in screened])
+    return Plan(
+        config, reasons, split, split_from, market, front_ends, tuple(screened), facts, doubts=tuple(found)
+    )
 
 
 def _level_alone(recordings: Recordings, folds: Sequence[np.ndarray]) -> tuple[float, int]:
@@ -441,7 +440,9 @@ def train_chosen(
     judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}
     whole = taken in judged and len(judged[taken]["seeds"]) == len(terms.seeds)
     rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, market) for one in tried]
-    notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows)]}
+    touches = terms.datasets.of(taken.config, taken.recipe).touches
+    ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
+    notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows), *ended]}
     if plan.screened:
         notes["front_end"] = plan.record(taken.front_end)
     if rows:
@@ -488,13 +489,24 @@ def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
     return reasons
 
 
+def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list[str]:
+    """A sentence about recordings that end before the last window."""
+    if not count:
+        return []
+    last_s = config.last_frame / config.sensor.sample_rate_hz
+    return [
+        f"{count} of {recordings} recordings end before the last window, {last_s:.3g} s after the first begins, "
+        "and are decided on the windows that they hold"
+    ]
+
+
 def _compared(record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate) -> Record:
     """What training.json says beside ``train``'s record. A linear classifier on the same integer features and
     folds stands beside every split; each split gets its ``unseen`` figure, where something was chosen."""
     recordings, config = terms.recordings, taken.config
     splits = [split["groups"] for split in record["cross_validation"]]
     baselines = linear_yardsticks(recordings, config, splits, terms.folds)
-    found: list[Record] = []
+    found = list(plan.doubts)
     for split in record["cross_validation"]:
         found += doubts.below_baselines(split, baselines, taken.network, chosen=wish.open)
         found += doubts.lost_classes(split, recordings.class_names)

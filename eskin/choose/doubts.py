@@ -12,8 +12,9 @@ import numpy as np
 
 from eskin.choose.choice_table import left_out, unseen
 from eskin.choose.yardsticks import neighbours_alike
-from eskin.golden.core import Record
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
+from eskin.training.level import is_level
 
 MOST_MISSED = 0.02
 """Share of recordings without an onset that goes without a word."""
@@ -23,6 +24,11 @@ SIZES = (4, 8, 12, 16, 24, 32)
 
 LOST = 0.005
 """Accuracy that integers may lose without a word."""
+
+
+SHORTER, CLIMBS = 0.75, 2.0
+"""Share of the longest windows, and standard errors that front ends within it lie behind the best, where
+accuracy still climbs with the time."""
 
 
 def percent(share: float) -> str:
@@ -143,6 +149,50 @@ def leaks(recordings: int, accuracy: float, limit: float) -> list[Record]:
         "under one condition"
     )
     return [doubt("leaks", text)]
+
+
+def level_tells(frames: int, share: float, without: float | None, groups: Sequence[str]) -> list[Record]:
+    """The doubt where the level of the first ``frames`` tells the class of a ``share`` of the recordings.
+
+    Parameters
+    ----------
+    without:
+        Accuracy of the best front end that takes the level off; None: none was judged.
+    groups:
+        What was left out.
+    """
+    group = " and ".join(groups)
+    left = f"leaving out {group}, " if groups else ""
+    text = f"{left}the level of the first {frames} frames alone tells the class of {percent(share)}"
+    if without is not None:
+        text += f" (a front end that takes this level off decides {percent(without)} rightly)"
+    text += ": where each class was recorded in a session of its own, this is the session and not the touch; "
+    fix = f"record every class at every {group}"
+    if not groups:
+        fix = "record every class in several sessions, name these in an array of the archive and give it with --group"
+    return [doubt("level_tells", text + fix)]
+
+
+def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Record]:
+    """A doubt where only the longest of the front ends ``screened`` (configuration, correct; best first) are
+    level with the best: a longer touch may be decided better.
+
+    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best.
+    """
+    best, correct = screened[0]
+    longest = max(config.last_frame for config, _ in screened)
+    brief = [(config, row) for config, row in screened if config.last_frame <= SHORTER * longest]
+    if best.last_frame <= SHORTER * longest or not brief:
+        return []
+    shorter, most = max(brief, key=lambda pair: pair[1].mean())
+    if is_level(correct, most, CLIMBS):
+        return []
+    long_s, short_s = (config.last_frame / best.sensor.sample_rate_hz for config in (best, shorter))
+    text = (
+        f"accuracy still climbs where recordings end: {percent(correct.mean())} on {long_s:.3g} s of the touch, "
+        f"{percent(most.mean())} on {short_s:.3g} s; record longer touches"
+    )
+    return [doubt("still_climbing", text)]
 
 
 def missed_onsets(touched: int, count: int) -> list[Record]:

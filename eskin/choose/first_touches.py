@@ -109,6 +109,7 @@ def first_touches(config: AcceleratorConfig, recordings: Recordings) -> FirstTou
     the touch ends."""
     rows: list[tuple[int, int]] = []
     parts: list[np.ndarray] = []
+    recordings = recordings.scanned(config.sensor.scan_every)
     lengths = recordings.lengths
     for first, _, deviations, onsets, _ in scans(config, recordings, most=GATE_BATCH):
         touched = set()

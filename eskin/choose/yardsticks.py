@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from eskin.choose.front_ends import Screen, blocked_ridge
+from eskin.choose.front_ends import Screen, blocked_ridge, others
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
 from eskin.training.fit import one_thread
@@ -59,13 +59,18 @@ class SupportVectors:
         return round(float(np.mean(self._multiplies or [0])))
 
     def __call__(
-        self, x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int
+        self,
+        x: np.ndarray,
+        labels: np.ndarray,
+        folds: Sequence[np.ndarray],
+        classes: int,
+        owner: np.ndarray | None = None,
     ) -> np.ndarray:
         from sklearn.svm import SVC
 
         decided = np.empty(len(x), dtype=np.int64)
         for fold in folds:
-            train = np.setdiff1d(np.arange(len(x)), fold)
+            train = others(np.arange(len(x)) if owner is None else owner, fold)
             if len(np.unique(labels[train])) < 2:
                 decided[fold] = labels[train][0] if len(train) else -1
                 continue

@@ -34,8 +34,7 @@ from eskin.requests import (
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
 def generate(asked: GenerateRequest) -> None:
-    """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking
-    testbench."""
+    """Write the accelerator: Verilog, memory images, config.json, register map, C header, a cocotb bench."""
     from eskin.verbs.generate_job import generate_design
 
     integer = integer_model(asked.model)
@@ -122,10 +121,11 @@ def cosim(asked: CosimRequest) -> Record:
             }
         options |= {"lowest": True} if lowest else {"pace": asked.pace, "clock_hz": hertz}
         played = loaded.subset(numbers)
-        if lowest or (asked.dask is None and len(numbers) <= cosim_job.PART[simulator]):
+        if lowest:
             result = cosimulate(integer, played, numbers=numbers, work=work, **options)
         else:
             where = Jobs(workers=asked.jobs, dask=asked.dask, progress=report, version=cosim_job.CODE)
+            options["bench"] = asked.bench
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)

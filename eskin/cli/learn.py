@@ -112,7 +112,6 @@ def enrol(asked: EnrolRequest) -> Record:
             f"eskin enrol, {'MODEL' if asked.model is None else 'option --out'}: is missing; or judge enrolment "
             "with --evaluate"
         )
-    from eskin.data import load_recordings
     from eskin.golden.model import check_model_target, load_config
     from eskin.teach.enrol import enrol as train_on
 
@@ -127,7 +126,7 @@ def enrol(asked: EnrolRequest) -> Record:
                     f"eskin enrol --teach, option {name}: is for what is trained, and --teach trains nothing; "
                     "leave it out"
                 )
-        result = teach_folder(asked.model, load_recordings(asked.teach, config=config_of_model), asked.out)
+        result = teach_folder(asked.model, recordings_for(asked.teach, config_of_model), asked.out)
         show("teach", **result, out=asked.out)
         return result
     if asked.data is None:
@@ -135,7 +134,7 @@ def enrol(asked: EnrolRequest) -> Record:
             "eskin enrol, option --data: is missing; name a few touches of each class, or --teach FEW for a "
             "model that is taught"
         )
-    few = load_recordings(asked.data, config=config_of_model)
+    few = recordings_for(asked.data, config_of_model)
     old = None if asked.with_ is None else recordings_for(asked.with_, config_of_model)
     with progress_bars() as report:
         result = train_on(

@@ -140,6 +140,7 @@ def _frame_values(config: AcceleratorConfig) -> Record:
     limit = rule.onset_threshold * rule.onset_mean_frames
     return {
         "rate": f"{config.sensor.sample_rate_hz:g}",
+        "scan_every": config.sensor.scan_every,
         "code_min": config.sample_format.min_code,
         "code_max": config.sample_format.max_code,
         "kinds": kinds,
@@ -228,6 +229,7 @@ def _state(config: AcceleratorConfig, values: Record) -> list[tuple[str, str, tu
         (onset.onset_span > 1, "uint16_t", "record", ()),
         (onset.onset == "baseline", "uint8_t", "check", ()),
         (values["change"], "uint8_t", "has_before", ()),
+        (config.sensor.scan_every > 1, "uint8_t", "dropped", ()),
         (True, "uint8_t", "hop", ()),
         (True, "uint8_t", "phase", ()),
         (True, "uint8_t", "cls", ()),
@@ -375,10 +377,11 @@ def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]
         for (is_global, step, label, margin, *_), frame in zip(
             rows[first:last], frames[first:last], strict=True
         ):
-            flags, *before = of_recording.get(int(frame), (0, 0, 0, 0, 0))
+            frame = trace.config.sensor.source_frame(int(frame))
+            flags, *before = of_recording.get(frame, (0, 0, 0, 0, 0))
             latest = latest if is_global else int(label)
             kept = before[:3] if flags & 2 else (int(label), int(margin), int(step))
-            of_recording[int(frame)] = (flags | 1 + int(is_global), *kept, latest)
+            of_recording[frame] = (flags | 1 + int(is_global), *kept, latest)
         calls.append(
             [
                 (frame, *call)

@@ -324,7 +324,7 @@ def hello(
     config: AcceleratorConfig, recordings: Recordings | None, numbers: Sequence[int], **more: Any
 ) -> Record:
     """What a viewer must know first, for JSON."""
-    network, formats = config.network, config.formats
+    network, formats, every = config.network, config.formats, config.sensor.scan_every
     labels = recordings.labels[list(numbers)] if recordings is not None else np.zeros(0, dtype=np.int64)
     return {
         "name": config.name,
@@ -336,7 +336,7 @@ def hello(
         "rate": config.sensor.sample_rate_hz,
         "classes": list(network.class_names),
         "steps": config.windows.steps,
-        "spans": [list(span) for span in config.window_spans],
+        "spans": [[every * (first - 1) + 1, every * last] for first, last in config.window_spans],
         "kinds": list(config.features.feature_kinds),
         "onset": config.onset_rule.onset,
         "array": [config.interface.rows, config.interface.columns] if config.interface.position else None,

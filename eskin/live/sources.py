@@ -87,12 +87,19 @@ class ModelSource:
         return []
 
     def take(self, samples: np.ndarray) -> list[Event]:
-        return [*self.events(self.stream.push(samples)), *self.where(samples)]
+        scanned = self.scanned(samples)
+        return [*self.events(self.stream.push(samples)), *self.where(scanned)]
+
+    def scanned(self, samples: np.ndarray) -> np.ndarray:
+        """Of the next frames those that the chain takes."""
+        every = self.config.sensor.scan_every
+        return samples[-self.stream.frame % every :: every]
 
     def where(self, samples: np.ndarray) -> list[Event]:
-        """Positions of the next frames: of the last of them, and of those that end a touch."""
+        """Positions of the next frames that the chain takes: of the last of them, and of those that end a touch."""
         positions = self._positions.push(samples) if self._positions else []
-        return [_where(position) for position in positions if position.ended or position is positions[-1]]
+        told = (position for position in positions if position.ended or position is positions[-1])
+        return [_where(position, self.config.sensor.source_frame(position.frame + 1)) for position in told]
 
     def finish(self) -> list[Event]:
         return self.events(self.stream.finish())
@@ -181,8 +188,8 @@ class ModelSource:
         return [Differs(sentence) for sentence in sentences]
 
 
-def _where(made: Position) -> Where:
-    return Where(made.frame + 1, made.x, made.y, made.peak, made.ended, made.direction)
+def _where(made: Position, frame: int) -> Where:
+    return Where(frame, made.x, made.y, made.peak, made.ended, made.direction)
 
 
 class SimulationSource(ModelSource):
@@ -200,7 +207,7 @@ class SimulationSource(ModelSource):
         return super().arm()
 
     def take(self, samples: np.ndarray) -> list[Event]:
-        first = self.stream.frame + 1
+        first, scanned = self.stream.frame + 1, self.scanned(samples)
         decisions = self.stream.push(samples)
         brought = self._simulator.take(samples)
         self.cycles_max = max([self.cycles_max, *(frame.cycles for frame in brought)])
@@ -210,7 +217,7 @@ class SimulationSource(ModelSource):
         compared: list[Event] = []
         for frame, came in enumerate(brought, first):
             compared += self._compare(by_frame.get(frame, []), came.stages, f"frame {frame}")
-        return [*self.events(decisions), *self.where(samples), *compared]
+        return [*self.events(decisions), *self.where(scanned), *compared]
 
     def finish(self) -> list[Event]:
         decisions = self.stream.finish()
@@ -291,14 +298,15 @@ class BoardSource(ModelSource):
         return super().arm()
 
     def take(self, samples: np.ndarray) -> list[Event]:
+        scanned = self.scanned(samples)
         with on_port(self._port):
-            self._link.feed(samples)
+            self._link.feed(scanned)
         decisions = self.stream.push(samples)
         self._waiting.extend(decisions)
         return [
             *self.events(decisions),
             *self._compare(),
-            *self._held_against_the_boards(self.where(samples)),
+            *self._held_against_the_boards(self.where(scanned)),
         ]
 
     def _hardware_taught(self, register: str, label: int) -> list[Event]:

@@ -101,7 +101,9 @@ def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> 
             config, reasons = derive_config(recordings)
         except InputError as error:
             reasons = [str(error)]
-    onsets = None if config is None else find_onsets(config, recordings)
+    onsets = None
+    if config is not None:
+        onsets = [config.sensor.source_frame(frame) for frame in find_onsets(config, recordings).tolist()]
     lengths, samples = recordings.lengths, recordings.samples
     low, high = samples.min(axis=0), samples.max(axis=0)
     held = held_shares(recordings)
@@ -134,7 +136,7 @@ def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> 
             "reasons": reasons,
         },
         "rate_doubts": wrong_rate(recordings),
-        "onset_frames": None if onsets is None else [int(frame) for frame in onsets],
+        "onset_frames": onsets,
     }
 
 

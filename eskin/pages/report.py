@@ -438,7 +438,7 @@ def _draw_map(axes, values: np.ndarray, title: str, unit: str) -> None:
 def _draw_raw(
     axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, steps: np.ndarray, unit: str
 ) -> None:
-    samples, rate = trace["samples"].astype(float), config.sensor.sample_rate_hz
+    samples, rate = trace["samples"].astype(float), config.sensor.scan_rate_hz
     level = np.median(samples[: max(1, config.rest_level.rest_frames or min(64, len(samples) // 8))], axis=0)
     scale, worth = (1000.0, "mV") if unit == "V" else (1.0, unit or "unit of the samples")
     volts = scale * config.sensor.volt_per_code

@@ -155,6 +155,7 @@ TAXEL`` of ``failures``."""
 def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     """The touches of sound recordings, and of those in which one taxel fails, for every failure and live
     taxel."""
+    recordings = recordings.scanned(config.sensor.scan_every)
     clean = find_touches(config, recordings)
     rows = clean.first_touch()
     touches_of = {"clean": (config, rows, clean)}

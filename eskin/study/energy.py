@@ -280,7 +280,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         `eskin.study.converter_power`, in no sum.
     """
     part = PARTS[part] if isinstance(part, str) else part
-    steps, rate, frames = config.windows.steps, config.sensor.sample_rate_hz, config.last_frame
+    steps, rate, frames = config.windows.steps, config.sensor.scan_rate_hz, config.last_frame
     parts = {
         "clock": activity.step_cycles * part.clock_j,
         "toggles": activity.step_toggles * part.toggle_j,

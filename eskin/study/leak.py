@@ -80,6 +80,7 @@ def known_without_touch(
         As of ``without_touches``.
     """
     config = model.config
+    recordings = recordings.scanned(config.sensor.scan_every)
     onsets = np.asarray(find_onsets(config, recordings))
     quiet = np.flatnonzero(quiet_enough(config, onsets))
     if config.opens_at_once or not len(quiet):

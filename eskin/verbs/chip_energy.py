@@ -55,7 +55,9 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
     InputError
         None has a whole touch.
     """
-    config, touches = model.config, find_touches(model.config, recordings)
+    config = model.config
+    recordings = recordings.scanned(config.sensor.scan_every)
+    touches = find_touches(config, recordings)
     first = touches.first_touch()
     having = np.flatnonzero(first >= 0)
     having = having[touches.completed[first[having]] == config.windows.steps]
@@ -214,7 +216,7 @@ def summary(
     plain = ~near
     plain[: decided[0]] = plain[decided[-1] + 1 :] = False
     quiet = slice(NEAR, max(NEAR + 1, onset - around))
-    hop, rate = config.windows.hop, config.sensor.sample_rate_hz
+    hop, rate = config.windows.hop, config.sensor.scan_rate_hz
     period, steps, frames = clock_hz / rate, config.windows.steps, config.last_frame
 
     def whole(

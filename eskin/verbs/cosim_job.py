@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eskin.cosim.flow import joined
 from eskin.golden.core import Memo, Record, code_version, content_key
 from eskin.golden.data import Recordings
@@ -25,8 +27,14 @@ CODE = partial(code_version, "golden", "rtl", "cosim")
 
 Piece = tuple[int, int]
 """First recording of a part, and the one after its last."""
-Shared = tuple[IntegerModel, Recordings, list[int], Record, str]
-"""Model, all recordings, what they are called, options, the work folder."""
+Shared = tuple[IntegerModel, Recordings, list[int], int, Record, str]
+"""Model, all recordings, what they are called, how many of them (the first) are played under cocotb, options, the work
+folder."""
+
+
+def one_of_each(labels: np.ndarray) -> list[int]:
+    """The first recording of each class: what a run shows under cocotb."""
+    return sorted(np.unique(labels, return_index=True)[1].tolist())
 
 
 def cosimulate(
@@ -37,6 +45,7 @@ def cosimulate(
     work: Path,
     jobs: Jobs,
     simulator: str = "verilator",
+    bench: str = "sample",
     cache: Path = CACHE,
     **options: Any,
 ) -> Record:
@@ -50,20 +59,25 @@ def cosimulate(
         Folder for the parts' files where workers see it; for the waves of a mismatch always.
     jobs:
         Where the parts are played.
+    bench:
+        ``cocotb``: all recordings are played under cocotb; ``sample``: one of each class, and the others in bulk where
+        that can be (`eskin.cosim.flow.cosim`).
     options:
         As for ``eskin.verbs.flow.cosimulate``, as JSON holds them.
     """
     options = {**options, "simulator": simulator}
-    numbers = [int(number) for number in numbers]
+    shown = one_of_each(recordings.labels) if bench == "sample" else [*range(len(numbers))]
+    order = [*shown, *sorted({*range(len(numbers))} - {*shown})]
+    recordings, numbers = recordings.subset(order), [int(numbers[place]) for place in order]
     size = PART[simulator]
     pieces = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
-    content = content_key(CODE(), model, recordings, numbers, options)
+    content = content_key(CODE(), model, recordings, numbers, len(shown), options)
     keys = [content_key(content, piece) for piece in pieces]
     keep = Memo(cache)
     folder = work.resolve() / content[:16]
     if work.is_dir():
         folder.mkdir(exist_ok=True)
-    shared = (model, recordings, numbers, options, str(folder))
+    shared = (model, recordings, numbers, len(shown), options, str(folder))
     results = jobs.results(
         play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated"
     )
@@ -89,9 +103,15 @@ def play(shared: Shared, piece: Piece) -> Record:
 
 
 def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> Record:
-    model, recordings, numbers, options, _ = shared
+    model, recordings, numbers, shown, options, _ = shared
     places = range(*piece)
-    numbers, design = [numbers[i] for i in places], work.parent / "design"
     return flow.cosimulate(
-        model, recordings.subset(places), numbers=numbers, work=work, design=design, waves=waves, **options
+        model,
+        recordings.subset(places),
+        numbers=[numbers[i] for i in places],
+        cocotb=range(shown - piece[0]),
+        work=work,
+        design=work.parent / "design",
+        waves=waves,
+        **options,
     )

@@ -99,7 +99,7 @@ def measure(
         counts.append(dataclasses.asdict(read_count(work / name)))
         options = {
             "pace": "declared",
-            "clock_hz": slower_cycles(config, results[0]) * config.sensor.sample_rate_hz,
+            "clock_hz": slower_cycles(config, results[0]) * config.sensor.scan_rate_hz,
         }
     # The design's counter goes up to the last logit and has 16 bits: too few for an image, whose decision the
     # bench times.
@@ -135,7 +135,7 @@ def waiting(
     """Power of waiting with the clock always on, by latency budget from a frame to a hop: {decide_within_s,
     clock_hz, idle_w}. ``cycles``, of a run at the sensor's pace, say the clock; no budget but the
     configuration's was simulated."""
-    frame_s = 1 / config.sensor.sample_rate_hz
+    frame_s = 1 / config.sensor.scan_rate_hz
     longest = config.image.height if config.is_image else config.windows.hop
     rows = []
     for frames in sorted({*(count for count in BUDGET_FRAMES if count < longest), longest}):

@@ -2,14 +2,13 @@
 they are only called."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eskin.cosim import flow, gate_flow
-from eskin.cosim.gates import Chip
+from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Memo, Record, code_version, content_key
@@ -24,7 +23,7 @@ from eskin.golden.model import (
     write_vectors,
 )
 from eskin.rtl.fpga.export import TOP
-from eskin.rtl.fpga.generate import boot_writes, generate, register_map
+from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.memory_map import memory_images
@@ -95,6 +94,7 @@ def cosimulate(
     _check_target(level, target, chip)
     config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
     codes = None
+    recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
         if level != "rtl" or lowest or options.get("stalls"):
             raise InputError(
@@ -106,17 +106,16 @@ def cosimulate(
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
-    chips: _Chips = {}
-    if options.get("simulator") == gate_flow.SIMULATOR and (chip is None or lowest):
+    if options.get("simulator") == flow.COMPILED and (chip is None or lowest):
         reason = (
             "looks for no clock; add --simulator verilator"
             if lowest
             else "is for chips; add --target asic, or take verilator"
         )
-        raise InputError(f"--simulator {gate_flow.SIMULATOR}: {reason}")
+        raise InputError(f"--simulator {flow.COMPILED}: {reason}")
     if chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
-        chips, placed = _chip_parts(config, model.arrays, chip, options)
+        options["hardware"], placed = _chip_parts(config, model.arrays, chip, options.get("simulator"))
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
@@ -133,22 +132,16 @@ def cosimulate(
     if stopping and config.interface.converter.name == "none":
         options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
-    if chips:
-        return _chips_played(config, model.arrays, chips, vectors, options)
     options = {"builds": BUILD / "simulators", **options}
     if lowest:
         result = flow.lowest_clock(design, vectors, work=work, **options)[1]
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:
-        chosen = {name: options[name] for name in ("simulator", "builds") if name in options}
+        chosen = {name: options[name] for name in ("simulator", "builds", "seed") if name in options}
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
         _add_placed(result, second, placed[1])
     return result
-
-
-_Chips = dict[str, tuple[Callable[[int], Chip], dict[str, int]]]
-"""``seen`` with probes, ``bare`` without: what compiles the netlist, and its cells."""
 
 
 def _check_target(level: str, target: str | None, chip: Record | None) -> None:
@@ -171,25 +164,22 @@ def _check_target(level: str, target: str | None, chip: Record | None) -> None:
 
 
 def _chip_parts(
-    config: AcceleratorConfig, arrays: Arrays, chip: Record, options: Record
-) -> tuple[_Chips, tuple[Hardware, dict[str, int]] | None]:
-    """A chip's netlists: compiled, or as ``hardware`` of ``options`` and the one without probes."""
+    config: AcceleratorConfig, arrays: Arrays, chip: Record, simulator: str | None
+) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]] | None]:
+    """A chip's netlist with probes, and the one that is placed."""
     libraries = asic_job.libraries_of([*map(Path, chip["liberty"])])
     process = asic_job.process_of(chip["pdk"], libraries["typ"])
-    also = chip.get("placed", True)
-    netlists = {
-        name: asic_job.netlist_of(config, arrays, process, probes=name == "seen")
-        for name in ("seen", "bare")[: 1 + also]
-    }
-    if options.get("simulator") == gate_flow.SIMULATOR:
-        return {
-            k: (asic_job.compiled(netlist, process, chip.get("flipped")), dict(netlist.cells))
-            for k, netlist in netlists.items()
-        }, None
-    options["hardware"] = asic_job.hardware_of(netlists["seen"], process, probes=True)
-    if not also:
-        return {}, None
-    return {}, (asic_job.hardware_of(netlists["bare"], process, probes=False), dict(netlists["bare"].cells))
+
+    def part(probes: bool) -> tuple[Hardware, Mapping[str, int]]:
+        netlist = asic_job.netlist_of(config, arrays, process, probes=probes)
+        if simulator == flow.COMPILED:
+            ready = asic_job.compiled(netlist, process, chip.get("flipped"))
+            hardware = Hardware((), (), "netlist", "asic", probes, ready)
+        else:
+            hardware = asic_job.hardware_of(netlist, process, probes=probes)
+        return hardware, dict(netlist.cells)
+
+    return part(True)[0], part(False) if chip.get("placed", True) else None
 
 
 def expected_of(
@@ -217,23 +207,6 @@ def _add_placed(result: Record, second: Record, cells: Mapping[str, int]) -> Non
     names = ("compared_values", "mismatches", "bit_exact", "mismatch_list")
     result["without_probes"] = {name: second[name] for name in names} | {"cells": cells}
     result["passed"] = result["passed"] and second["bit_exact"]
-
-
-def _chips_played(
-    config: AcceleratorConfig,
-    arrays: Arrays,
-    chips: Mapping[str, tuple[Callable[[int], Chip], Mapping[str, int]]],
-    vectors: Path,
-    options: Record,
-) -> Record:
-    """The result of a chip's compiled netlists, with probes and as it would be placed."""
-    boot, registers = boot_writes(config, arrays), register_map(config)
-    chosen = {name: options[name] for name in ("pace", "clock_hz", "stalls", "seed") if name in options}
-    result = gate_flow.cosim(config, chips["seen"][0], vectors, registers, boot, **chosen)
-    if "bare" in chips:
-        second = gate_flow.cosim(config, chips["bare"][0], vectors, registers, boot, probes=False, **chosen)
-        _add_placed(result, second, chips["bare"][1])
-    return result
 
 
 def with_converter(

@@ -1,4 +1,4 @@
-"""The design's files, with a testbench that plays a recording; no simulator is needed to write them."""
+"""The design's files, with a cocotb bench that plays a recording; no simulator is needed to write them."""
 
 import tempfile
 from pathlib import Path
@@ -29,7 +29,7 @@ def generate_design(
     seed: int = 1,
     **system: Any,
 ) -> Path:
-    """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of
+    """``eskin generate``: Verilog and its companions; the cocotb bench plays the first of
     ``recordings`` (default: random). ``system``: bus, axis and top of `generate`."""
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:

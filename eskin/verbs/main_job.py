@@ -43,7 +43,7 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.core.files import exchange
-from eskin.golden.data import Recordings
+from eskin.golden.data import Recordings, for_model
 from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
@@ -57,6 +57,7 @@ from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs import cost
 from eskin.verbs.build_job import weights_sentence
+from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
 from eskin.verbs.flow import expected_of
@@ -174,6 +175,8 @@ def run(
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
             planned = plan.config if plan else user_config
+            if held is not None and planned is not None:
+                held = for_model(held, planned, say)
             wished = [planned and planned.to_dict(), user_config is None, network, prefer, fits]
             base = [loaded.content, seed, *wished]
         with _Work(out) as work:
@@ -437,7 +440,7 @@ class _Steps:
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
     def _generate(self, model: IntegerModel, folder: Path) -> None:
-        """Verilog with a testbench that plays the drawn recording, and that recording's stages for the
+        """Verilog with a bench that plays the drawn recording, and that recording's stages for the
         report; or the first image."""
         if model.config.is_image:
             generate_design(model, folder / "rtl", recordings=self.recordings)
@@ -455,7 +458,7 @@ class _Steps:
         for number in dict.fromkeys(
             [*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]
         ):
-            recording = self.recordings.subset([number])
+            recording = self.recordings.subset([number]).scanned(self.config.sensor.scan_every)
             trace = pipeline.run(model, recording)
             touch = int(trace.first[0])
             if touch >= 0 and trace.touches.completed[touch]:
@@ -481,9 +484,9 @@ class _Steps:
         candidates = numbers[
             self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))
         ]
-        whole = self.recordings.subset(candidates)
+        whole = self.recordings.subset(candidates).scanned(self.config.sensor.scan_every)
         touches = find_touches(self.config, whole)
-        affordable = int(DECLARED_CYCLES * self.config.sensor.sample_rate_hz / clock_hz)
+        affordable = int(DECLARED_CYCLES * self.config.sensor.scan_rate_hz / clock_hz)
         ends, few_windows = whole.lengths.copy(), whole.lengths.copy()
         first = touches.first_touch()
         for index, touch in enumerate(first):
@@ -513,7 +516,8 @@ class _Steps:
     ) -> None:
         notify("golden model", 0, len(played))
         vectors = expected_of(model, played, folder / "vectors.npz", numbers)
-        outcome = job(design, vectors, work=folder / "work", builds=BUILDS.resolve())
+        shown = one_of_each(played.labels)
+        outcome = job(design, vectors, cocotb=shown, work=folder / "work", builds=BUILDS.resolve())
         if outcome is not None and outcome["waves"]:
             waves = Path(outcome["waves"])
             os.replace(waves, folder / waves.name)

@@ -91,7 +91,8 @@ def play_all(
     **options: Any,
 ) -> Record:
     """The same over any transport, the model as it is to be loaded; other ``options`` as for Link."""
-    config, stream, label = model.config, None if teach is None else Stream(model), teach or 0
+    config, stream, label = model.config, None if teach is None else Stream(model, scanned=True), teach or 0
+    recordings = recordings.scanned(config.sensor.scan_every)
     decided = _decided(model, recordings) if stream is None else _streamed(stream, recordings)
     differences: list[Mismatch] = []
     compared = decisions = 0

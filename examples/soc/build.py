@@ -96,16 +96,17 @@ def prepare(options: argparse.Namespace) -> None:
     played = recordings.subset(chosen.tolist())
     if options.begin or options.frames:
         played = parts(played, options.begin, options.frames)
+    played = played.scanned(config.sensor.scan_every)
     if options.feed == "converter":
         played, pins = through_converter(played, config)
     else:
         pins = played.samples
     samples, pins = (np.concatenate([part, part[-1:].repeat(REST, 0)]) for part in (played.samples, pins))
     (folder / "frames.hex").write_text("".join(f"{int(code) & 0xFFFF:04x}\n" for code in pins.reshape(-1)))
-    decided = Stream(model).push(samples)
+    decided = Stream(model, scanned=True).push(samples)
     words = [decision_word(config, decision.row()) for decision in decided]
     (folder / "expected.txt").write_text("".join(f"{word:08x}\n" for word in words))
-    period = clock_hz / config.sensor.sample_rate_hz
+    period = clock_hz / config.sensor.scan_rate_hz
     settings = {"FRAMES": len(pins), "PERIOD": round(period), "DIVISOR": uart_divisor(clock_hz, BAUD)}
     settings["TAXELS"] = config.sensor.taxels
     if options.feed == "converter":

@@ -156,7 +156,7 @@ def _decisions(m: Module, config) -> None:
 
 
 class Phase(enum.Enum, shape=4):
-    """What the classifier is doing."""
+    """Phases of the classifier."""
 
     IDLE = 0
     LOGITS = 1

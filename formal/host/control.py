@@ -28,7 +28,7 @@ def _cleared(m: Module, dut: HostControl) -> Signal:
 
 
 def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
-    """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then
+    """Touches begun and not decided, as the ports report; none once the recording is over, no touch begins then
     before the next is."""
     count, over = Signal(range(UNDECIDED + 1), name="undecided"), Signal(name="over")
     arm = _cleared(m, dut)

@@ -43,7 +43,7 @@ WIDEST_ACCUMULATOR = 48
 exactly."""
 
 MOST_INPUTS = 512
-"""Of a network."""
+"""Highest number of inputs of a network."""
 
 WIDEST_SCORE = 16
 """Bits of a score, and of a margin."""
@@ -55,7 +55,7 @@ WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
 
 IMAGE_ROWS_HZ = 1000.0
-"""Rows of an image a second where nothing says another rate; a still image has none."""
+"""Default rows of an image per second; a still image has no rate."""
 
 MOST_MEAN_FRAC = 10
 """Fraction bits of the normaliser's means at most: sensors of two code levels have windows that differ by a
@@ -67,7 +67,7 @@ RING_SLACK_FRAMES = 8
 
 @dataclass(frozen=True, kw_only=True)
 class AcceleratorConfig:
-    """One accelerator. docs/specification.md says what each rule means; widths and counts derived here are
+    """One accelerator. docs/specification.md defines each rule; widths and counts derived here are
     used by model and RTL alike.
 
     The fields stand in groups (groups.py): ``config.sensor.taxels``. Each group checks itself, this class
@@ -106,7 +106,7 @@ class AcceleratorConfig:
             raise InputError(f"configuration '{name}', field {field}: {why}")
 
     def _refusals(self) -> Iterator[Refusal]:
-        """What does not fit together. The user is told of the first."""
+        """Reasons why fields do not fit together. The user sees the first one."""
         yield from self._front_end_refusals()
         if self.is_image:
             yield from self._image_refusals()
@@ -115,12 +115,12 @@ class AcceleratorConfig:
             yield from self._format_refusals()
             yield from self._readout_refusals()
         # the front end takes an input every second cycle
-        clock, least = self.hardware.clock_hz, 2 * self.inputs * self.sensor.sample_rate_hz
+        clock, least = self.hardware.clock_hz, 2 * self.inputs * self.sensor.scan_rate_hz
         if clock < least:
             kinds = f" with {self.kinds} kinds of feature" if self.kinds > 1 else ""
             yield (
                 "clock_hz",
-                f"is {clock:g}: {clock / self.sensor.sample_rate_hz:.3g} cycles a frame cannot take "
+                f"is {clock:g}: {clock / self.sensor.scan_rate_hz:.3g} cycles a frame cannot take "
                 f"{self.sensor.taxels} taxels{kinds}; use at least {least:g}",
             )
         yield from self.interface.converter.misfits(self)
@@ -932,7 +932,7 @@ class AcceleratorConfig:
         return cls(**own, image=image, **groups)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-        """A copy on other lanes. None keeps what is there."""
+        """A copy with other lanes. None keeps the current value."""
         fields = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
         return self.replace(**{field: value for field, value in fields.items() if value is not None})
 
@@ -967,7 +967,7 @@ class AcceleratorConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any], source: str = "configuration") -> AcceleratorConfig:
-        """The configuration in ``values``, as `to_dict` makes them; what is left out is as by default.
+        """The configuration in ``values``, as `to_dict` makes them; missing fields have their defaults.
         ``source`` names the file in errors."""
         if not isinstance(values, dict):
             raise InputError(
@@ -1043,7 +1043,9 @@ def _plain(value: Any) -> Any:
 def _of_every_image(image: Image) -> dict[str, Any]:
     """Fields outside of group ``image`` that have one value only in a network for images of this size."""
     height = image.height
-    sensor: dict[str, Any] = dict(taxels=image.width, sample_bits=8, sample_signed=False, masked_taxels=())
+    sensor: dict[str, Any] = dict(
+        taxels=image.width, scan_every=1, sample_bits=8, sample_signed=False, masked_taxels=()
+    )
     # a window of two hops is what every configuration has; touch_frames cuts it to the one image
     gate: dict[str, Any] = dict(
         onset="immediate", window_mode="touch", pretrigger_frames=0, touch_frames=height

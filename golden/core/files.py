@@ -19,7 +19,7 @@ import numpy as np
 from eskin.golden.core.errors import InputError
 
 MOST_UNPACKED_BYTES = 4 << 30
-"""What an archive may hold unpacked: a few kB can unpack to more than any memory."""
+"""Largest unpacked size of an archive: a few kB can unpack to more than any memory."""
 
 
 def check_target(path: str | Path | None) -> None:

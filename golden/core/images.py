@@ -45,7 +45,7 @@ KERNELS = (1, 3, 5)
 BIAS_BITS = 24
 """Bits of a bias: two of the host's words."""
 PIXEL_FORMAT = QFormat(0, 8, signed=False)
-"""What a network takes a pixel for: code / 256."""
+"""Format in which a network reads a pixel: code / 256."""
 LOGIT_BITS = 16
 MOST_CHANNELS = 64
 MOST_LAYERS = 16

@@ -30,7 +30,7 @@ def load_archive(path: Path, scale: float | None = None, *, asked: bool = False)
 
 
 def save_archive(recordings: Recordings, path: str | Path) -> None:
-    """Write an npz archive, whole or not at all: codes in the type that says their format, groups, and what a
+    """Write an npz archive, whole or not at all: codes in the type of their format, groups, and what a
     code is worth."""
     classes = {"labels": recordings.labels, "class_names": np.array(recordings.class_names, dtype=np.str_)}
     if recordings.image_shape is not None:

@@ -57,11 +57,11 @@ class Recordings:
     sample_rate_hz:
         Frames a second.
     groups:
-        What recordings have in common (person, trial, ...): name -> array of length recordings.
+        Groups (person, trial, ...): name -> array of length recordings.
     source:
         Where they come from, for messages and the report.
     volt_per_code:
-        What one code is worth, volt or the unit that real samples had; 0 when it is not known.
+        Value of one code, in volt or the unit of the real samples; 0 if unknown.
     unit:
         That unit, as the archive names it; "" where it does not.
     sample_bits, sample_signed:
@@ -72,7 +72,9 @@ class Recordings:
         Height and width where the recordings are still images: one recording is an image then, its rows are
         the frames, from the top.
     channel_names:
-        What the source calls its taxels; empty: nothing.
+        Names of the taxels in the source; may be empty.
+    scan_every:
+        N: these frames are the first of every N of the source (`scanned`).
     """
 
     samples: np.ndarray
@@ -89,6 +91,7 @@ class Recordings:
     notes: tuple[str, ...] = ()
     image_shape: tuple[int, int] | None = None
     channel_names: tuple[str, ...] = ()
+    scan_every: int = 1
 
     def __post_init__(self) -> None:
         """Give groups with a name of the archive's another one: a column called labels would replace the
@@ -141,7 +144,7 @@ class Recordings:
         groups:
             Name -> one value a recording.
         scale:
-            Of real samples: what one code is worth; None: chosen.
+            Value of one code of real samples; None: chosen.
 
         Raises
         ------
@@ -239,6 +242,26 @@ class Recordings:
             groups={name: values[indices] for name, values in self.groups.items()},
         )
 
+    def scanned(self, every: int) -> Recordings:
+        """The recordings as a chain sees them that takes the first of every N frames of the source; these
+        recordings themselves if they are that already."""
+        step, rest = divmod(every, self.scan_every)
+        if rest:
+            raise InputError(
+                f"{self.source}: are every {self.scan_every}-th frame and the model scans every {every}-th; use the "
+                "recordings as they were made"
+            )
+        if step == 1:
+            return self
+        parts = [self.recording(i)[::step] for i in range(len(self))]
+        return dataclasses.replace(
+            self,
+            samples=np.concatenate(parts),
+            offsets=np.cumsum([0, *map(len, parts)]),
+            sample_rate_hz=self.sample_rate_hz / step,
+            scan_every=every,
+        )
+
     def until(self, ends: Sequence[int] | np.ndarray) -> Recordings:
         """Each recording up to its entry of ``ends``, or its own end where that comes first."""
         ends = np.minimum(ends, self.lengths)
@@ -320,7 +343,7 @@ def recordings_of(
     groups:
         Name -> one value a recording; None: the other arrays of that length.
     scale:
-        What one code is worth where samples are real numbers and the arrays do not say it; None: chosen
+        Value of one code where samples are real numbers and the arrays do not have it; None: chosen
         (``eskin.golden.data.codes``). asked: as `eskin.golden.data.codes.to_codes`.
     notes:
         Sentences about choices that were made before.
@@ -345,7 +368,7 @@ def recordings_of(
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
         refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
-    # a narrow integer type says the codes' format; a wide one, as of most readers, says nothing
+    # a narrow integer type is the codes' format; a wide one, which most readers give, is not
     narrow_type = samples.dtype.itemsize <= 2
     bits = 8 * samples.dtype.itemsize if narrow_type else 16
     signed = samples.dtype.kind == "i" if narrow_type else low < 0
@@ -376,7 +399,7 @@ def recordings_of(
 def _samples(
     arrays: Arrays, source: str, scale: float | None, asked: bool, refuse: Refuse
 ) -> tuple[np.ndarray, float, list[str]]:
-    """The codes, what one is worth in volt (0: not said), and sentences about a scale that was chosen."""
+    """The codes, the value of one in volt (0: unknown), and sentences about a scale that was chosen."""
     samples = arrays["samples"]
     if samples.dtype.kind not in "iuf":
         refuse(
@@ -414,7 +437,7 @@ def _samples(
 
 
 def check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
-    """Refuse offsets that do not cut so many frames into recordings."""
+    """Refuse offsets that do not divide the frames into recordings."""
     if offsets.dtype.kind not in "iu" or offsets.ndim != 1:
         refuse(
             "offsets",
@@ -443,13 +466,13 @@ def check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
 
 
 def _channel_names(arrays: Arrays, taxels: int) -> tuple[str, ...]:
-    """What the source calls its taxels; empty where it does not say it."""
+    """Names of the taxels in the source; empty if it has none."""
     named = arrays.get("channel_names", np.array(()))
     return tuple(map(str, named.tolist())) if named.shape == (taxels,) and named.dtype.kind == "U" else ()
 
 
 def _unit(arrays: Arrays) -> str:
-    """What samples are in: the text of the array unit; volt where there is none and lsb_volt is."""
+    """Unit of the samples: the text of the array unit; volt if there is only lsb_volt."""
     named = arrays.get("unit")
     if named is not None and named.size == 1 and named.dtype.kind in "US":
         return str(named.reshape(()).astype(str))
@@ -466,7 +489,7 @@ def natural(name: str) -> list:
 
 
 def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Labels, text or whole numbers, name the classes where nothing else does."""
+    """Without class names, the labels (text or whole numbers) are the names."""
     labels = arrays.get("labels")
     if labels is not None and labels.dtype.kind in "iu" and "class_names" not in arrays:
         labels = labels.astype(np.str_)
@@ -632,6 +655,27 @@ def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
     )
 
 
+def for_model(
+    recordings: Recordings, config: AcceleratorConfig, say: Callable[[str], None] = lambda note: None
+) -> Recordings:
+    """``recordings`` as a model takes them: in its codes (``rescaled``) and with its classes. ``say`` is called with
+    each sentence about a change.
+
+    Raises
+    ------
+    InputError
+        As ``check_fit``; a recording is of no class of the model.
+    """
+    known = len(recordings.notes)
+    recordings = rescaled(recordings, config)
+    for note in recordings.notes[known:]:
+        say(f"recordings '{recordings.source}': {note}")
+    if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
+        recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
+    check_fit(recordings, config)
+    return recordings
+
+
 def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
     """Refuse recordings that this configuration's sensor did not give, before any long work.
 
@@ -682,10 +726,11 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
             f"says that a code is worth {step:.6g} and configuration '{config.name}', field volt_per_code, "
             f"{of_model:.6g}",
         )
-    if abs(recordings.sample_rate_hz / config.sensor.sample_rate_hz - 1.0) > 0.02:
+    rate = recordings.sample_rate_hz * recordings.scan_every
+    if abs(rate / config.sensor.sample_rate_hz - 1.0) > 0.02:
         refuse(
             "array sample_rate_hz",
-            f"is {recordings.sample_rate_hz:g} and configuration '{config.name}', field sample_rate_hz, has "
+            f"is {rate:g} and configuration '{config.name}', field sample_rate_hz, has "
             f"{config.sensor.sample_rate_hz:g}",
         )
     if recordings.class_names != config.network.class_names:

@@ -1,5 +1,5 @@
-"""What a converter makes of a recording, and what the chain gets of its codes: docs/specification.md section
-12."""
+"""Converters: the codes that a converter makes of a recording, and the samples that the chain gets from them
+(docs/specification.md section 12)."""
 
 import dataclasses
 

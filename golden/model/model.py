@@ -261,7 +261,7 @@ class IntegerModel:
         return _content(self)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> IntegerModel:
-        """The same network on other lanes; None keeps what is there."""
+        """The same network with other lanes; None keeps the current value."""
         return IntegerModel(self.config.with_lanes(lanes, lane_type), self.arrays, self.source)
 
     def forward(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -451,7 +451,7 @@ def check_model_target(folder: str | Path) -> None:
 
 
 def model_files(folder: str | Path) -> Files:
-    """What a model folder holds now, name -> content."""
+    """Content of a model folder, name -> content."""
     paths = (Path(folder) / name for name in MODEL_FILES)
     return {path.name: path.read_bytes() for path in paths if path.is_file()}
 
@@ -648,7 +648,7 @@ def with_network(
     Raises
     ------
     InputError
-        When a linear cell is asked for with hidden units, or a reset gate.
+        For a linear cell with hidden units or a reset gate.
     """
     if (cell or config.network.cell) == "linear":
         for field, value in (("hidden", hidden), ("reset", reset)):

@@ -32,7 +32,7 @@ Stream = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Trace:
-    """What a model made of a set of recordings; n touches of R recordings, K steps.
+    """All values that a model computes from a set of recordings; n touches of R recordings, K steps.
 
     touches: where they are, and their windowed sums. decision (R): global decision of the first touch, -1
     none. not_touched (R), bool: no onset was found. first (R): index of the first touch, -1 none. local (n,
@@ -99,7 +99,7 @@ class Trace:
         ends = np.array([last for _, last in self.config.window_spans])[self.global_step[touch]]
         since = self.touches.start_frame[touch] - 1 + ends - self.touches.onset_frame[touch]
         times[touched] = np.where(
-            self.global_step[touch] >= 0, since / self.config.sensor.sample_rate_hz, np.nan
+            self.global_step[touch] >= 0, since / self.config.sensor.scan_rate_hz, np.nan
         )
         return times
 
@@ -203,7 +203,7 @@ def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
     since = (
         touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
     )
-    return np.median(since, axis=0) / config.sensor.sample_rate_hz
+    return np.median(since, axis=0) / config.sensor.scan_rate_hz
 
 
 def feature_codes(
@@ -233,11 +233,12 @@ def float_features(model: FloatModel, touches: Touches) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Decided:
-    """What a network made of n touches, K steps: features (n, K, D), hidden (n, K, H) and logits (n, K, C),
-    codes or, of a float network, real; local and margin (n, K), decision, lead and step (n): class and margin
-    of each step and of the touch (-1 and 0: none), and the step after which the touch's decision is given
-    (-1: none); unsure (n), bool: the touch's margin is too small, or its nearest prototype too far; scores
-    (n, K, C): what each step took the largest of."""
+    """All values that a network computes from n touches, K steps: features (n, K, D), hidden (n, K, H) and
+    logits (n, K, C), codes, or real numbers of a float network; local and margin (n, K), decision, lead and
+    step (n): class and margin of each step and of the touch (-1 and 0: none), and the step after which the
+    touch's decision is given (-1: none); unsure (n), bool: the touch's margin is too small, or its nearest
+    prototype too far; scores (n, K, C): per-step class scores whose largest is the decision (logits, or
+    negative prototype distances)."""
 
     features: np.ndarray
     hidden: np.ndarray
@@ -317,7 +318,7 @@ def run(
     Parameters
     ----------
     touches:
-        Those of ``find_touches(model.config, recordings)``, when they are at hand already.
+        Those of ``find_touches(model.config, recordings)``, if they are known already.
     progress:
         Called with (recordings done, recordings in all).
     readout:

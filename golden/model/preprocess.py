@@ -1,6 +1,9 @@
 """Preprocessing in exact integers: onset, windows and normaliser (docs/specification.md, sections 2 and 3),
 vectorised over recordings.
 
+Recordings come as the source made them, or thinned to the frames that the chain takes (`Recordings.scanned`);
+everything here counts the frames that it takes.
+
 The golden expression of those sections, and of the fault detector (docs/specification.md, section 10). It
 sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
 """
@@ -27,7 +30,7 @@ Progress = Callable[[int, int], None]
 @dataclass(frozen=True)
 class Touches:
     """All touches of a set of recordings, ordered by recording, then by time; n touches, K windows, D inputs
-    (taxels x kinds).
+    (taxels x kinds). Frames are those that the chain takes.
 
     recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n):
     frame f, 1-based, in which the rule was met; 0 where the gate opens at once. start_frame (n): first frame,
@@ -125,6 +128,7 @@ def find_touches(
             f"taxels, has {config.sensor.taxels}; use recordings and a configuration of one array"
         )
     spans = window_spans(config, config.windows.steps if steps is None else steps)
+    recordings = recordings.scanned(config.sensor.scan_every)
     lengths = recordings.lengths
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
@@ -195,8 +199,8 @@ def compand(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
 
 
 def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.ndarray:
-    """What windows would give (as ``sums``, int64) of touches ``gain`` times as strong; held within
-    +-2**40."""
+    """Sums that the windows would have (as ``sums``, int64) if the touches were ``gain`` times as strong;
+    clipped to +-2**40."""
     scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
     features = config.features
     if "integral" not in features.feature_kinds:
@@ -220,8 +224,9 @@ def sums_alone(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
-    """What the network learns from, before mu and sigma, float64, shape of ``sums`` (..., K, D): means and
-    mean activities of a block, codes; the companded as logarithms. Masked taxels are left in."""
+    """Features before mu and sigma, from which the network learns, float64, shape of ``sums`` (..., K, D):
+    means and mean activities of a block in codes; companded ones as logarithms. Masked taxels are
+    included."""
     spans = window_spans(config, sums.shape[-2])
     units = np.array(
         [
@@ -330,8 +335,8 @@ def _columns(config: AcceleratorConfig, kind: str) -> np.ndarray:
 def window_values(
     config: AcceleratorConfig, deviations: np.ndarray, start: int, spans
 ) -> tuple[np.ndarray, int]:
-    """What every window of a touch gives of every taxel (section 2), and how many leading windows the
-    recording completes.
+    """Values of every window of a touch for every taxel (section 2), and the number of leading windows that
+    the recording completes.
 
     Parameters
     ----------
@@ -423,7 +428,7 @@ class TouchFinder:
     Parameters
     ----------
     recordings:
-        How many run side by side.
+        Number of processes.
     """
 
     def __init__(self, config: AcceleratorConfig, recordings: int = 1) -> None:
@@ -461,7 +466,7 @@ class TouchFinder:
         samples:
             (frames, recordings, taxels) int32.
         lengths:
-            (recordings) frames that each recording has in all; what is behind them is not judged. None: all
+            (recordings) frames that each recording has in all; later frames are not judged. None: all
             go on.
         forced:
             (recordings) the frame at which the rule counts as met, -1 none; None: the rule is judged.
@@ -539,7 +544,7 @@ class TouchFinder:
         deviations[begin:stop] = self._deviation(samples[begin:stop], levels)
 
     def _over(self, samples: np.ndarray, history: np.ndarray, judged: int, first: int) -> np.ndarray:
-        """(recordings, taxels), bool: what the onset rule says of each taxel at frame ``judged``."""
+        """(recordings, taxels), bool: result of the onset rule for each taxel at frame ``judged``."""
         rule = self.config.onset_rule
         if self._banded:
             frame = samples[judged - 1 - first]
@@ -593,6 +598,7 @@ def scans(
     """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first, the one behind the
     last, their deviations (frames, recordings, taxels), their touches (recording, onset frame, start frame),
     in order, and the frame that raised the fault flag of each taxel (recordings, taxels), 0 = none."""
+    recordings = recordings.scanned(config.sensor.scan_every)
     lengths, taxels = recordings.lengths, config.sensor.taxels
     for first, last in _batches(lengths, taxels, most):
         samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, taxels), dtype=np.int32)

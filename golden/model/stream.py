@@ -21,6 +21,8 @@ from eskin.golden.model.prototypes import check_teachable, class_index, forget, 
 class Decision:
     """One decision, as it comes out of the classifier.
 
+    Frames count those that are pushed.
+
     frame: the frame, 1-based since ``arm``, with which it can be given; of a global decision that the end of
     the recording brought, the last frame. touch: its number since ``arm``, from 0. step: from 0. is_global:
     of the touch, not of the step alone. label: class index. margin: largest minus second largest logit (or
@@ -76,6 +78,9 @@ class Stream:
     ----------
     model:
         An integer model, whose every value is that of the hardware, or a float one.
+    scanned:
+        Frames are those that the chain takes; else all that the source makes, of which it takes every
+        ``scan_every``-th.
 
     Examples
     --------
@@ -87,13 +92,14 @@ class Stream:
     >>> stream.decision                                         # what `predict` says of this recording
     """
 
-    def __init__(self, model: IntegerModel | FloatModel) -> None:
+    def __init__(self, model: IntegerModel | FloatModel, *, scanned: bool = False) -> None:
         self.model = model
         self._last: np.ndarray | None = None
         """Codes (K, values) of the touch that ended last, if it was whole."""
         self._following: int | None = None
         """Class of the touch that ends next."""
         config = model.config
+        self._every = 1 if scanned else config.sensor.scan_every
         self._spans = config.window_spans
         block = config.features.activity_block if "activity" in config.features.feature_kinds else 0
         self._before = max(config.windows.pretrigger_frames, 2 * config.windows.hop) + block
@@ -113,6 +119,7 @@ class Stream:
         """Begin a new recording: its next frame is frame 1, and no touch is under way."""
         config = self.config
         self._front = TouchFinder(config)
+        self._frames = 0  # of the source
         # deviations of frames base + 1 ...
         self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)
         self._base = 0
@@ -127,13 +134,17 @@ class Stream:
     @property
     def frame(self) -> int:
         """Frames taken since ``arm``."""
-        return self._front.frames
+        return self._frames
+
+    def _pushed(self, frame: int) -> int:
+        """The frame that was pushed as the chain's ``frame``, both from 1; 0 is none."""
+        return (frame - 1) * self._every + 1 if frame else 0
 
     @property
     def state(self) -> str:
         """The detector's: ``settling`` (the rest level is being measured), ``armed``, ``touch``, or ``rearm``
         until a touch may begin."""
-        if self.frame < self.config.rest_level.rest_frames:
+        if self._front.frames < self.config.rest_level.rest_frames:
             return "settling"
         if self._front.armed[0]:
             return "armed"
@@ -148,13 +159,13 @@ class Stream:
     def onset_frame(self) -> int | None:
         """The frame in which the touch under way was found (0: the gate opens at once), None between
         touches."""
-        return self._touch.onset_frame if self._touch else None
+        return self._pushed(self._touch.onset_frame) if self._touch else None
 
     @property
     def start_frame(self) -> int | None:
         """The first frame of the touch under way, before its onset where frames before it count; None between
         touches."""
-        return self._touch.start_frame if self._touch else None
+        return self._pushed(self._touch.start_frame) if self._touch else None
 
     def push(self, frames: Any) -> list[Decision]:
         """Take one frame (taxels) or several (frames, taxels): codes, or real samples where the configuration
@@ -167,6 +178,8 @@ class Stream:
             Other taxels than the model's, no whole numbers, or codes outside the sample format.
         """
         samples = self._checked(frames)
+        first, self._frames = -self._frames % self._every, self._frames + len(samples)
+        samples = samples[first :: self._every]
         pieces = (samples[first : first + self._piece] for first in range(0, len(samples), self._piece))
         return [decision for piece in pieces for decision in self._take(piece)]
 
@@ -281,9 +294,9 @@ class Stream:
     def _keep(self, deviations: np.ndarray) -> None:
         """Add to the deviations that are kept, and forget what no touch can need any more when there is no
         room."""
-        stop = self.frame - self._base
+        stop = self._front.frames - self._base
         if stop > len(self._kept):
-            before = self.frame - len(deviations)
+            before = self._front.frames - len(deviations)
             needed = (
                 min(before, self._touch.start_frame - 1 if self._touch else before)
                 - self._before
@@ -300,7 +313,7 @@ class Stream:
         touch, decisions = self._touch, []
         while touch and self._touch:
             last = touch.start_frame - 1 + self._spans[touch.completed][1]
-            if last > self.frame:
+            if last > self._front.frames:
                 break
             decisions += self._step(touch, last)
             if touch.completed == len(self._spans):
@@ -326,8 +339,8 @@ class Stream:
         if config.faults.fault_frames:
             stages["fault"] = touch.faults[k] | np.array(config.input_mask)
         # a window that ends before the onset is replayed from the ring: it is complete with the onset
-        frame = max(last, touch.onset_frame)
-        begun = touch.onset_frame, touch.start_frame
+        frame = self._pushed(max(last, touch.onset_frame))
+        begun = self._pushed(touch.onset_frame), self._pushed(touch.start_frame)
         decisions = [
             Decision(
                 frame,
@@ -348,7 +361,7 @@ class Stream:
         return decisions
 
     def _decided(self, touch: _Touch) -> Decided:
-        """What the model makes of the windows that are complete."""
+        """Decisions of the model from the windows that are complete."""
         # a linear cell has weights for each step, so it gets them all; open windows are 0 and do not count
         steps = touch.completed if self.config.recurrent else self.config.windows.steps
         alone = Touches(
@@ -369,7 +382,7 @@ class Stream:
         if touch.number == 0:
             self.decision = label
         unsure = bool(decided.unsure[0])
-        begun = touch.onset_frame, touch.start_frame
+        begun = self._pushed(touch.onset_frame), self._pushed(touch.start_frame)
         return Decision(
             frame, touch.number, int(decided.step[0]), True, label, margin, partial, unsure, *begun
         )

@@ -1,7 +1,7 @@
 """Test vectors: what goes into the accelerator and what must come out, in one file that needs no torch to
 read.
 
-The file is what crosses from the golden model to co-simulation and to the generated testbench.
+The file is what crosses from the golden model to co-simulation and to the generated bench.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,12 +35,13 @@ def write_vectors(
 
     The arrays
     ----------
-    samples (frames, taxels) uint16: A/D codes, two's complement. offsets (R + 1). numbers (R). For each flat
+    samples (frames, taxels) uint16: A/D codes of the frames that the chain takes, two's complement. offsets (R + 1). numbers (R). For each flat
     stage s: ``s`` int64 and ``s_offsets`` (R + 1); ``decision`` (rows, 6) and ``decision_offsets``, columns
     as pipeline.DECISION_FIELDS. decision_frame (rows): the live frame, 1-based, that completes the decision's
     last window, 0 where the end of the recording brings the decision. touches (R): touches begun. flags (R,
     taxels), bool: fault flags at the recording's end. codes (frames, taxels) uint32, where they were given.
     """
+    recordings = recordings.scanned(trace.config.sensor.scan_every)
     arrays: dict[str, np.ndarray] = {
         # the port is 16 bits wide, whatever the samples are: negative ones as two's complement
         "samples": (recordings.samples & 0xFFFF).astype(np.uint16),
@@ -136,9 +137,9 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
     Parameters
     ----------
     lengths:
-        Frames of each recording.
+        Frames of each recording that the chain takes; those between are random codes.
     seed:
-        Of every random draw.
+        Seed of every random draw.
     """
     rng, fmt, taxels = np.random.default_rng(seed), config.sample_format, config.sensor.taxels
     rule, hop, whole = config.onset_rule, config.windows.hop, config.last_frame
@@ -165,10 +166,10 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
         if config.faults.fault_frames and length and rng.random() < 0.8:
             frame, taxel = rng.integers(length), rng.integers(taxels)
             codes[frame:, taxel] = rng.choice([fmt.min_code, fmt.max_code, codes[frame, taxel]])
-        samples.append(codes)
+        samples.append(_between(codes, config, rng))
     return Recordings(
         samples=np.concatenate(samples),
-        offsets=np.cumsum([0, *lengths]),
+        offsets=np.cumsum([0, *map(len, samples)]),
         labels=np.arange(len(lengths), dtype=np.int64) % config.classes,
         class_names=config.network.class_names,
         sample_rate_hz=config.sensor.sample_rate_hz,
@@ -176,3 +177,14 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
         sample_bits=config.sensor.sample_bits,
         sample_signed=config.sensor.sample_signed,
     )
+
+
+def _between(codes: np.ndarray, config: AcceleratorConfig, rng: np.random.Generator) -> np.ndarray:
+    """The source's frames around those that the chain takes."""
+    every, fmt = config.sensor.scan_every, config.sample_format
+    if every == 1 or not len(codes):
+        return codes
+    size = every * (len(codes) - 1) + 1, codes.shape[1]
+    source = rng.integers(fmt.min_code, fmt.max_code + 1, size, dtype=np.int32)
+    source[::every] = codes
+    return source

@@ -19,7 +19,7 @@ def buffer_of(cells: Mapping[str, Cell]) -> Cell | None:
 
 
 def _through(cell: Cell) -> tuple[str, str] | None:
-    """(input, output) of a cell that hands on its only input."""
+    """(input, output) of a cell that forwards its only input."""
     inputs, outputs = (
         [name for name, pin in cell.pins.items() if pin.direction == way] for way in ("input", "output")
     )

@@ -37,5 +37,5 @@ def load_signature(config: AcceleratorConfig) -> wiring.Signature:
 
 
 def lines_signature(lines: int) -> wiring.Signature:
-    """`load_signature` with so many lines."""
+    """`load_signature` with this number of lines."""
     return wiring.Signature({"select": Out(lines), "address": Out(16), "data": Out(16), "enable": Out(1)})

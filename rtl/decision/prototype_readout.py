@@ -21,7 +21,7 @@ from eskin.rtl.program.memory_map import prototype_words
 
 @dataclass(frozen=True)
 class _Scan:
-    """Where a walk through the memory is, and (``begins``, ``ends``, ``target``) what teaching says of it."""
+    """Position of a walk through the memory, and (``begins``, ``ends``, ``target``) the state of teaching."""
 
     teaching: Signal
     first: Signal
@@ -47,7 +47,7 @@ def _by_value(number: Value, of: Callable[[int], int]) -> Value:
 
 
 def _odd_of_next(counter: Value) -> Value:
-    """Whether an odd number of bits changes as ``counter`` goes on."""
+    """True if an odd number of bits changes when ``counter`` counts on."""
     odd: Value = Const(0, 1)
     for bit in reversed(counter):
         odd = ~(bit & odd)

@@ -29,7 +29,7 @@ class ElementwiseUnit(wiring.Component):
     add : In(1)
         Load T too.
     load : Out(signed(elementwise_bits))
-        What a sum starts from; on a shared lane without the half, which comes out of the addend memory.
+        First value of a sum; on a shared lane without the half, which comes from the addend memory.
     acc : In(signed(elementwise_bits)), feature : In(1)
         A finished sum, and whether it is a feature.
     code : Out(signed)

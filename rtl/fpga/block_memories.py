@@ -9,8 +9,8 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.top.accelerator import Accelerator
 
 FEW_BITS, FEW_WORDS = 68, 64
-"""A memory of so many bits for each block that it would take is made of flip-flops where nothing asks for
-more, a ROM of so many words of LUTs."""
+"""Most bits per block memory with which a memory still becomes flip-flops, unless the design requests block
+memories; most words of a ROM that becomes LUTs."""
 
 
 def _accelerator(config: AcceleratorConfig) -> Accelerator:

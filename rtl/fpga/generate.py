@@ -1,5 +1,5 @@
 """Everything that leaves the project for one integer model: Verilog, memory images, register map, C header,
-self-checking testbench.
+cocotb bench.
 
 No file here is read back by the generator; co-simulation reads accelerator.sv, config.json, registers.json
 and load.hex.
@@ -48,7 +48,8 @@ from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
 from eskin.rtl.top.bus_top import Bus
 
 DRIVER = sorted((Path(host.__file__).parent / "driver").glob("eskin.*"))
-TESTBENCH = Path(__file__).with_name("testbench.sv")
+BENCH = Path(__file__).parent / "templates" / "test_accelerator.py"
+MAKEFILE = BENCH.with_name("cocotb.mk")
 MARK = "registers.json"
 """A folder with this file was generated and may be replaced."""
 
@@ -68,14 +69,14 @@ def generate(
     Parameters
     ----------
     config:
-        Of the integer model, with the wanted ``lanes``.
+        Configuration of the integer model, with the wanted ``lanes``.
     arrays:
-        Of the integer model (docs/specification.md, section 8).
+        Arrays of the integer model (docs/specification.md, section 8).
     out:
         New folder, an empty one, or an earlier generated one, which is replaced.
     vectors:
-        File of eskin.golden.model.vectors.write_vectors; its first recording becomes the self-checking
-        testbench. None: no testbench.
+        File of eskin.golden.model.vectors.write_vectors; its first recording is what the cocotb bench plays.
+        None: no bench.
     bus, axis:
         With ``bus`` or ``axis`` the module of `eskin.rtl.top.bus_top.BusTop` too.
     top:
@@ -86,8 +87,8 @@ def generate(
     ---------- accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the
     accelerator behind its pins), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses
     them), load.hex (bus writes that load the model: address and word), registers.json, registers.h,
-    eskin.rdl (`eskin.rtl.program.register_files`); with vectors: testbench.sv and
-    vectors/*.hex; behind a bus eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h
+    eskin.rdl (`eskin.rtl.program.register_files`); with vectors: test_accelerator.py (a cocotb
+    bench), its Makefile and vectors.npz; behind a bus eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h
     (load.hex for it); with streams alone eskin_axis.sv. Of these modules the one that a system takes, the
     last one named here that is there, is in filelist.f and eskin.core (FuseSoC); waiver.vlt
     has what Verilator's lint shall pass over.
@@ -151,10 +152,10 @@ def _write_all(
             (folder / f"{prefix}{source.suffix}").write_text(prefixed(text, prefix))
         (folder / "load.h").write_text(prefixed(load_header(writes), prefix))
     if vectors is not None:
-        _write_testbench(config, folder, Path(vectors), len(writes), accelerator)
+        _write_bench(config, folder, Path(vectors), accelerator)
     (folder / "filelist.f").write_text(f"{top}.sv\n")
     (folder / WAIVER.name).write_text(waiver(f"{module}.sv" for module in modules))
-    (folder / "eskin.core").write_text(fusesoc_core(folder, top, accelerator, release))
+    (folder / "eskin.core").write_text(fusesoc_core(top, release))
 
 
 def boot_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, int]]:
@@ -201,17 +202,10 @@ def waiver(files: Iterable[str]) -> str:
     )
 
 
-def fusesoc_core(folder: Path, top: str, accelerator: str, release: str) -> str:
-    """FuseSoC's core description (CAPI2) of what lies in ``folder``: target ``default`` gives ``top``.sv to a
-    system, ``lint`` runs Verilator over it, ``sim`` the testbench in Icarus if there is one."""
-    words = [f"{path.relative_to(folder)}" for path in sorted(folder.rglob("*.hex"))]
-    return template(__file__, "eskin.core").render(
-        top=top,
-        accelerator=accelerator,
-        release=release,
-        testbench=(folder / TESTBENCH.name).exists(),
-        words=[word for word in words if not word.startswith("memories/")],
-    )
+def fusesoc_core(top: str, release: str) -> str:
+    """FuseSoC's core description (CAPI2): target ``default`` gives ``top``.sv to a
+    system, ``lint`` runs Verilator over it."""
+    return template(__file__, "eskin.core").render(top=top, release=release)
 
 
 def load_header(writes: Iterable[tuple[int, int]]) -> str:
@@ -247,54 +241,14 @@ def pack_decision(config: AcceleratorConfig, row: Iterable[int]) -> int:
     return label | step << 7 | units << 15 | flags
 
 
-def _write_testbench(
-    config: AcceleratorConfig, folder: Path, vectors: Path, writes: int, module: str
-) -> None:
+def _write_bench(config: AcceleratorConfig, folder: Path, vectors: Path, module: str) -> None:
+    """The bench, its Makefile, and the first recording of ``vectors`` with decisions as words."""
+    stages = ("map", "logit") if config.is_image else ("sum", "fault", "feature", "state", "logit")
     with np.load(vectors) as archive:
-        names = (
-            ("map", "logit", "decision")
-            if config.is_image
-            else ("sum", "fault", "feature", "state", "logit", "decision")
-        )
-        end = {name: int(archive[f"{name}_offsets"][1]) for name in names}
-        streams = {name: archive[name][:stop] for name, stop in end.items()}
-        samples = archive["samples"][: archive["offsets"][1]]
-    data = folder / "vectors"
-    data.mkdir()
-    _write_hex(data / "samples.hex", [*samples.reshape(-1), 0], 16)
-    _write_hex(
-        data / "decision.hex", [*(pack_decision(config, row) for row in streams.pop("decision")), 0], 32
-    )
-    if config.is_image:
-        nothing = np.zeros(0, dtype=np.int64)
-        streams |= {"sum": nothing, "fault": nothing, "feature": nothing, "state": streams.pop("map")}
-    end |= {name: len(values) for name, values in streams.items()}
-    for name, values in streams.items():
-        _write_hex(data / f"{name}.hex", [*values, 0], 32)
-    steps = end["decision"]
-    cycles = 10000 + 4 * writes + 4 * samples.size + (steps + 2) * 20 * (config.step_ideal + 500)
-    values = {
-        "DEFINE": "`define IMAGES" if config.is_image else "",
-        "TAXELS": config.sensor.taxels,
-        "SAMPLE_BITS": config.sensor.sample_bits,
-        "FRAMES": len(samples),
-        "WRITES": writes,
-        "SUMS": end["sum"],
-        "FAULTS": end["fault"],
-        "FEATURES": end["feature"],
-        "STATES": end["state"],
-        "LOGITS": end["logit"],
-        "DECISIONS": end["decision"],
-        "CONTROL": int(Register.CONTROL),
-        "ARM": int(Control.ARM),
-        "FINISH": int(Control.FINISH),
-        "LIMIT_NS": 10 * cycles,
-    }
-    text = (
-        TESTBENCH.read_text()
-        .replace(f"{TOP}.sv", f"{module}.sv")
-        .replace(f"    {TOP} dut", f"    {module} dut")
-    )
-    for name, value in values.items():
-        text = text.replace(f"@{name}@", str(value))
-    (folder / "testbench.sv").write_text(text)
+        arrays = {name: archive[name][: archive[f"{name}_offsets"][1]] for name in stages}
+        rows = archive["decision"][: archive["decision_offsets"][1]]
+        arrays["samples"] = archive["samples"][: archive["offsets"][1]]
+    words = np.array([pack_decision(config, row) for row in rows], np.uint32)
+    np.savez_compressed(folder / "vectors.npz", allow_pickle=False, decision=words.view(np.int32), **arrays)
+    (folder / BENCH.name).write_text(BENCH.read_text())
+    (folder / "Makefile").write_text(MAKEFILE.read_text().replace("@MODULE@", module))

@@ -55,18 +55,18 @@ RESOURCES = {
     "MULT18X18": "multipliers",
     "IOB": "pins",
 }
-"""What a part can run out of, in words."""
+"""Resources that a part can run out of, in words."""
 
 
 HOLD = "Hold/min time violation for clock"
-"""What nextpnr's log says of each path that is too short."""
+"""Line of nextpnr's log for each path that is too short."""
 
 UNUSED_LUT, FEED_THROUGH = f"{0:016b}", f"{0xFF00:016b}"
 """Contents of a LUT that is none, and of one by which nextpnr leads a carry out of its chain (in a netlist
 there are no such buffers)."""
 
 PULLED_UP = ("pins__miso", "flash__miso", "scl", "sda")
-"""Ports that nothing may drive: the pin's pull-up then tells that a converter is missing."""
+"""Ports that nothing may drive: the pin's pull-up then shows that a converter is missing."""
 
 CLOCK_MHZ = "100"
 """Said to nextpnr, whose placement is the same whatever is said: it is as fast as the seed makes it, which

@@ -136,7 +136,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 def ports_named(rtlil: str) -> str:
-    """``rtlil`` whose ports that Amaranth has no name for take that of what is wired to them outside."""
+    """``rtlil`` whose ports without a name in Amaranth take the name of the signal that is wired to them outside."""
     taken, names = set(re.findall(r"\\\S+", rtlil)), {}
     for port, signal, place in _WIRED.findall(rtlil):
         if port not in names and not signal.startswith("\\port$"):

@@ -19,7 +19,7 @@ SLOTS = {"mean": 0, "activity": 1, "integral": 2}
 
 
 class FeatureExpander(wiring.Component):
-    """Each deviation as it comes becomes a beat for each of ``feature_kinds`` that says something in its
+    """Each deviation as it comes becomes a beat for each of ``feature_kinds`` that has a value in its
     frame, in their order; what follows sees more taxels.
 
     - ``mean``: the deviation e itself, in every frame.

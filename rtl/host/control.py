@@ -7,6 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.layouts import has_door
 from eskin.rtl.common.load_port import load_signature
 from eskin.rtl.common.register_check import parity_wrong
 from eskin.rtl.host.cycle_counter import CycleCounter
@@ -68,7 +69,7 @@ class HostControl(wiring.Component):
     Parameters
     ----------
     fed_by:
-        Of a design behind a bus shell. A CPU's pauses are no INPUT_STALLED.
+        For a design behind a bus shell. A CPU's pauses are not INPUT_STALLED.
 
     Members
     -------
@@ -83,6 +84,8 @@ class HostControl(wiring.Component):
         write may make stale what the engine has computed ahead of its next step.
     finish : Out(1)
         Pulse once everything in flight has been decided after the command.
+    every : Out(1), only where frames have a door
+        Output of `FrameDoor`, from ``clear`` on.
     load : Out
         Memory writes. They are refused and flagged from the second cycle of an open touch on; before its
         first window is whole, nothing reads what they change.
@@ -97,7 +100,7 @@ class HostControl(wiring.Component):
     windows_open : In(1)
         A window waits or is computed.
     flags : In(taxels), raised : In(1), only with ``fault_frames``
-        Of `FaultDetector`: what the registers TAXEL_FAULTS show, while no frame is under way; a fault.
+        Outputs of `FaultDetector`: the content of the registers TAXEL_FAULTS while no frame is under way; a fault.
     slot_done, step_done : In(1)
         A slot of a step, a step ends with this cycle.
     global_taken, decider_idle : In(1)
@@ -116,7 +119,7 @@ class HostControl(wiring.Component):
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
     awake : Out(1)
-        Something is, or is asked or counted: only otherwise may the clock stop (``clock_gate``).
+        Work, an access or a count is under way; otherwise the clock may stop (``clock_gate``).
 
     Parts: `RecordingState`, `MemoryLoader` and `CycleCounter` (register ``MEASURE`` names what it counts).
     """
@@ -136,6 +139,7 @@ class HostControl(wiring.Component):
                 "awake": Out(1),
                 **{name: In(1) for name in INPUTS},
                 **({"any_fault": Out(1)} if fed_by else {}),
+                **({"every": Out(1)} if has_door(config) else {}),
                 **(
                     {name: Out(width) for name, width in TEACHING.items()}
                     | {"teaching_refused": In(1), "teaching_done": In(1), "taught": In(8), "place": In(9)}
@@ -236,6 +240,9 @@ class HostControl(wiring.Component):
             with m.Case(Register.CONTROL):
                 m.d.comb += arm.eq((bus.w_data & Command.ARM).any())
                 m.d.comb += state.finish_asked.eq((bus.w_data & Command.FINISH).any())
+                if has_door(config):
+                    with m.If(arm):
+                        m.d.sync += self.every.eq((bus.w_data & Command.EVERY).any())
                 with m.If((bus.w_data & Command.CLEAR_FAULTS).any()):
                     m.d.comb += forgotten.eq(1)
                     m.d.sync += sticky.eq(0)

@@ -1,4 +1,4 @@
-"""What the parts of the image engine hand to one another."""
+"""Payloads between the parts of the image engine."""
 
 from amaranth.hdl import unsigned
 from amaranth.lib import data

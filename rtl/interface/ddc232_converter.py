@@ -20,7 +20,7 @@ from eskin.golden.core.converters.ddc232 import (
 from eskin.rtl.interface.converter_ports import converter_ports
 
 EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
-"""Of the readback, from its first bit, that are looked at; the revision is not."""
+"""First bits of the readback, which are compared; the revision is not."""
 
 DDC_PINS = wiring.Signature(
     {

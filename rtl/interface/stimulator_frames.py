@@ -19,7 +19,7 @@ what comes for its body."""
 
 SETTINGS = {"amplitude": 8, "delay": 16, "frequency": 16, "width": 16}
 settings_layout = data.StructLayout({name: unsigned(bits) for name, bits in SETTINGS.items()})
-"""What a host may set, within limits."""
+"""Settings that a host may write, within limits."""
 
 
 class StimulatorFrames(wiring.Component):

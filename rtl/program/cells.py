@@ -228,7 +228,7 @@ def makers(program: CellProgram) -> dict[str, set[str]]:
     """For each state region, the blocks whose rows its new value is made from, over any number of
     element-wise operations.
 
-    What these operations read of the state memory is old.
+    These operations read old values of the state memory.
     """
     blocks = {}
     for region in {op.state for op in program.elements if op.state}:

@@ -1,5 +1,5 @@
-"""What the image engine runs: a network's layers as passes, their words, the memories' contents, and the
-cycles (no hardware in here).
+"""Program of the image engine: a network's layers as passes, their words, the contents of the memories, and
+the cycles. No hardware.
 
 A **pass** is a convolution with the pool behind it, or a dense layer: a convolution of kernel 1 over a map of
 one place. It makes one **sum** after the other: place by place of the result map, group by group of channels
@@ -193,7 +193,7 @@ class Pass:
 
 @dataclass(frozen=True, kw_only=True)
 class ImagePlan:
-    """A network on so many lanes.
+    """A network on a number of lanes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the host sees: the register map of the bus, and the memory images that an integer model becomes.
+"""The host's view: the register map of the bus, and the memory images of an integer model.
 
 Plain Python (no Amaranth), so that command line, C header and benches can share it.
 """
@@ -22,7 +22,8 @@ from eskin.rtl.program.signature import check_words, parity
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 5
 READABLE_VERSIONS = (4, 5)
-"""Of maps that a host of this version works with: from version 4 on addresses up to 0x3B stay."""
+"""Versions of the map with which a host of this version works: from version 4 on addresses up to 0x3B
+stay."""
 
 
 class Bits(IntFlag):
@@ -45,10 +46,11 @@ class Control(Bits):
     )
     FINISH = 2, "The recording has ended: decide an open touch as partial"
     CLEAR_FAULTS = 4, "Clear FAULTS and LONGEST"
+    EVERY = 8, "With ARM: every frame of the source comes, not only those that the chain takes"
 
 
 class Measure(IntEnum):
-    """What LONGEST is the most of since it was chosen or cleared."""
+    """Quantities whose largest value LONGEST holds since the quantity was chosen or cleared."""
 
     FRAME = 0  # from a frame's first beat offered to its last beat taken
     STEP = 1  # cycles of a step, up to its last logit
@@ -88,7 +90,7 @@ class Fault(Bits):
 
 
 class Event(Bits):
-    """What a CPU behind a bus waits for."""
+    """Events for which a CPU behind a bus waits."""
 
     DECISION = 1, "A decision waits"
     GLOBAL = 2, "A global decision waits"
@@ -110,7 +112,7 @@ DECISION_FIELDS: Fields = {
 }
 """The decision word behind a bus (docs/specification.md, section 17)."""
 NO_DECISION = 0xFFFF_FFFF
-"""What DECISION reads while none waits."""
+"""The word that DECISION reads while no decision waits."""
 
 
 class Described(IntEnum):
@@ -421,7 +423,7 @@ def image_memories(plan: ImagePlan, arrays: Arrays) -> dict[int, list[int]]:
 
 
 def memory_name(config: AcceleratorConfig, select: int) -> str:
-    """What the files of a memory are called."""
+    """Base name of the files of a memory."""
     if config.is_image:
         return f"weights{select}" if select < plan_of(config).columns else ImageMemory(select).name.lower()
     return f"lane{select}" if select < config.hardware.lanes else Memory(select).name.lower()

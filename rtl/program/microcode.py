@@ -167,7 +167,7 @@ class Layout:
     @property
     def constants(self) -> int:
         """Address of the constants behind the gates; on a shared lane a power of two no smaller than what
-        follows: one bit tells them."""
+        follows: one bit marks them."""
         if not self.program.gate_regions:
             return 0
         gates = len(self.program.gate_regions) << self.gate_bits

@@ -88,5 +88,5 @@ def lowest_clock_hz(config: AcceleratorConfig) -> float:
     closer together than that, as the last two of the thesis do, wait in the two buffers. Latency budgets ask
     for more: see cosim.
     """
-    keep_up = step_cycles(config) * config.sensor.sample_rate_hz / config.windows.hop
-    return max(frame_cycles(config) * config.sensor.sample_rate_hz, keep_up)
+    keep_up = step_cycles(config) * config.sensor.scan_rate_hz / config.windows.hop
+    return max(frame_cycles(config) * config.sensor.scan_rate_hz, keep_up)

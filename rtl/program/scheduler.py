@@ -203,7 +203,7 @@ class Scheduler:
     AHEAD slots.
     """
 
-    NEVER, AHEAD = 10**9, 4
+    NEVER, AHEAD, LONGEST = 10**9, 4, 10**6
 
     def __init__(self, config, program, groups, bias_rows, partial_rows, yields: bool = False) -> None:
         self.yields = yields
@@ -301,86 +301,18 @@ class Scheduler:
     # ------------------------------------------------------------------ one phase
     def _phase(self, group_numbers: list[int], pending: list[tuple[ElementOp, int]], start: int):
         """Operations with slots from the phase's own start, and the slot after the phase."""
-        elements_of = [
-            (g, term, region, index)
-            for g in group_numbers
-            for term, (_, region) in enumerate(self.groups[g].block.terms)
-            for index in range(self.config.inputs if region == "x" else self.config.network.hidden)
-        ]
-        last_old = {  # region -> last row operation that reads its old state: no new state before that
-            region: k
-            for k, (g, _, region, _) in enumerate(elements_of)
-            if not reads_new_state(self.program, self.groups[g].block, region)
-        }
-        new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
-        rows: list[MacOp] = []
-        issues: list[ElementIssue] = []
-        pending = list(pending)
-        second_term: tuple[ElementOp, int] | None = None
-        position, cycle, group_start, element_free, last_write = 0, start, True, 0, start
-        while position < len(elements_of) or pending or second_term:
-            issued = None
-            if second_term and cycle >= element_free:
-                issued, second_term = (*second_term, 1), None
-            elif cycle >= element_free and (not self.shared or (group_start and cycle >= self.lane_free)):
-                coming = [g for g, *_ in elements_of[position : position + self.AHEAD + 1]]
-                # one look further than AHEAD, so that a group that goes on beyond it counts as longer
-                todo = coming.count(coming[0]) if coming and self.yields else 0
-                slots = self._table_slots(coming[0], cycle + todo - 1) if 0 < todo <= self.AHEAD else range(0)
-                for k, (op, index) in enumerate(pending):
-                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle, slots):
-                        issued = (op, index, 0)
-                        del pending[k]
-                        break
-            if issued:
-                op, index, term = issued
-                issues.append(ElementIssue(cycle - start, op, term, index))
-                last_term = len(op.terms) - 1
-                element_free = cycle + 1 + (self.element_gap if term == last_term else 0)
-                if self.shared:
-                    self.lane_free = cycle + 1 + self.timing.gap
-                # reserved at once: the rows' results are placed in the meantime
-                if op.activated and term == 0:
-                    self.table_busy.add(cycle + last_term + self.timing.element_to_table)
-                if term < last_term:
-                    second_term = (op, index)
-                else:
-                    last_write = cycle + self.timing.element_to_state
-                    if op.state:
-                        self.ready["S", op.state, index] = new_state[op.state, index] = last_write
-                    if op.activated:
-                        self.ready["T", op.activated, index] = last_write = (
-                            cycle + self.timing.element_to_activated
-                        )
-            lane_taken = self.shared and (issued or second_term)
-            if position < len(elements_of) and not lane_taken:
-                g, term, region, index = elements_of[position]
-                last = position + 1 == len(elements_of) or elements_of[position + 1][0] != g
-                state_cycle = (
-                    new_state.get((region, index))
-                    if reads_new_state(self.program, self.groups[g].block, region)
-                    else 0
-                )
-                may_start = not group_start or self._may_start(g, cycle, new_state)
-                if (
-                    may_start
-                    and state_cycle is not None
-                    and state_cycle <= cycle
-                    and (not last or self._may_finish(g, cycle))
-                ):
-                    if group_start and g in self.late:
-                        self._swap_late(g)
-                    rows.append(MacOp(cycle - start, g, term, region, index, group_start, last))
-                    if last:
-                        self._finish(g, cycle)
-                    group_start = last
-                    position += 1
-            cycle += 1
-            if cycle > 10**6:  # no program takes so long
-                raise RuntimeError(
-                    "the program cannot be scheduled: an operation waits for a result that nothing writes"
-                )
-        return rows, issues, max(cycle, element_free, last_write)
+        phase = _Phase(self, group_numbers, pending, start)
+        for cycle in range(start, start + self.LONGEST):
+            if phase.done:
+                return phase.rows, phase.issues, max(cycle, phase.element_free, phase.last_write)
+            element = phase.next_element(cycle)
+            if element:
+                phase.issue_element(cycle, *element)
+            if not (self.shared and (element or phase.second_term)):
+                phase.issue_row(cycle)
+        raise RuntimeError(
+            "the program cannot be scheduled: an operation waits for a result that nothing writes"
+        )
 
     def _element_ready(self, op: ElementOp, index: int, cycle: int, kept: range) -> bool:
         for term in range(len(op.terms)):
@@ -491,3 +423,115 @@ class Scheduler:
         self.swaps.append(self.filled[g])
         self.last_swap = self.filled[g]
         self.late.discard(g)
+
+
+class _Phase:
+    """One phase of a step while it is scheduled: operations already placed, and those that wait.
+
+    rows, issues: operations placed. pending: (operation, index) of the element-wise operations that wait.
+    second_term: the operation whose second product has to follow its first. new_state: slot from which each
+    (region, index) of the state that this phase writes can be read.
+    """
+
+    def __init__(
+        self, scheduler: Scheduler, group_numbers: list[int], pending: list[tuple[ElementOp, int]], start: int
+    ) -> None:
+        config, groups = scheduler.config, scheduler.groups
+        self.scheduler, self.start, self.pending = scheduler, start, list(pending)
+        # (group, term, region, index) of each product of the rows, in program order
+        self.products = [
+            (g, term, region, index)
+            for g in group_numbers
+            for term, (_, region) in enumerate(groups[g].block.terms)
+            for index in range(config.inputs if region == "x" else config.network.hidden)
+        ]
+        self.last_old = {  # region -> last product that reads its old state: no new state before that
+            region: k for k, (g, _, region, _) in enumerate(self.products) if not self.reads_new(g, region)
+        }
+        self.rows: list[MacOp] = []
+        self.issues: list[ElementIssue] = []
+        self.second_term: tuple[ElementOp, int] | None = None
+        self.new_state: dict[tuple[str, int], int] = {}
+        self.position = 0  # the next of ``products``
+        self.element_free = 0  # first slot in which an element-wise operation may be issued
+        self.last_write = start
+
+    @property
+    def done(self) -> bool:
+        """Everything is placed."""
+        return self.position == len(self.products) and not self.pending and not self.second_term
+
+    @property
+    def group_starts(self) -> bool:
+        """The next product is the first of its group."""
+        return not self.rows or self.rows[-1].last
+
+    def reads_new(self, g: int, region: str) -> bool:
+        """Group ``g`` reads the state of ``region`` that this step writes."""
+        return reads_new_state(self.scheduler.program, self.scheduler.groups[g].block, region)
+
+    def next_element(self, cycle: int) -> tuple[ElementOp, int, int] | None:
+        """(operation, index, term) that the element-wise lane can issue in this slot; it is taken off those
+        that wait."""
+        if cycle < self.element_free:
+            return None
+        if self.second_term:
+            (op, index), self.second_term = self.second_term, None
+            return op, index, 1
+        if self.scheduler.shared and not (self.group_starts and cycle >= self.scheduler.lane_free):
+            return None
+        kept = self._table_kept_for_rows(cycle)
+        for k, (op, index) in enumerate(self.pending):
+            state_is_read = self.position > self.last_old.get(op.state, -1)
+            if state_is_read and self.scheduler._element_ready(op, index, cycle, kept):
+                del self.pending[k]
+                return op, index, 0
+        return None
+
+    def _table_kept_for_rows(self, cycle: int) -> range:
+        """Slots of the table that an element-wise operation leaves to a group that ends soon (``yields``)."""
+        ahead = self.scheduler.AHEAD
+        # one product further than AHEAD, so that a group that goes on beyond it counts as longer
+        coming = [g for g, *_ in self.products[self.position : self.position + ahead + 1]]
+        todo = coming.count(coming[0]) if coming and self.scheduler.yields else 0
+        return self.scheduler._table_slots(coming[0], cycle + todo - 1) if 0 < todo <= ahead else range(0)
+
+    def issue_element(self, cycle: int, op: ElementOp, index: int, term: int) -> None:
+        """Place one term of an element-wise operation, and its results with the last one."""
+        scheduler, times = self.scheduler, self.scheduler.timing
+        self.issues.append(ElementIssue(cycle - self.start, op, term, index))
+        last_term = len(op.terms) - 1
+        self.element_free = cycle + 1 + (scheduler.element_gap if term == last_term else 0)
+        if scheduler.shared:
+            scheduler.lane_free = cycle + 1 + times.gap
+        # reserved at once: the rows' results are placed in the meantime
+        if op.activated and term == 0:
+            scheduler.table_busy.add(cycle + last_term + times.element_to_table)
+        if term < last_term:
+            self.second_term = (op, index)
+            return
+        self.last_write = cycle + times.element_to_state
+        if op.state:
+            scheduler.ready["S", op.state, index] = self.new_state[op.state, index] = self.last_write
+        if op.activated:
+            self.last_write = cycle + times.element_to_activated
+            scheduler.ready["T", op.activated, index] = self.last_write
+
+    def issue_row(self, cycle: int) -> None:
+        """Place the rows' next product in this slot if its operands and the way of its result are ready."""
+        if self.position == len(self.products):
+            return
+        scheduler, starts = self.scheduler, self.group_starts
+        g, term, region, index = self.products[self.position]
+        last = self.position + 1 == len(self.products) or self.products[self.position + 1][0] != g
+        if starts and not scheduler._may_start(g, cycle, self.new_state):
+            return
+        operand = self.new_state.get((region, index), scheduler.NEVER) if self.reads_new(g, region) else 0
+        if operand > cycle or (last and not scheduler._may_finish(g, cycle)):
+            return
+        if starts and g in scheduler.late:
+            scheduler._swap_late(g)
+        self.rows.append(MacOp(cycle - self.start, g, term, region, index, starts, last))
+        self.position += 1
+        if last:
+            scheduler._finish(g, cycle)

@@ -15,7 +15,7 @@ WIDTH = 16
 TAPS = 0x002D
 """x^16 + x^5 + x^3 + x^2 + 1 without its highest term: primitive."""
 START = 0xFFFF
-"""What a signature begins with: memories that were never loaded do not sum up to nothing."""
+"""First value of a signature, so that memories that were never loaded do not sum up to zero."""
 
 Read = tuple[str | int, int]
 """(memory, address): a lane by its number, ``addend`` or ``gate``."""
@@ -77,7 +77,7 @@ def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
 
 
 def spread(code: Microcode, read: Read, word: int) -> int:
-    """What a word of a memory adds to the signature in the slot in which it is there."""
+    """Contribution of a memory word to the signature in the slot in which it is read."""
     config = code.plan.config
     memory, _ = read
     if isinstance(memory, int):  # all lanes' words side by side

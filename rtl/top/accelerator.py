@@ -10,11 +10,12 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.common.layouts import decision_layout, has_door, sample_layout
 from eskin.rtl.common.load_port import LOAD, following, load_lines
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.engine.engine import Engine, probe
+from eskin.rtl.frontend.frame_door import FrameDoor
 from eskin.rtl.frontend.front_end import FrontEnd
 from eskin.rtl.host.control import TEACHING, FedBy, HostControl, bus_signature
 from eskin.rtl.program.memory_map import Memory
@@ -60,7 +61,7 @@ class HostedChain(wiring.Component):
         raise NotImplementedError
 
     def frames_to(self, control: HostControl) -> list:
-        """Statements that tell the control of the frames."""
+        """Statements that report the frames to the control."""
         return [
             control.beat_offered.eq(self.i.valid),
             control.frame_beat.eq(self.i.valid & self.i.ready),
@@ -77,7 +78,7 @@ class HostedChain(wiring.Component):
         ]
 
     def needed(self, m: Module, control: HostControl) -> Signal:
-        """Whether the next clock edge is needed; nobody asks where the clock never stops."""
+        """True if the next clock edge is needed; unused where the clock never stops."""
         needed = Signal()
         if self._config.hardware.clock_gate:
             due = 0 if self.watching is None else self.watching.due
@@ -86,7 +87,7 @@ class HostedChain(wiring.Component):
 
 
 class Accelerator(HostedChain):
-    """Onset detector, pre-trigger ring, feature expander, window averager, normaliser, engine, classifier and
+    """Door, onset detector, pre-trigger ring, feature expander, window averager, normaliser, engine, classifier and
     control.
 
     Parameters
@@ -109,7 +110,7 @@ class Accelerator(HostedChain):
         A frame, sum, step, decision or command is in flight.
     probe : Out
         ``sum``, ``fault`` (the sum's taxel is out of use; only with a fault detector ever valid),
-        ``feature``, ``state``, ``logit``: what each stage hands on, in the cycle it does; ``step``: engine
+        ``feature``, ``state``, ``logit``: output of each stage, in the cycle of its transfer; ``step``: engine
         cycles of a step. Left open in a real design, they cost nothing.
 
     Latency from the last taxel of a window to its decision: a few cycles of front end and
@@ -141,7 +142,13 @@ class Accelerator(HostedChain):
         m.submodules.engine = ResetInserter(control.restart | begin_anew)(engine)
         m.submodules.classifier = ResetInserter(control.clear | begin_anew)(classifier)
 
-        wiring.connect(m, wiring.flipped(self.i), front_end.i)
+        frames = wiring.flipped(self.i)
+        if has_door(config):
+            m.submodules.door = door = ResetInserter(control.clear)(FrameDoor(config))
+            wiring.connect(m, frames, door.i)
+            m.d.comb += door.every.eq(control.every)
+            frames = door.o
+        wiring.connect(m, frames, front_end.i)
         wiring.connect(m, front_end.o, engine.i)
         wiring.connect(m, classifier.o, wiring.flipped(self.o))
         wiring.connect(m, wiring.flipped(self.bus), control.bus)

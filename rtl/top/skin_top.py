@@ -1,5 +1,5 @@
-"""What goes onto a board with its own sensors: converter, chain, decision pins, stimulator; a link or a flash
-where asked for."""
+"""Top module of a board with its own sensors: converter, chain, decision pins, stimulator, and optionally a
+link or a flash."""
 
 from collections.abc import Mapping
 
@@ -51,9 +51,9 @@ class SkinTop(wiring.Component):
     images:
         Memory contents where the model is in the bitstream.
     clock_hz:
-        Of the ``sync`` domain.
+        Frequency of the ``sync`` domain.
     baud:
-        Of the link; None: there is none.
+        Baud rate of the link; None: no link.
     flash:
         The model comes out of the board's flash. Not together with a link.
     shell:

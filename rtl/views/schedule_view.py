@@ -307,8 +307,8 @@ def _draw_line(axes, plan: Schedule, colours: dict[str, str], left: int, length:
 
 
 def save_figure(figure, kind: str) -> Callable[[Path], None]:
-    """What writes ``figure`` as ``kind`` (svg or png) to a path of any name; the same figure gives the same
-    file."""
+    """A function that writes ``figure`` as ``kind`` (svg or png) to a path of any name; the same figure gives
+    the same file."""
 
     def write(path: Path) -> None:
         from matplotlib import rc_context

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cosim import flow, gate_flow, runner
-from eskin.cosim.device import Design
+from eskin.cosim import flow, runner
 from eskin.cosim.scoreboard import DECISION_FIELDS
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, random_integer_model, random_recordings, run, write_vectors
-from eskin.rtl.fpga.generate import boot_writes, c_header, generate, pack_decision, register_map
+from eskin.rtl.fpga.generate import c_header, generate, pack_decision, register_map
 from eskin.rtl.program.memory_map import Register, mapped
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
+from tests.support.generated_bench import flip, make
 from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
@@ -88,16 +88,18 @@ def test_every_stage_is_exact_on_both_simulators_and_takes_the_same_cycles(play,
     assert stalls == (results[0]["cycles"]["frame_max"] > frame_cycles(CONFIG, ends_window=True))
 
 
-def test_the_device_in_this_process_sees_the_same_in_the_same_cycles(play, model, design, vectors):
-    verilated = Design((design / "accelerator.sv").read_text(), BUILDS, "a test")
-    map_, boot = register_map(model.config), boot_writes(model.config, model.arrays)
-    here, there = (
-        gate_flow.cosim(model.config, lambda seed: verilated, vectors, map_, boot),
-        play("verilator"),
-    )
+@pytest.mark.parametrize("pace", flow.PACES)
+def test_recordings_in_bulk_give_what_they_give_under_cocotb(play, vectors, pace):
+    clock = {"pace": pace, "clock_hz": 1.0e6}
+    here, there = play("verilator", cocotb=(), **clock), play("verilator", **clock)
+    assert (here["bulk_recordings"], there["cocotb_recordings"]) == (len(LENGTHS), len(LENGTHS))
     assert here["bit_exact"] and here["compared_values"] == values_in(vectors)
-    for name in ("stages", "cycles", "frames", "steps", "decisions"):
+    for name in ("stages", "cycles", "frames", "steps", "decisions", "overruns"):
         assert here[name] == there[name], name
+    both = play("verilator", cocotb=[1], **clock)
+    assert (both["cocotb_recordings"], both["bulk_recordings"]) == (1, len(LENGTHS) - 1)
+    for name in ("stages", "cycles", "frames", "steps", "decisions", "overruns"):
+        assert both[name] == there[name], name
 
 
 def test_stalls_depend_on_the_seed_alone(play):
@@ -221,6 +223,8 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
     frame = int(arrays["decision_frame"][arrays["decision_offsets"][1] + 3])
     place = f"recording {NUMBERS[1]}, frame {frame}, stage state, index {index} (touch 0, step 3, unit 2)"
     assert sentence.startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
+    bulk = play("verilator", vectors=tmp_path / "changed.npz", cocotb=(), waves=False)
+    assert bulk["mismatch_list"][0].startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
     kept = Path(result["waves"])
     formats = json.loads((kept / "signals.json").read_text())["formats"]
     assert formats["wrapper.state"] == str(CONFIG.formats.state_format)
@@ -394,34 +398,26 @@ def test_cosim_needs_neither_torch_nor_amaranth():
 
 
 # ---------------------------------------------------------------- generated folder
-def test_generated_testbench_passes_alone_and_fails_on_one_changed_word(model, tmp_path):
+def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(model, tmp_path):
     folder = generate_design(model, tmp_path / "out", lanes=2)
-
-    def simulate() -> subprocess.CompletedProcess:
-        command = "iverilog -g2012 -s testbench -o testbench.vvp testbench.sv accelerator.sv && vvp -n testbench.vvp"
-        assert f"$ {command}" in (folder / "testbench.sv").read_text()
-        return subprocess.run(
-            command, shell=True, cwd=folder, capture_output=True, text=True, timeout=600, check=False
-        )
-
-    done = simulate()
-    assert done.returncode == 0 and "PASSED" in done.stdout and "PASSED: 0 values" not in done.stdout
+    kept = (folder / "vectors.npz").read_bytes()
+    done = make(folder)
+    assert done.returncode == 0 and "values in" in done.stdout and "PASS=1 FAIL=0" in done.stdout
     for stage in ("sum", "state", "decision"):
-        path = folder / "vectors" / f"{stage}.hex"
-        kept = path.read_text()
-        words = kept.split()
-        words[1] = f"{int(words[1], 16) ^ 1:08x}"
-        path.write_text("\n".join(words) + "\n")
-        done = simulate()
-        assert (
-            done.returncode != 0
-            and "FAILED: 1 differences" in done.stdout
-            and f"stage {stage}, index 1" in done.stdout
-        )
-        path.write_text(kept)
+        (folder / "vectors.npz").write_bytes(kept)
+        said = flip(folder, stage, 1)
+        done = make(folder)
+        assert done.returncode and said in done.stdout
 
 
-def test_testbench_packs_decisions_as_the_scoreboard_unpacks_them():
+@pytest.mark.slow
+def test_the_generated_bench_runs_on_verilator_under_a_name_of_its_own(model, tmp_path):
+    folder = generate_design(model, tmp_path / "out", top="third")
+    done = make(folder, "verilator")
+    assert done.returncode == 0 and "PASS=1 FAIL=0" in done.stdout, done.stdout[-2000:]
+
+
+def test_decision_words_are_packed_as_the_scoreboard_unpacks_them():
     rng = np.random.default_rng(2)
     for _ in range(50):
         row = [int(rng.integers(0, 1 << width)) for _, width in DECISION_FIELDS.values()]

@@ -1,9 +1,6 @@
 """eskin/api.py, what ``import eskin`` shows: a model in Python, its stream against its predictions and the
 simulated hardware."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -14,7 +11,6 @@ from eskin.golden.model import random_images, run
 from eskin.verbs.flow import cosimulate
 from tests.support.folder import exchanges
 from tests.support.image_scenes import random_image_model
-from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -22,18 +18,6 @@ from tests.support.touch_scenes import SMALL, scene
 def model():
     """Trained on the small scene, as ``eskin.train`` does it."""
     return eskin.train(scene(60), config=SMALL, folds=0)
-
-
-def test_the_import_is_quick_because_nothing_heavy_is_loaded():
-    code = (
-        "import sys, eskin\n"
-        "first = {'numpy', 'torch', 'amaranth'} & set(sys.modules)\n"
-        "eskin.Model, eskin.load, eskin.Recordings, eskin.train\n"
-        "then = {'torch', 'amaranth', 'matplotlib', 'cocotb', 'scipy', 'sklearn'} & set(sys.modules)\n"
-        "sys.exit(', '.join(first | then) or 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stderr
 
 
 def test_every_public_name_is_there_and_no_other():
@@ -83,36 +67,6 @@ def test_scores_are_those_that_decide(model):
         / 2.0**other.config.formats.logit_format.frac_bits
     )
     assert other.decision_function(recordings)[2].tolist() == logits.tolist()
-
-
-def test_score_is_accuracy(model):
-    recordings = scene(30, seed=7)
-    share = np.mean(model.predict(recordings) == recordings.labels)
-    assert model.score(recordings) == share and 0.5 < share < 1
-    arrays = [recordings.recording(index) for index in range(30)]
-    assert model.score(arrays, recordings.labels) == share
-    with pytest.raises(eskin.InputError, match="give labels"):
-        model.score(arrays)
-    assert model.score(arrays, np.array(recordings.class_names)[recordings.labels]) == share
-    for labels, words in (
-        (recordings.labels[1:], "29 labels for 30 recordings"),
-        (["brush"] * 30, "'brush' is no class of the model; give names .rise, fall, pulse."),
-        ([np.nan] * 30, "label nan is no class"),
-        ([3] * 30, "label 3 is no class"),
-    ):
-        with pytest.raises(eskin.InputError, match=words):
-            model.score(arrays, labels)
-
-
-def test_no_decision_has_a_name_of_its_own(model):
-    """Recording 0 of the scene is never touched."""
-    decided = model.predict(scene(12, seed=5))
-    names = model.classes_[decided]
-    assert (names[decided < 0] == "none").all() and set(names[decided >= 0]) <= {"rise", "fall", "pulse"}
-    assert model.classes_[-1] == "none"
-    assert model.classes_[2] == "pulse"
-    assert model.classes_[1:].tolist() == ["fall", "pulse"]
-    assert model.classes_.tolist() == ["rise", "fall", "pulse"] and len(model.classes_) == 3
 
 
 def test_a_saved_model_is_the_same(model, tmp_path, monkeypatch):
@@ -166,53 +120,6 @@ def test_a_model_of_real_samples_takes_real_samples():
         stream.push(arrays[3])
 
 
-@each_row(
-    "frames, word",
-    [
-        (np.zeros((50, 5), dtype=int), "5 taxels"),
-        (np.full((50, 4), 0.5), "not integers"),
-        ([np.zeros((50, 4), dtype=int), np.zeros((50, 3), dtype=int)], "array 1 has shape"),
-        (np.zeros((0, 4), dtype=int), "array 0 has shape"),
-        (np.full((50, 4), -5), "runs from -5"),
-        (None, "NoneType is no array"),
-        ((array for array in [np.zeros((50, 4), dtype=int)]), "generator is no array"),
-        (np.array([[object()] * 4]), "holds object"),
-    ],
-)
-def test_frames_that_do_not_fit_are_refused(model, frames, word):
-    with pytest.raises(eskin.InputError, match=word):
-        model.predict(frames)
-
-
-@each_row(
-    "call, words",
-    [
-        (
-            lambda model: model.cosim([np.zeros((9, 4), int)], simulator="x"),
-            "simulator: is 'x'; give one of verilator, icarus",
-        ),
-        (
-            lambda model: model.cosim([np.zeros((9, 4), int)], level="x"),
-            "level: is 'x'; give one of rtl, netlist, bitstream",
-        ),
-        (
-            lambda model: model.cosim([np.zeros((9, 4), int)], pace="x"),
-            "pace: is 'x'; give one of full, declared",
-        ),
-        (lambda model: eskin.load(None), "recordings: are of type NoneType"),
-        (lambda model: eskin.Model.load(None), "model: is of type NoneType"),
-        (lambda model: eskin.Model(SMALL, hidden=10**9, folds=0).fit(scene(12)), "hidden: is 1000000000"),
-        (
-            lambda model: eskin.Model(SMALL, groups="nobody", folds=2).fit(scene(12)),
-            "has no group array 'nobody'",
-        ),
-    ],
-)
-def test_what_cannot_be_is_one_sentence(model, call, words):
-    with pytest.raises(eskin.InputError, match=words):
-        call(model)
-
-
 def check_stream(model, recordings, work, *, one_by_one, simulator="verilator"):
     """Stream, prediction and simulated hardware: the same rows of decisions, and of each recording the same
     class."""
@@ -249,11 +156,6 @@ def test_stream_prediction_and_hardware_agree_on_all_real_recordings(shared_data
     trained = eskin.train(recordings, config="pvdf", folds=0)
     assert trained.score(recordings) > 0.95  # on what it was trained on: that it is no random network
     assert check_stream(trained, recordings, tmp_path, one_by_one=lambda index: index % 20 == 0) > 6000
-
-
-def test_cosim_from_python(model):
-    result = model.cosim(scene(3, seed=2), simulator="icarus", lanes=2)
-    assert result["bit_exact"] and result["lanes"] == 2 and result["recordings"] == 3
 
 
 def test_a_network_for_images_predicts_from_arrays():

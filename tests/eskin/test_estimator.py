@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
@@ -35,19 +34,6 @@ def fitted(lists):
     return eskin.Model(LINEAR, folds=0).fit(*lists)
 
 
-def test_parameters_go_in_and_out():
-    model = eskin.Model(SMALL, cell="gru", hidden=6, folds=2, sample_rate_hz=500.0)
-    twin = clone(model)
-    assert twin is not model and twin.get_params() == model.get_params()
-    assert twin.set_params(hidden=8, cell="lstm") is twin and twin.get_params()["hidden"] == 8
-    assert twin._options["hidden"] == 8 and model._options["hidden"] == 6
-    with pytest.raises(eskin.InputError, match="has no parameter 'units'; it has cell, config"):
-        model.set_params(units=3)
-    with pytest.raises(eskin.InputError, match="no_such_preset"):
-        model.set_params(config="no_such_preset")
-    assert model.get_params()["config"] is SMALL
-
-
 def test_shares_add_up_and_follow_the_decision(fitted, lists):
     shares, decision = fitted.predict_proba(lists[0]), fitted.predict(lists[0])
     assert np.allclose(shares.sum(axis=1), 1) and (shares > 0).all()
@@ -61,6 +47,7 @@ def test_shares_add_up_and_follow_the_decision(fitted, lists):
     assert np.allclose(votes, [[0.75, 0.25, 0], [1 / 3] * 3])
 
 
+@pytest.mark.slow
 def test_a_grid_over_a_pipeline_of_lists_here_and_in_processes(fitted, lists):
     again = pickle.loads(pickle.dumps(fitted))
     assert np.array_equal(again.predict(lists[0]), fitted.predict(lists[0]))
@@ -94,17 +81,9 @@ def test_labels_by_name_and_of_a_table(lists):
         of_table.score(numbers)
 
 
-@pytest.mark.parametrize(
-    "wrong", [{"folds": "x"}, {"folds": 2.5}, {"seed": -1}, {"groups": 3}, {"groups": [3]}, {"config": 3}]
-)
-def test_parameters_of_another_type_are_refused_by_name(wrong):
-    with pytest.raises(eskin.InputError, match=rf"model, {next(iter(wrong))}: is "):
-        eskin.Model(LINEAR).set_params(**wrong)
-
-
 def test_scikit_learns_own_checks_pass_or_are_listed():
     """As it stands the model says that it takes no arrays of two dimensions, and few are tried; of one that says it
-    does, those that fail are those of docs/python.md."""
+    does, those that fail are those of docs/figures.md."""
 
     class OfRows(eskin.Model):
         def __sklearn_tags__(self):
@@ -117,7 +96,7 @@ def test_scikit_learns_own_checks_pass_or_are_listed():
         forced = check_estimator(OfRows(LINEAR, folds=0), on_fail=None, on_skip=None)
     assert {check["status"] for check in own} == {"passed"}
     missed = {check["check_name"] for check in forced if check["status"] == "failed"}
-    listed = set(re.findall(r"`(check_\w+)`", Path("docs/python.md").read_text()))
+    listed = set(re.findall(r"`(check_\w+)`", Path("docs/figures.md").read_text()))
     assert missed == listed - {"check_estimator"}
 
 

@@ -78,24 +78,12 @@ def test_what_is_kept_is_not_done_again(tmp_path):
     assert keep.read("a") is None and keep.remembered("a", lambda: 5) == 5 == keep.remembered("a", lambda: 6)
 
 
-def test_an_error_in_a_worker_arrives_and_ends_the_others():
-    begin = time.monotonic()
-    with pytest.raises(InputError, match="piece bad"):
-        Jobs(workers=2).results(slowly, {"a": "bad", "b": 100}, 7)
-    assert time.monotonic() - begin < 900
-
-
-def slowly(shared, piece):
-    if piece != "bad":
-        time.sleep(1000)
-    return times(shared, piece)
-
-
 def test_a_worker_that_dies_is_told_in_a_sentence():
     with pytest.raises(InputError, match="a worker process died"):
         Jobs(workers=2).results(times, {"a": "die", "b": 1}, 7)
 
 
+@pytest.mark.slow
 def test_a_worker_computes_in_one_thread():
     before = os.environ.get("OMP_NUM_THREADS")
     assert set(Jobs(workers=2).results(threads, {"a": 0, "b": 1}).values()) == {1}
@@ -212,12 +200,3 @@ def test_workers_of_other_code_are_refused(scheduler, monkeypatch):
 
     with pytest.raises(InputError, match="has other code or libraries than this machine"):
         Jobs(dask=scheduler, version=version).results(times, PIECES, 7)
-
-
-def test_a_cluster_that_is_not_there(monkeypatch):
-    pytest.importorskip("distributed")
-    with pytest.raises(InputError, match="no scheduler answers"):
-        Jobs(dask="nonsense://here").results(times, PIECES, 7)
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"eskin\[cluster\]"):
-        Jobs(dask="tcp://here:8786").results(times, PIECES, 7)

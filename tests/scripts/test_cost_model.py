@@ -12,7 +12,7 @@ from scripts.docs_site import ROOT
 
 @pytest.fixture(scope="module")
 def counted():
-    return read_rows((ROOT / "docs/energy.md").read_text())
+    return read_rows((ROOT / "docs/figures.md").read_text())
 
 
 def test_the_constants_are_those_of_the_counted_netlists(counted):

@@ -147,23 +147,6 @@ def test_killed_survived_timeout_and_equivalent(project):
     assert (project / "golden/unit.py").read_text() == CODE
 
 
-def test_only_draws_all_mutants_from_the_files_asked_for(project):
-    """Two of two: drawn from all files first and left out afterwards, most of them would be of the other
-    file."""
-    (project / "golden/other.py").write_text(
-        "".join(f"def f{k}(x):\n    return x + {k}\n\n\n" for k in range(2, 20))
-    )
-    (project / "tests/mutants.toml").write_text(SCOPE + '"golden/other.py" = ["tests/test_unit.py"]\n')
-    _, shown, _ = run(project, "--only", "unit", "--count", "2")
-    assert "mutants: 2 of 2" in shown and "other.py" not in shown, shown
-
-
-def test_tests_that_fail_without_a_mutant_say_nothing(project):
-    (project / "tests/test_unit.py").write_text(TEST.replace("== 6", "== 7"))
-    status, shown, result = run(project)
-    assert status == 2 and "fails without a mutant" in shown and not result
-
-
 def test_every_test_that_judges_is_there():
     """By file and function; a parameter set that is gone ends the run with a sentence."""
     scope = Scope.load(ROOT)

@@ -30,8 +30,6 @@ from scipy.io import loadmat, savemat
 from eskin.cli.main import app
 from eskin.exchange.onnx_file import write_onnx
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.core.converters import CONVERTERS, NoConverter
-from eskin.golden.core.groups import Interface
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, random_images, random_integer_model
 from eskin.golden.model.prototypes import save_taught
@@ -650,51 +648,6 @@ def damaged(case: Path, rng: random.Random) -> list[str]:
     name = rng.choice(INPUTS)
     damage(case / "in" / name, rng)
     return _reader(case, name, rng)
-
-
-def interfaces(case: Path, rng: random.Random) -> list[str]:
-    """A model whose configuration has an interface of good, borderline and odd values, under a verb that
-    makes hardware of it."""
-    file = case / "in" / "model" / "config.json"
-    values = json.loads(file.read_text())
-    fields: dict[str, Any] = {
-        "converter": (converter := {"name": rng.choice((*CONVERTERS, "none"))}),
-        "stimulator": rng.choice(("none", "decisions")),
-        "rows": 2,
-        "columns": 2,
-    }
-    numbers = (
-        *range(5),
-        7,
-        8,
-        12,
-        16,
-        17,
-        24,
-        31,
-        32,
-        33,
-        255,
-        256,
-        4095,
-        65535,
-        65536,
-        -1,
-        1 << 24,
-        1e-6,
-        1e6,
-        20e6,
-        0.3,
-    )
-    own = [name for name in vars(CONVERTERS.get(converter["name"], NoConverter())) if name != "name"]
-    for part, names in ((fields, [field.name for field in dataclasses.fields(Interface)]), (converter, own)):
-        for name in rng.sample(names, rng.choice((0, 0, 1, 1, 3))):
-            part[name] = rng.choice(rng.choice((numbers, numbers, numbers, VALUES)))
-    values["interface"] = fields
-    values["sensor"]["sample_rate_hz"] = rng.choice((500.0, 500.0, 500.0, 50.0, 6000.0))
-    values["hardware"]["clock_hz"] = rng.choice((12e6, 12e6, 25e6, 25e6, 2e6, 3e5))
-    file.write_text(json.dumps(values))
-    return _reader(case, "model", rng)
 
 
 def _reader(case: Path, name: str, rng: random.Random) -> list[str]:

@@ -126,6 +126,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         name="random",
         taxels=taxels,
         sample_rate_hz=1000.0,
+        scan_every=pick(1, 1, 2, 4, 16),
         sample_bits=sample.width,
         sample_signed=sample.signed,
         masked_taxels=pick((), (0,), (taxels - 1, 1)) if taxels > 2 else (),
@@ -316,7 +317,7 @@ def differences(design: Design, folder: Path) -> list[str]:
     if config.interface.converter.name != "none":
         recordings = _never_stuck(recordings, config)
     if config.hardware.clock_gate:  # which stops the clock between frames only
-        clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.sample_rate_hz
+        clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.scan_rate_hz
         options |= {"pace": "declared", "clock_hz": clock}
     result = cosimulate(model, recordings, **options)
     way = result.get("conversion", {})

@@ -70,6 +70,11 @@ class Scene:
     origin: Any = field(default=None, compare=False, repr=False)
     memo: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
 
+    def __post_init__(self) -> None:
+        # the frames that reach the chain are what is disturbed: a converter reads no others, a host sends no others
+        scanned = self.recordings.scanned(self.config.sensor.scan_every)
+        object.__setattr__(self, "recordings", scanned)
+
     def __getstate__(self) -> Record:
         """What another process gets: the fields, not what was computed from them here."""
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}

@@ -34,7 +34,7 @@ def hum(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """50 Hz on all taxels, with so many times the amplitude of the noise at rest."""
 
     def add(stream, onset, rng):
-        phase = 2 * np.pi * 50 / bench.config.sensor.sample_rate_hz * np.arange(len(stream)) + rng.uniform(
+        phase = 2 * np.pi * 50 / bench.config.sensor.scan_rate_hz * np.arange(len(stream)) + rng.uniform(
             0, 2 * np.pi
         )
         return stream + (level * bench.rest_noise * np.sin(phase)).astype(np.float32)[:, None]
@@ -130,7 +130,7 @@ def glitch(bench: Scene, height: float, taxels: Sequence[int]) -> Change:
 
 def ramp(bench: Scene, speed: float, taxels: Sequence[int]) -> Change:
     """All taxels ramp by so many standard deviations of the features a second."""
-    step = speed * bench.sigma / bench.config.sensor.sample_rate_hz
+    step = speed * bench.sigma / bench.config.sensor.scan_rate_hz
     return lambda stream, place, rng: stream + (step * np.arange(len(stream), dtype=np.float32))[:, None]
 
 
@@ -143,7 +143,7 @@ def stretches_and_frames(bench: Scene) -> str:
 def ramp_in_codes(bench: Scene) -> str:
     """The ramp in codes, beside what the rest level follows, in words."""
     config = bench.config
-    tracked = f"tracking follows {config.sensor.sample_rate_hz / 16:.0f} at most"
+    tracked = f"tracking follows {config.sensor.scan_rate_hz / 16:.0f} at most"
     return f"{bench.sigma:.3g} codes a second; {tracked if config.rest_level.rest == 'tracked' else 'the rest level is not tracked'}"
 
 

@@ -1,4 +1,4 @@
-"""The DDC232 of Texas Instruments, 32 current inputs of 20 bits: what its data sheet (SBAS331) says, and the
+"""The DDC232 of Texas Instruments, 32 current inputs of 20 bits: figures of its data sheet (SBAS331), and the
 plan for one configuration.
 
 Where the sheet's copies differ or say nothing, a field of the configuration tells it, or the slower figure is
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 CHANNELS = 32
 CLOCK_HZ = {"CK": 10e6, "C": 5e6}
-"""Of its own clock, the most, by version."""
+"""Highest frequency of the chip's own clock, by version."""
 RATE_HZ = 1 / 166.5e-6
 """Integrations a second at most."""
 QUIET_S = 10e-6
 """No data clock this long before and after an edge of CONV."""
 DCLK_HZ = 16e6
-"""Of the data clock, where nothing is said: an assumption, the sheet's tables could not be read."""
+"""Default data clock. This is an assumption; the tables of the data sheet could not be read."""
 WAIT_S = 1e-3
 """After reset, after its end and after the configuration."""
 WARM_UP = 4
@@ -44,7 +44,7 @@ ZERO = {20: 0x01000, 16: 0x0100}
 
 @dataclass(frozen=True, kw_only=True)
 class DdcPlan(Plan):
-    """What the controller does at one clock.
+    """The actions of the controller at one clock frequency.
 
     configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word that is read,
     in their order; None: not wired. clk_half, half: cycles of half a period of its clock and of the data
@@ -67,7 +67,7 @@ class DdcPlan(Plan):
         return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in PINS}
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
-        """Of the model in cosim/converters; FIRST: input of taxel 0."""
+        """Parameters of the model in cosim/converters; FIRST: input of taxel 0."""
         chip, first = config.interface.converter, self.places.index(0)
         assert isinstance(chip, Ddc232)
         return {
@@ -138,12 +138,12 @@ class Ddc232(Converter):
             # an edge of CONV waits for its clock; DVALID crosses two flip-flops
             dvalid=self.dvalid_clocks * 2 * clk_half + 6,
         )
-        frame = math.floor(clock / config.sensor.sample_rate_hz)
+        frame = math.floor(clock / config.sensor.scan_rate_hz)
         return replace(plan, deadline=frame - quiet - plan.read_cycles)
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
         taxels = config.sensor.taxels
-        clock, rate = config.hardware.clock_hz, config.sensor.sample_rate_hz
+        clock, rate = config.hardware.clock_hz, config.sensor.scan_rate_hz
         if taxels > CHANNELS:
             yield (
                 "taxels",
@@ -159,6 +159,12 @@ class Ddc232(Converter):
             yield (
                 "converter.hz",
                 f"is {self.hz:g}; the data clock of a DDC232 has at most {DCLK_HZ:g} Hz here",
+            )
+        if config.sensor.scan_every > 1:
+            yield (
+                "scan_every",
+                f"is {config.sensor.scan_every}; a DDC232 integrates from frame to frame, so that fewer frames have larger "
+                "codes: use 1",
             )
         if rate > RATE_HZ:
             yield (

@@ -43,7 +43,7 @@ class MatrixPlan(Plan):
         return wires
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
-        """Of the model in cosim/converters."""
+        """Parameters of the model in cosim/converters."""
         return {"ROWS": self.rows, "COLUMNS": self.columns, "SETTLE_PS": round(1e12 * self.settle_s)}
 
     @property
@@ -83,7 +83,7 @@ class Matrix(Converter):
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
         settle_s, taxels, left_s = self.settle_s, config.sensor.taxels, frame_s(config)
         plan = self.plan(config)
-        clock, rate = config.hardware.clock_hz, config.sensor.sample_rate_hz
+        clock, rate = config.hardware.clock_hz, config.sensor.scan_rate_hz
         if plan.rows * plan.columns != taxels:
             yield (
                 "rows",

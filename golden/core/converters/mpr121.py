@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
 
 ADDRESS = 0x5A
-"""Of the first chip; the second has the next."""
+"""Bus address of the first chip; the second chip has the next one."""
 I2C_HZ, LOW_S = 400e3, 1.3e-6
-"""Of the bus at most, and its clock low at least: half a bit here, so the bus has 385 kHz."""
+"""Highest frequency of the bus and shortest low time of its clock. Low takes half a bit here, so the bus runs
+at 385 kHz."""
 RESET_S, FIRST_DATA_S = 1e-3, 10e-3
 """After the soft reset, and from the start of the electrodes to data that count."""
 ELECTRODES = {1: 12, 2: 22}
@@ -82,7 +83,7 @@ class MprPlan(Plan):
         return {"scl": f"{chip}, SCL (pull-up)", "sda": f"{chip}, SDA (pull-up)"}
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
-        """Of the model in cosim/converters."""
+        """Parameters of the model in cosim/converters."""
         return {"CHIPS": self.chips}
 
     @property
@@ -137,7 +138,7 @@ class Mpr121(Converter):
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
         array, taxels, left_s = config.interface, config.sensor.taxels, frame_s(config)
-        clock, rate, chips = config.hardware.clock_hz, config.sensor.sample_rate_hz, self.chips
+        clock, rate, chips = config.hardware.clock_hz, config.sensor.scan_rate_hz, self.chips
         size = f"is {array.rows} with {array.columns} columns"
         if array.rows * array.columns != taxels:
             yield "rows", f"{size}, and there are {taxels} taxels; give the array's own"

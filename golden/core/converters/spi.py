@@ -146,14 +146,14 @@ class SpiPlan(Plan):
         return wires
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
-        """Of the model in cosim/converters."""
+        """Parameters of the model in cosim/converters."""
         fields = ("channel_bit", "delay", "code_bit", "code_bits", "tag_bit", "tag_bits", "zeros", "channels")
         values = {name.upper(): getattr(self.chip, name) for name in fields}
         return values | {"LINES": self.lines, "SELECTS": self.selects, "FRAME_BITS": self.chip.bits}
 
     @property
     def transfer_cycles(self) -> int:
-        """From a transfer's start to that of the next, without what is between them."""
+        """Cycles from a transfer's start to the next one's, without the gap."""
         return self.lead + 2 * self.half * self.chip.bits + self.high
 
     @property
@@ -173,7 +173,7 @@ class SpiPlan(Plan):
 
     @property
     def chips(self) -> int:  # type: ignore[override]
-        """Of all lines and selects."""
+        """Number of chips on all data lines and selects."""
         return self.lines * self.selects
 
 
@@ -195,11 +195,11 @@ class OnSpi(Converter):
     data_lines: Annotated[StrictInt, Ge(0)] = 0
 
     def chip(self) -> SpiChip:
-        """The chip's data sheet; each kind says its own."""
+        """The chip's data sheet; each kind defines its own."""
         raise NotImplementedError
 
     def chips(self, config: AcceleratorConfig) -> int:
-        """How many chips the taxels need."""
+        """Number of chips that the taxels need."""
         return -(-config.sensor.taxels // self.chip().channels)
 
     def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> SpiPlan:
@@ -242,8 +242,9 @@ class OnSpi(Converter):
         yield from self._too_slow(config)
 
     def _too_slow(self, config: AcceleratorConfig) -> Iterator[Refusal]:
-        """Whether a scan leaves a reserve of the frame; with the nearest that does."""
-        clock, rate, available = config.hardware.clock_hz, config.sensor.sample_rate_hz, frame_s(config)
+        """The refusal of a scan that leaves too little of the frame, with the nearest plan that fits; None if
+        it fits."""
+        clock, rate, available = config.hardware.clock_hz, config.sensor.scan_rate_hz, frame_s(config)
         plan, chip, count = self.plan(config), self.chip(), self.chips(config)
         took = plan.scan_cycles / clock
         if took <= available:
@@ -283,12 +284,12 @@ class SpiByName(OnSpi):
 
     @property
     def watt(self) -> float | None:  # type: ignore[override]
-        """Of the row."""
+        """Power of the row's chip."""
         return self.chip().watt
 
     @property
     def stated(self) -> str:  # type: ignore[override]
-        """Of the row."""
+        """Text of the row about the chip's figures."""
         return self.chip().stated
 
 

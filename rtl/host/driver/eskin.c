@@ -41,10 +41,14 @@ int eskin_hw_load(eskin_hw *hw, const uint32_t *writes, size_t count) {
     return (eskin_hw_faults(hw) & ESKIN_FAULT_WRITE_REFUSED) == 0;
 }
 
-void eskin_hw_arm(eskin_hw *hw) {
-    put(hw, ESKIN_CONTROL_OFFSET, ESKIN_CONTROL_ARM | ESKIN_CONTROL_CLEAR_FAULTS);
+static void arm(eskin_hw *hw, uint32_t option) {
+    put(hw, ESKIN_CONTROL_OFFSET, ESKIN_CONTROL_ARM | ESKIN_CONTROL_CLEAR_FAULTS | option);
     hw->next = 0;
 }
+
+void eskin_hw_arm(eskin_hw *hw) { arm(hw, 0); }
+
+void eskin_hw_arm_every(eskin_hw *hw) { arm(hw, ESKIN_CONTROL_EVERY); }
 
 #ifdef ESKIN_SAMPLE
 static int frame_is_in(eskin_hw *hw) {

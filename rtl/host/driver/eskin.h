@@ -50,6 +50,10 @@ int eskin_hw_load(eskin_hw *hw, const uint32_t *writes, size_t count);
 /* Begins a recording; faults and decisions of the one before are gone. */
 void eskin_hw_arm(eskin_hw *hw);
 
+/* The same where every frame of the source comes: the hardware takes one in ESKIN_SCAN_EVERY. After eskin_hw_arm() it takes
+ * all that come. */
+void eskin_hw_arm_every(eskin_hw *hw);
+
 #ifdef ESKIN_SAMPLE
 /* Feeds a frame of ESKIN_FRAME_TAXELS codes (two's complement). 1: it is in. 0: decisions have to be taken first;
  * then call it again with the same frame, which goes on where it stopped. */

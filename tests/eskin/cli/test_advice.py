@@ -7,7 +7,6 @@ from eskin.choose import doubts
 from eskin.cli.common import PANELS, app
 from eskin.golden.core import PRESETS
 from eskin.golden.model import with_network
-from eskin.training.stage_error import STAGES
 from tests.eskin.choose.test_doubts import baseline, split
 from tests.support.table import each_row
 
@@ -29,20 +28,6 @@ def test_every_advice_is_something_that_the_verbs_take(verb, name, hardware, cel
             advised = int(words[words.index("--hidden") + 1])
             assert advised > (hidden if cell != "linear" else 0)
             with_network(PRESETS["thesis"], cell=words[words.index("--cell") + 1], hidden=advised)
-
-
-def test_what_integers_lose_names_the_stage_and_an_option_of_quantise():
-    evaluated = {"logit_error": {"mean": 0.1, "max": 2.0, "stage": "features"}}
-    assert doubts.lost_in_integers([split() | {"float_accuracy": 0.9049}], evaluated) == []
-    options = {opt for parameter in get_command(app).commands["quantise"].params for opt in parameter.opts}
-    for stage in STAGES:
-        evaluated["logit_error"]["stage"] = stage
-        (one,) = doubts.lost_in_integers([split() | {"float_accuracy": 0.95}], evaluated)
-        sentence = one["text"]
-        assert stage in sentence and "95.0 %" in sentence
-        assert {word for word in sentence.replace("'", " ").split() if word.startswith("--")} <= options
-    anew = split() | {"nested": split() | {"float_accuracy": 0.95}}  # what folds that chose nothing lose
-    assert doubts.lost_in_integers([anew], evaluated) == [one]
 
 
 def test_every_verb_is_in_one_group_of_the_help():

@@ -2,16 +2,15 @@
 
 import inspect
 from pathlib import Path
-from typing import get_args, get_type_hints
+from typing import get_type_hints
 
 import pytest
-import typer
 
-from eskin.cli.common import INPUT_WORDS, OUTPUTS, REPLACING, app, check_outputs, how_many
+from eskin.cli.common import INPUT_WORDS, OUTPUTS, app, check_outputs, how_many
 from eskin.cli.main import VERBS
 from eskin.data import image_size
 from eskin.golden.core import InputError
-from eskin.requests import CONFIG, DATA, EnrolRequest, lanes_of
+from eskin.requests import EnrolRequest, lanes_of
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
 
@@ -61,17 +60,6 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
                     match=rf"^--{output} .*{Path(place).name}: is .* which would be lost; give another name",
                 ):
                     COMMANDS[verb](**given | {output: Path(place)})
-
-
-@each_row("verb", COMMANDS)
-def test_what_may_be_a_file_is_known_as_one(verb):
-    for name, kind in get_type_hints(COMMANDS[verb], include_extras=True).items():
-        options = [option for option in get_args(kind) if isinstance(option, typer.models.ParameterInfo)]
-        text = options[0].help or "" if options else ""
-        if "Path" not in str(kind) and (DATA in text or CONFIG in text or "JSON file" in text):
-            assert name in INPUT_WORDS
-        if name == "out":
-            assert (verb in REPLACING) == ("replaced" in text or "earlier build" in text)
 
 
 @each_row(

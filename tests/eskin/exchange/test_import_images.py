@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 import torch
 from torch import nn
-from typer.testing import CliRunner
 
-from eskin.cli.main import app
 from eskin.exchange.import_network import import_network
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.data import save_archive
-from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, random_images, run_images
+from eskin.golden.model import FloatModel, float_images, random_images, run_images
 from eskin.training.image_formats import quantised
-from tests.support.image_scenes import SHAPES, shapes
+from tests.support.image_scenes import SHAPES
 from tests.support.table import each_row
 
 LAYERS = ("conv 5 4", "pool", "conv 3 6", "pool", "dense 5", "dense 3")
@@ -75,32 +72,6 @@ def test_it_computes_what_torch_computes(tmp_path, norm, bias):
     integer = quantised(model, images)
     rounded = integer.config.formats.logit_format.to_real(run_images(integer, images).logits)
     assert np.abs(rounded - expected).max() < 0.1 * np.abs(expected).max()
-
-
-def test_the_command_line_takes_it_on_to_integers(tmp_path):
-    scene = shapes(5, 0, (9, 11))
-    save_archive(scene, tmp_path / "images.npz")
-    (tmp_path / "c.json").write_text(config().to_json())
-    file = saved(tmp_path / "n.pt", network().state_dict())
-    run, out = CliRunner(), str(tmp_path / "m")
-    outcome = run.invoke(
-        app,
-        [
-            "import",
-            str(file),
-            "--out",
-            out,
-            "--config",
-            str(tmp_path / "c.json"),
-            "--mean",
-            "0",
-            "--std",
-            "255",
-        ],
-    )
-    assert outcome.exit_code == 0 and "0 conv 5 4 of 0" in outcome.output, outcome.output
-    assert run.invoke(app, ["quantise", out, "--data", str(tmp_path / "images.npz")]).exit_code == 0
-    assert run_images(IntegerModel.load(out, images=True), images_of(scene)).decision.shape == (15,)
 
 
 def _without(state, *names):

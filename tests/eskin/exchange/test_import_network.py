@@ -132,20 +132,6 @@ def test_keras_network_computes_the_same(tmp_path, gates, bias_rows, cell, reset
     assert np.abs(model.arrays["b_y"] - arrays[4]).max() == 0
 
 
-def test_sizes_formats_and_old_files(tmp_path):
-    """float16, the serialisation before zip, other sizes; an earlier model is replaced."""
-    config = SYNTHETIC.replace(taxels=9, class_names=("a", "b", "c", "d", "e"))
-    for hidden, dtype, zipped in ((4, torch.float16, True), (32, torch.bfloat16, False)):
-        network = Network(torch.nn.GRU, 9, hidden, 5).to(dtype)
-        torch.save(network.state_dict(), tmp_path / "net.pth", _use_new_zipfile_serialization=zipped)
-        import_network(tmp_path / "net.pth", config, out=tmp_path / "model", reset="after", **SCALE)
-        model = FloatModel.load(tmp_path / "model")
-        assert model.config.network.hidden == hidden
-        assert np.array_equal(
-            model.arrays["U_r"], network.recurrent.weight_hh_l0.detach().double().numpy()[:hidden]
-        )
-
-
 # ---------------------------------------------------------------------- refusals
 def refused(tmp_path: Path, file: Path, match: str, config: AcceleratorConfig = SYNTHETIC, **options) -> None:
     """One sentence that says so, and no folder."""
@@ -245,22 +231,6 @@ def test_torch_arrays_that_do_not_make_one_network(tmp_path, arrays, match):
     refused(tmp_path, torch_file(tmp_path, **arrays), match)
 
 
-FIELD = "configuration 'synthetic', field"
-
-
-@each_row(
-    "sizes, changes, match",
-    [
-        ((8, 10, 3), {}, f"weight_ih_l0: takes 8 inputs and {FIELD} taxels, has 16"),
-        ((16, 10, 5), {}, f"head.weight: decides between 5 classes and {FIELD} class_names, has 3"),
-        ((16, 33, 3), {}, "field hidden: is 33; it must lie in 4..32"),
-        ((16, 10, 3), {"gate_activation": "hard_sigmoid"}, "torch's gates are sigmoids"),
-    ],
-)
-def test_sizes_that_do_not_fit_the_configuration(tmp_path, sizes, changes, match):
-    refused(tmp_path, torch_file(tmp_path, torch.nn.GRU, *sizes), match, SYNTHETIC.replace(**changes))
-
-
 GOOD = keras_arrays(3, 2)
 
 
@@ -334,35 +304,6 @@ def test_damaged_files(tmp_path, kind):
         refused(tmp_path, file, "is damaged")
 
 
-def test_files_of_other_kinds(tmp_path):
-    refused(tmp_path, tmp_path / "net.tflite", "is neither .pt, .pth nor .npz")
-    refused(tmp_path, tmp_path / "none.pt", "is no file")
-    (tmp_path / "folder.pt").mkdir()
-    refused(tmp_path, tmp_path / "folder.pt", "is no file")
-    np.save(tmp_path / "one.npy", np.ones(3))
-    (tmp_path / "one.npy").rename(tmp_path / "one.npz")
-    (tmp_path / "folder.pt").rmdir()
-    refused(tmp_path, tmp_path / "one.npz", "is a single array, not an .npz archive")
-
-
-@each_row(
-    "options, match",
-    [
-        (
-            {"mean": None, "std": None},
-            "how its inputs were normalised; give --mean and --std .codes., or --data",
-        ),
-        ({"std": None}, "--std: is missing; give both"),
-        ({"mean": None}, "--mean: is missing; give both"),
-        ({"std": 0.0}, "--std 0: is no spread above 0"),
-        ({"std": float("nan")}, "--std nan: is no spread above 0"),
-        ({"mean": float("inf")}, "--mean inf: is no finite number"),
-    ],
-)
-def test_normalisation_must_be_known(tmp_path, options, match):
-    refused(tmp_path, torch_file(tmp_path), match, **options)
-
-
 # ---------------------------------------------------------------------- on to the integer model
 @pytest.fixture(scope="module")
 def scene() -> Recordings:
@@ -400,9 +341,3 @@ def test_measured_normalisation_is_that_of_training(tmp_path, scene):
     touches = find_touches(SLOW, scene)
     features = model.features(real_features(SLOW, touches.sums))[touches.completed == SLOW.windows.steps]
     assert abs(features.mean()) < 0.05 and abs(features.std() - 1) < 0.05
-
-
-def test_no_touch_to_measure_on(tmp_path, make_recordings):
-    quiet = make_recordings(lengths=[2000] * 3, taxels=16, classes=3)
-    match, unsaid = "hold no touch to measure mean and deviation on", {"mean": None, "std": None}
-    refused(tmp_path, torch_file(tmp_path), match, SLOW, recordings=quiet, **unsaid)

@@ -53,22 +53,6 @@ def frames(first: int, count: int) -> Frames:
     return Frames(first, np.arange(2 * count).reshape(count, 2))
 
 
-def test_events_keep_their_place_among_frames(hub):
-    viewer = hub.attach()
-    hub.publish(Begin(4, 1, 100, np.zeros(2)))
-    hub.publish(frames(1, 25))
-    hub.publish(Onset(0, 25, 20))
-    hub.publish(frames(26, 10))
-    got = messages(viewer)
-    assert [message["k"] for message in got] == ["hello", "begin", "frames", "frames", "onset", "frames"]
-    assert [bucket[:2] for message in got if message["k"] == "frames" for bucket in message["b"]] == [
-        [1, 10],
-        [11, 10],
-        [21, 5],
-        [26, 10],
-    ]
-
-
 def test_a_viewer_who_does_not_take_fills_no_memory_and_is_counted(hub):
     slow, quick = hub.attach(), hub.attach()
     hub.publish(Begin(0, 0, 0, np.zeros(2)))
@@ -114,18 +98,3 @@ def test_a_late_viewer_gets_this_recording_and_the_results_before_it(hub):
     hub.tally(Tally(frames=901, mismatches=2))
     (tally,) = messages(late)
     assert (tally["k"], tally["frames"], tally["mismatches"], tally["dropped"]) == ("tally", 901, 2, 0)
-
-
-def test_a_faster_source_is_thinned_out_more(hub):
-    viewer = hub.attach()
-    hub.pace(50_000.0)
-    hub.publish(frames(1, 1000))
-    assert [
-        bucket[1] for message in messages(viewer) if message["k"] == "frames" for bucket in message["b"]
-    ] == [500, 500]
-
-
-def test_large_arrays_get_fewer_display_frames():
-    assert Hub({}, 3000.0, 16).bucket(1.0) == 30
-    assert Hub({}, 3000.0, 160).bucket(1.0) == 150
-    assert Hub({}, 50.0, 160).bucket(1.0) == 2

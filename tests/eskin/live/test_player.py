@@ -76,76 +76,6 @@ def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch)
     assert tally.undecided == np.sum(trace.decision < 0) > 0
 
 
-class FakeTime:
-    """A clock that only `Controls.wait` moves; ``asked(controls, times)`` may do something in each wait and
-    end it early."""
-
-    def __init__(self, monkeypatch, controls, asked=lambda controls, times: None) -> None:
-        self.start = self.now = time.monotonic()
-        self._asked, self._controls, self._times = asked, controls, 0
-        monkeypatch.setattr(module, "time", self)
-        monkeypatch.setattr(controls, "wait", self.wait)
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def wait(self, seconds: float) -> None:
-        before, self._times = self._controls.changes, self._times + 1
-        self._asked(self._controls, self._times)
-        self.now += min(seconds, 0.001) if self._controls.changes != before else seconds
-
-
-class Timed(ModelSource):
-    """Takes ``late_s`` for the second piece."""
-
-    def __init__(self, model, late_s: float = 0.0) -> None:
-        super().__init__(model)
-        self.pieces, self.clock, self.late_s = 0, None, late_s
-
-    def take(self, samples):
-        self.pieces += 1
-        self.clock.now += self.late_s * (self.pieces == 2)
-        return super().take(samples)
-
-
-def toggled(controls, times: int) -> None:
-    controls.pause(bool(times % 2))
-
-
-@pytest.mark.parametrize(
-    ("asked", "late_s", "seconds"),
-    [
-        (lambda controls, times: None, 0.0, lambda whole, piece: whole),
-        (lambda controls, times: controls.pause(False), 0.0, lambda whole, piece: whole),
-        (lambda controls, times: controls.choose(-1), 0.0, lambda whole, piece: whole),
-        (
-            lambda controls, times: controls.pace(2.0 if times % 2 else 1.0),
-            0.0,
-            lambda whole, piece: whole / 1.5,
-        ),
-        (
-            lambda controls, times: times == 5 and controls.pace(0.5),
-            0.0,
-            lambda whole, piece: 2 * whole - 4 * piece,
-        ),
-        (toggled, 0.0, lambda whole, piece: 2 * whole),
-        (lambda controls, times: None, module.BEHIND_S - 0.05, lambda whole, piece: whole),  # caught up
-        (lambda controls, times: None, 0.8, lambda whole, piece: whole + 0.8 - piece),  # not hurried
-    ],
-)
-def test_the_pace_is_exact_whatever_viewers_send(model, recordings, monkeypatch, asked, late_s, seconds):
-    source, rate = Timed(model, late_s), recordings.sample_rate_hz
-    stage = Stage(source, recordings, [3], speed=1.0)
-    source.clock = FakeTime(monkeypatch, stage.controls, asked)
-    stage.go()
-    whole, piece = recordings.lengths[3] / rate, round(rate * module.TICK_S) / rate
-    assert source.clock.now - source.clock.start == pytest.approx(seconds(whole, piece), abs=0.01)
-    states = [message for message in stage.messages if message["k"] == "state"]
-    assert all(state != later for state, later in pairwise(states)), "what is as it was is not told again"
-    behind = max(message["behind_s"] for message in stage.messages if message["k"] == "tally")
-    assert late_s < 0.5 or behind == pytest.approx(late_s - piece, abs=0.002)
-
-
 def test_pause_next_class_and_the_end(model, recordings):
     stage = Stage(ModelSource(model), recordings, speed=0.2, once=False).start()
     stage.until(lambda: len(stage.seen("frames")) > 2)
@@ -168,16 +98,3 @@ def test_pause_next_class_and_the_end(model, recordings):
     assert [begun["number"] for begun in stage.seen("begin")][5:] == [2, 5, 8]
     stage.stop()
     assert stage.player.error is None
-
-
-def test_a_source_that_fails_ends_the_player(model, recordings):
-    class Fails(ModelSource):
-        def take(self, samples):
-            if self.stream.frame > 100:
-                raise RuntimeError("the port went away")
-            return super().take(samples)
-
-    stage = Stage(Fails(model), recordings, [2], speed=1.0)
-    with pytest.raises(RuntimeError, match="went away"):
-        stage.go()
-    assert stage.controls.stopped and 100 < stage.player.tally.frames < recordings.lengths[2]

@@ -1,6 +1,5 @@
 """What the charts have in common."""
 
-import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,10 +16,3 @@ def test_no_bar_leaves_the_range_of_a_share(pairs):
     assert (up >= 0).all()
     assert (shares - down >= 0).all()
     assert (shares + up <= 1 + 1e-12).all()
-
-
-def test_a_bar_inside_the_range_is_the_spread():
-    assert np.array_equal(
-        share_bars([0.5, 0.98, 0.01, 0.5], [0.1, 0.05, 0.05, None]),
-        [[0.1, 0.05, 0.01, 0], [0.1, 1 - 0.98, 0.05, 0]],
-    )

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import itertools
 import json
 import re
 import shutil
@@ -11,20 +10,11 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from eskin.golden.core import InputError, write_json
+from eskin.golden.core import InputError
 from eskin.pages import report
-from eskin.pages.report import (
-    Result,
-    draw_candidates,
-    draw_confusion,
-    draw_step_accuracy,
-    draw_trace,
-    draw_training,
-    summary,
-    write_report,
-)
+from eskin.pages.report import Result, draw_trace, summary, write_report
 from eskin.pages.views import count, hertz, percent, seconds
-from tests.support.result_case import CONFIG, STAGE_COUNTS, cosimulation, edit, evaluation, make_result
+from tests.support.result_case import CONFIG, STAGE_COUNTS, edit, make_result
 from tests.support.table import each_row
 
 SPACE = "\u202f"
@@ -76,89 +66,6 @@ def plain(text: str) -> str:
     return re.sub(r"[ \n]+", " ", text)
 
 
-def table_row(page: Page, first: str) -> str:
-    """The words that follow a row's first cell."""
-    words = plain(page.text)
-    return words[words.index(first) + len(first) :][:120]
-
-
-def judged(cell: str, hidden: int, accuracy: float, energy_j: float, **changes) -> dict:
-    front_end = {"steps": 6, "window": 32, "hop": 16, "feature_kinds": ["mean"]}
-    row = {"cell": cell, "hidden": hidden, "recipe": "linear", "accuracy": accuracy, "standard_error": 0.01}
-    row |= {
-        "float_accuracy": accuracy,
-        "energy_touch_j": energy_j,
-        "cells": 900,
-        "block_memories": 12,
-        "latency_s": 2e-6,
-    }
-    row |= {"fits": "icebreaker", "decision_time_s": 0.25, "front_end": front_end, "chosen": False}
-    return row | changes
-
-
-def test_candidates_stand_against_their_cost_on_the_first_screen(result):
-    rows = [
-        judged("linear", 0, 0.90, 1e-6, float_accuracy=0.977),
-        judged("gru", 4, 0.96, 2e-6, chosen=True),
-        judged("gru", 8, 0.95, 3e-6, fits=None, decision_time_s=None),
-    ]
-    figure = draw_candidates(rows)
-    energy, time = figure.axes
-    assert [text.get_text() for text in energy.texts] == ["GRU 4, mean: taken", "linear, mean"]
-    assert [text.get_text() for text in time.texts] == ["GRU 4, mean: taken"]
-    faces = {
-        line.get_xdata()[0]: line.get_markerfacecolor() for line in energy.lines if line.get_marker() == "o"
-    }
-    assert [x for x, face in faces.items() if face == "white"] == pytest.approx([3.0])
-    assert energy.get_xlabel() == "energy of a touch (µJ)" and "fits the icebreaker" in energy.get_title()
-    edit(result / "run.json", candidates=rows)
-    page = Page(write_report(result))
-    text = plain(page.text)
-    assert text.index("Accuracy against cost") < text.index("decided on folds integer")
-    assert table_row(page, "GRU 4 6 windows of 32 every 16, mean").startswith(" 96.0 %")
-    printed = summary(result)
-    assert "candidates, integer, cross-validated" in printed
-    for words in (text, " ".join(printed.split())):
-        assert "97.7" in words
-    older = [{"cell": "linear", "hidden": 0, "accuracy": 0.9}]  # before cost was asked for
-    edit(result / "run.json", candidates=older)
-    assert "Accuracy against cost" not in Page(write_report(result)).text
-
-
-def test_names_of_candidates_cover_no_point_and_no_other_name():
-    scene = [(0.842, 1.2), (0.954, 1.9), (0.975, 2.0), (0.984, 2.2), (0.977, 2.5)]
-    rows = [judged("gru", 4 * k, share, 1e-6 * cost, chosen=k == 3) for k, (share, cost) in enumerate(scene)]
-    rows[1]["decision_time_s"] = float(np.nextafter(0.25, 1))
-    for axes, cost in zip(draw_candidates(rows).axes, ("energy_touch_j", "decision_time_s"), strict=True):
-        low, high = axes.get_xlim()
-        assert high / low > 1.1  # and no scale of last bits
-        names = [text.get_window_extent() for text in axes.texts]
-        factor = 1e6 if cost == "energy_touch_j" else 1
-        points = axes.transData.transform([(factor * row[cost], row["accuracy"]) for row in rows])
-        assert names and not any(name.contains(*point) for name in names for point in points)
-        assert not any(a.overlaps(b) for a, b in itertools.combinations(names, 2))
-    # one that lies behind the taken one has no name there
-    rows = [judged("gru", 8, 0.9753, 1.2e-6, chosen=True), judged("gru", 12, 0.9772, 1.6e-6)]
-    rows.append(judged("linear", 0, 0.72, 6e-7))
-    named = [[text.get_text().split(",")[0] for text in axes.texts] for axes in draw_candidates(rows).axes]
-    assert named == [["GRU 8", "GRU 12", "linear"], ["GRU 8"]]
-
-
-def test_the_training_curve_is_drawn_of_trained_networks_only(result):
-    curve = {"updates": [10, 20], "training_loss": [1.5, 0.5], "held_out_loss": [1.25, 0.75]}
-    split, *others = json.loads((result / "model/training.json").read_text())["cross_validation"]
-    assert draw_training([split]) is None
-    assert "has no training curve" in Page(write_report(result)).text
-    (axes,) = draw_training([split | {"training_curve": curve}, split]).axes
-    assert [list(line.get_ydata()) for line in axes.lines] == [
-        [1.5, 0.5],
-        [1.25, 0.75],
-    ] and axes.get_xlabel() == "updates of the weights"
-    edit(result / "model/training.json", cross_validation=[split | {"training_curve": curve}, *others])
-    words = Page(write_report(result)).text
-    assert "has no training curve" not in words and "learns its recordings by heart" in words
-
-
 def test_the_page_holds_the_figures_of_the_files(result):
     page = Page(write_report(result))
     words = plain(page.text)
@@ -206,30 +113,6 @@ def test_the_banner_is_green_only_without_a_doubt(result):
     )
 
 
-def test_chance_and_the_best_baseline_stand_beside_the_accuracy(result):
-    assert "chance 50.0 %; integer network" in plain(Page(write_report(result)).text)
-    rows = [
-        {
-            "name": name,
-            "groups": groups,
-            "accuracy": accuracy,
-            "standard_error": 0.01,
-            "multiplies": 77,
-            "hardware": hardware,
-        }
-        for name, groups, accuracy, hardware in (
-            ("linear classifier", ["person"], 0.91, True),
-            ("RBF-SVM", ["person"], 0.93, False),
-            ("linear classifier", [], 0.99, True),
-        )
-    ]
-    edit(result / "run.json", baselines=rows)
-    page = Page(write_report(result))
-    assert "chance 50.0 %; best baseline 93.0 % (RBF-SVM); integer network" in plain(page.text)
-    assert table_row(page, "RBF-SVM 93.0 %").startswith(" ± 1.0 % 77 no")
-    assert "Leaving out recordings: linear classifier 99.0 %" in plain(page.text)
-
-
 def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothing(result):
     training = json.loads((result / "model/training.json").read_text())
     nested = {
@@ -252,32 +135,6 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
     out = io.StringIO()
     out.write(summary(result))
     assert "chosen anew without each fold" in out.getvalue() and "unseen person" in out.getvalue()
-
-
-def test_recordings_held_back_stand_apart(result):
-    row = {"recordings": 20, "integer_accuracy": 0.8, "float_accuracy": 0.9}
-    held = evaluation(44) | {"source": "held.npz", "per_class": {"smooth": row}}
-    edit(result / "run.json", test=held | {"integer_accuracy": 0.8123})
-    words = plain(Page(write_report(result)).text)
-    assert (
-        "accuracy, recordings held back 81.2 % integer network, judged once on 44" in words
-        and "smooth 20 80.0 % 90.0 %" in words
-    )
-
-
-def test_class_by_class_the_worst_first(result):
-    words = plain(Page(write_report(result)).text)
-    assert "class found mostly taken for rough<b> 83.3 % none 16.7 % smooth 94.4 % rough<b> 5.6 %" in words
-
-
-def test_many_classes_are_drawn_without_figures():
-    split = {"groups": [], "confusion": np.eye(30, 31, dtype=int).tolist()}
-    figure = draw_confusion([split], [f"class {n}" for n in range(30)])
-    assert not figure.axes[0].texts and figure.get_size_inches()[1] < 7
-    figure = draw_confusion(
-        [{"groups": [], "confusion": np.eye(12, 13, dtype=int).tolist()}], [f"class {n}" for n in range(12)]
-    )
-    assert len(figure.axes[0].texts) == 12
 
 
 @each_row(
@@ -307,24 +164,6 @@ def test_a_changed_file_changes_the_page(words_before, result, file, change, exp
     assert expected in Page(write_report(result)).text
 
 
-def test_mismatches_and_missed_budgets_are_shown(result):
-    write_json(result / "cosim.json", cosimulation(10, mismatches=2) | {"waves": "waves_cosim"})
-    write_json(result / "cosim_declared.json", cosimulation(2, pace="declared", missed="decision"))
-    page = Page(write_report(result))
-    assert "recording 3, stage state: number 1" in page.text and "waves_cosim" in page.text
-    assert "missed" in table_row(page, " decision 8.00 ms") and "met" in table_row(page, " step 8.00 ms")
-    assert "for comparison" in table_row(page, "reference: LSTM on a GPU")
-    assert f" state {count(STAGE_COUNTS['state'])} 2 " in plain(page.text)
-
-
-def test_no_lowest_clock_is_said(result):
-    edit(result / "run.json", lowest_clock_hz=None)
-    path = result / "run.json"
-    write_json(path, json.loads(path.read_text()) | {"lowest_clock_hz": None})
-    (result / "cosim_lowest.json").unlink()
-    assert "not found" in Page(write_report(result)).text
-
-
 def test_the_page_stands_alone_and_is_the_same_when_made_again(made):
     path = write_report(made)
     first = path.read_bytes()
@@ -339,23 +178,6 @@ def test_the_page_stands_alone_and_is_the_same_when_made_again(made):
         assert image.rstrip().endswith("</svg>")
         assert not re.search(r'href="(?!#|data:)', image)
     assert path.stat().st_size < 3_000_000
-
-
-def test_the_summary_has_the_headline(made):
-    out = io.StringIO()
-    out.write(summary(made))
-    shown = out.getvalue().replace("\u00a0", " ")
-    for words in (
-        "made-up <set>",
-        "bit-exact",
-        "96.4 %",
-        "711 kHz",
-        "met",
-        "for comparison",
-        "held   hardware equals model",
-    ):
-        assert words in shown, words
-    assert "MISSED" not in shown and "FAILED" not in shown
 
 
 @each_row(
@@ -404,19 +226,6 @@ def test_a_missing_field_is_named(result, name, field):
     (result / name).write_bytes(whole)
 
 
-def test_a_trace_without_an_array_is_named(result):
-    with np.load(result / "trace.npz") as archive:
-        arrays = {name: archive[name] for name in archive.files if name != "logits"}
-    np.savez(result / "trace.npz", **arrays)
-    with pytest.raises(InputError, match=r"trace\.npz.*logits"):
-        write_report(result)
-
-
-def test_no_folder_is_one_sentence(tmp_path):
-    with pytest.raises(InputError, match="is no folder"):
-        write_report(tmp_path / "nothing")
-
-
 def test_the_drawing_shows_the_codes_of_the_trace(made):
     result = Result.load(made)
     figure = draw_trace(result.trace, CONFIG)
@@ -446,24 +255,6 @@ def test_the_drawing_shows_the_codes_of_the_trace(made):
     assert CONFIG.network.class_names[int(result.trace["global_decision"])] in decisions.get_title()
 
 
-@each_row("rate", [49.0, 3000.0])  # 49 * (1 / 49) is below 1
-def test_a_partial_touch_from_frame_1_is_drawn(made, rate):
-    at_once = {"start_frame": 1, "onset_frame": 0, "completed": 1, "partial": True}
-    trace = Result.load(made).trace | {name: np.array(value) for name, value in at_once.items()}
-    figure = draw_trace(trace, CONFIG.replace(sample_rate_hz=rate))
-    assert figure.axes[0].get_xlim()[0] == pytest.approx(1 / rate)
-    assert "ended early" in figure.axes[4].get_title()
-    assert len([bar for bars in figure.axes[4].containers for bar in bars]) == 1
-
-
-def test_accuracy_against_time_is_float_and_integer(made):
-    split = Result.load(made).training["cross_validation"][0]
-    ideal, integer = draw_step_accuracy([split], False).axes[0].lines
-    for line, key in ((ideal, "float_accuracy"), (integer, "integer_accuracy")):
-        np.testing.assert_array_equal(line.get_ydata(), [step[key] for step in split["per_step"]])
-        np.testing.assert_array_equal(line.get_xdata(), [step["time_s"] for step in split["per_step"]])
-
-
 @each_row(
     ("shown", "text"),
     [
@@ -487,41 +278,3 @@ def test_accuracy_against_time_is_float_and_integer(made):
 )
 def test_figures_in_words(shown, text):
     assert shown.replace("\u00a0", " ") == text
-
-
-@pytest.mark.parametrize(
-    ("source", "name", "title"),
-    [
-        ("gloves/recordings.npz", None, "gloves"),
-        ("gloves/left.csv", None, "left"),
-        ("gloves/left.csv", "My glove", "My glove"),
-    ],
-)
-def test_the_title_is_the_name_given_or_that_of_the_folder(result, source, name, title):
-    path = result / "run.json"
-    run = json.loads(path.read_text())
-    path.write_text(json.dumps(run | {"name": name, "data": run["data"] | {"source": source}}))
-    page = Page(write_report(result)).text
-    assert f"{title}: " in page and f"eskin: {title}" in page
-    for jargon in ("time since arm", "declared pace", "yardstick", "as recorded"):
-        assert jargon not in page
-
-
-def test_events_are_a_raster_units_are_the_archives_and_kinds_have_names(made):
-    result = Result.load(made)
-    trace = dict(result.trace)
-    raw = draw_trace(trace, result.config, "pF").axes[0]
-    assert raw.get_ylabel() == "pF from rest" and len(raw.lines) > CONFIG.sensor.taxels
-    assert draw_trace(trace, result.config).axes[0].get_ylabel() == "mV from rest"
-    trace["samples"] = np.zeros_like(trace["samples"])
-    trace["samples"][5, 2] = 1
-    raw = draw_trace(trace, result.config).axes[0]
-    (dots,) = (line for line in raw.lines if line.get_marker() == "|")
-    assert dots.get_ydata().tolist() == [2] and raw.get_ylabel() == "taxel"
-    both = result.config.replace(feature_kinds=("mean", "activity"), feature_shift=())
-    trace["features"] = np.repeat(trace["features"], 2, axis=1)
-    trace["features"][:, 1::2] = 7
-    panel = draw_trace(trace, both).axes[1]
-    assert [label.get_text() for label in panel.get_yticklabels()] == ["mean", "activity"]
-    shown = panel.images[0].get_array()
-    assert (shown[CONFIG.sensor.taxels :] == both.formats.feature_format.to_real(7)).all()

@@ -6,26 +6,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.golden.core import InputError
 from eskin.study import baselines
-from eskin.study.baselines import METHODS, Fitted, Piece, Scene, judge, judge_baseline, row_of, timed
+from eskin.study.baselines import METHODS, Piece, Scene, judge, judge_baseline, row_of
 from eskin.training import recipe as recipes
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene
-
-
-@dataclasses.dataclass(frozen=True)
-class Made:
-    """A method of the tests: ``decides`` for each part."""
-
-    decides: object
-    name: str = "made"
-    label: str = "made"
-    hardware: bool = False
-    one_seed: bool = False
-
-    def fit(self, scene, parts, seed):
-        return [Fitted(lambda rows: self.decides(scene, rows), 1, 1) for _ in parts]
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -90,29 +75,3 @@ def test_a_row_weighs_recordings_and_spreads_over_runs():
     assert (outcome["parameters"], outcome["decision_us"], outcome["hardware"]) == (9, 2.5, False)
     assert outcome["decision_us_99"] > 90 and set(outcome) >= ROW_KEYS
     assert row_of(METHODS["gru"], [], runs)["hardware"]
-
-
-def test_what_a_method_refuses_is_left_out():
-    class Refusing(Made):
-        def fit(self, scene, parts, seed):
-            raise InputError("not these")
-
-    methods = [Refusing(None), Made(lambda touches, rows: touches.labels[rows], name="knows")]
-    result = baselines.results(scene(20), SMALL, [["person"]], methods=methods, seeds=range(2))
-    assert result["left_out"] == [{"method": "made", "split": "person", "reason": "not these"}]
-    assert [(row["method"], row["seeds"]) for row in result["rows"]] == [("knows", 2)]
-    assert result["rows"][0]["accuracy"] == pytest.approx(19 / 20)
-    with pytest.raises(InputError, match="the first says: not these"):
-        baselines.results(scene(20), SMALL, [["person"]], methods=methods[:1])
-
-
-def test_decisions_are_timed_one_by_one():
-    seen = []
-    noting = Fitted(None, 1, 1, alone=seen.append)
-    assert len(timed(noting, np.arange(100))) == 40 and seen == list(range(41))
-    assert timed(noting, np.arange(0)) == []
-
-
-def test_no_touch_is_one_sentence():
-    with pytest.raises(InputError, match="no recording has a touch with a completed window"):
-        Scene.of(scene(20), SMALL.replace(onset_threshold=30000))

@@ -1,13 +1,10 @@
 """The energy estimate: its sums against sums by hand, its bounds, its page."""
 
 import dataclasses
-import re
 
 import pytest
 
-from eskin.golden.core import PRESETS, InputError
-from eskin.pages.energy_page import render
-from eskin.pages.views import unit
+from eskin.golden.core import PRESETS
 from eskin.study.energy import (
     BATTERY_J,
     PARTS,
@@ -17,10 +14,7 @@ from eskin.study.energy import (
     compare,
     counted_activity,
     estimate,
-    scheduled_activity,
 )
-from eskin.verbs.energy_job import parse_configuration
-from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(feature_shift=(10, 9))
 ACTIVITY = Activity(
@@ -105,19 +99,6 @@ def test_idle_toggles_are_what_two_runs_differ_by():
     assert (activity.frame_toggles, activity.idle_toggles) == (10, 2)
 
 
-def test_an_uncounted_build_says_so():
-    energy = estimate(CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, 23, 19, multipliers=7), 1e6)
-    assert (
-        "cycles of the schedule" in energy["method"] and energy["band"] == 2.0 and energy["per_touch_j"] > 0
-    )
-    assert (
-        estimate(CONFIG, "LFE5U-25F", scheduled_activity(CONFIG, 8568, 23, 19, 0), 26e6)["per_touch_parts_j"][
-            "multiplies"
-        ]
-        == 0
-    )
-
-
 def rows(**changes):
     made = []
     for name, part, cycles in (("a", "iCE40UP5K", 200), ("b", "iCE40UP5K", 1100), ("c", "LFE5U-25F", 120)):
@@ -144,46 +125,3 @@ def test_only_exact_configurations_win():
     assert (
         compare(rows(wrong="ab"))["least_touch"] == "c" and compare(rows(wrong="abc"))["least_touch"] is None
     )
-
-
-def test_an_image_has_an_aim_of_its_own_and_its_own_words():
-    result = compare(rows(), what="image")
-    (check,) = result["checks"]
-    assert (
-        check["limit"] == 100e-6 and check["name"] == "compute of an image on the iCE40UP5K" and check["met"]
-    )
-    assert not compare([row | {"per_touch_j": 1.01e-4} for row in rows()], what="image")["checks"][0]["met"]
-    page = render(result)
-    assert (
-        "Energy of an image" in page and "large memories used a cycle" in page and "cycles a step" not in page
-    )
-    assert "a image" not in page and "an image by configuration" in page
-    assert "large memories used" not in render(compare(rows()))
-
-
-def test_the_page_shows_every_figure_with_its_band():
-    result = compare(rows(wrong="b"))
-    page = render(result)
-    for row in result["configurations"]:
-        assert unit(row["per_touch_j"], "J") in page and row["rests_on"][:40] in page
-        assert all(unit(choice["average_w"], "W") in page for choice in row["choices"])
-    assert "estimate" in page.lower() and "b is not bit-exact" in page and page.count("data:image/svg") == 2
-    assert all(entry["conditions"] in page for entry in result["published"])
-    assert not re.findall(r"(?:src|href)=\"(?!data:)", page)
-    assert render(result) == page
-
-
-@each_row(
-    ("value", "said"),
-    [(0.94e-6, "940 nJ"), (1e-6, "1.00 µJ"), (226.5e-6, "226 µW"), (0, "0 J"), (5e-13, "0.500 pJ")],
-)
-def test_units(value, said):
-    assert unit(value, said[-1]).replace("\u00a0", " ") == said
-
-
-def test_configurations_are_parsed():
-    assert parse_configuration("icebreaker:1:dsp") == ("icebreaker", 1, "dsp")
-    assert parse_configuration("ulx3s:12") == ("ulx3s", 12, None)
-    for text, said in (("icebreaker", "is not of the form"), ("nonesuch:1", "is no known board")):
-        with pytest.raises(InputError, match=said):
-            parse_configuration(text)

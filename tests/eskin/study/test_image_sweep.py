@@ -4,16 +4,13 @@ trained but in one test."""
 import numpy as np
 import pytest
 
-from eskin.golden.core import InputError, Memo
+from eskin.golden.core import Memo
 from eskin.jobs import Jobs
 from eskin.pages.sweep_charts import accuracy_chart
-from eskin.requests import SweepRequest
 from eskin.rtl.program.image_passes import plan_of
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
 from eskin.study.sweep import flat_rows, smallest_at, sweep
-from eskin.verbs import sweep_job
 from tests.support.image_scenes import shapes
-from tests.support.table import each_row
 
 SMALL = [
     {"layers": ["conv 3 4", "pool"], "weight_bits": [8, 4]},
@@ -40,17 +37,6 @@ def swept(scene, tmp_path, judging=judged, **changes):
     return sweep(
         scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Memo(tmp_path / "kept"), judging=judging
     )
-
-
-def test_the_default_grid_has_the_published_sizes_and_enough_networks():
-    scene = shapes(3, 0, (28, 50))
-    points = make_image_points(scene, default_grid(28, 50))
-    tact = [point for point in points if point.network == "tactnet" and point.config.weight_bits == 8]
-    assert [point.size for point in tact] == ["28x50", "26x47", "28x40", "28x32", "24x32"]
-    assert len({(point.network, point.size) for point in points}) >= 12 and {
-        point.config.weight_bits for point in points
-    } == {4, 8}
-    assert all(point.config.hardware.lanes == 8 for point in points)
 
 
 def test_memories_of_maps_are_those_of_the_hardware():
@@ -91,39 +77,3 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
     assert [row["recommended"] for row in flat_rows(result)] == [False, False, False, True]
     figure = accuracy_chart(result | {"data": "shapes"})
     assert len(figure.axes) == 3 and all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
-
-
-def test_some_folds_are_enough_when_that_is_asked_for(tmp_path):
-    scene = shapes(6, 0, (8, 10))
-    result = swept(scene, tmp_path)
-    assert result["folds"] == 3 and result["judged_images"] == len(scene)
-
-
-@each_row(
-    ("grid", "words"),
-    [
-        ({"hidden": [3]}, "unknown field hidden; a grid for images varies size, layers"),
-        ({"size": "2x8"}, "--size 2x8: is no size of images"),
-        ({"size": 28}, "field size: is 28; give height x width as text"),
-        ({"layers": "gru"}, "field layers: is 'gru'; give tactnet, "),
-        ({"layers": [["conv 3 4", "pool", "pool"]]}, "has a pool that follows no convolution"),
-        ({"layers": [["conv 7 4"]]}, "has a kernel of 7; take 1, 3 or 5"),
-        ({"weight_bits": 6}, "field weight_bits: is 6; give 8 or 4"),
-        ({"lanes": "8"}, "field lanes: is '8'; give a whole number"),
-        ({"clock_hz": -1}, "field clock_hz: is -1; give a clock in Hz"),
-        ({"size": []}, "a field has an empty list"),
-    ],
-)
-def test_a_grid_that_cannot_be_is_refused_before_any_training(grid, words):
-    with pytest.raises(InputError, match=words) as refused:
-        make_image_points(shapes(3, 0, (8, 10)), [grid])
-    assert "\n" not in str(refused.value)
-
-
-def test_what_the_verb_cannot_do_is_refused(tmp_path):
-    scene = shapes(6, 0, (8, 10))
-    with pytest.raises(InputError, match="--grid bits: is for recordings"):
-        sweep_job.request_of(scene, None, SweepRequest(data="images.npz", grid="bits"))
-    (tmp_path / "g.json").write_text('{"layers": ["conv 3 4"], "lanes": 3}')
-    with pytest.raises(InputError, match="runs on 1, 2, 4"):
-        sweep_job.request_of(scene, None, SweepRequest(data="images.npz", grid=f"{tmp_path}/g.json"))

@@ -1,18 +1,14 @@
 """eskin/study/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of
 finished trainings, the files."""
 
-import csv
 import dataclasses
-import json
-import os
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Memo
+from eskin.golden.core import PRESETS, Memo
 from eskin.jobs import Jobs
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, schedule, step_cycles
 from eskin.study import sweep as sweeping
@@ -21,7 +17,7 @@ from eskin.training import recipe as recipes
 from eskin.verbs import sweep_job
 from eskin.verbs.cost import cost_of
 from tests.support.table import each_row
-from tests.support.touch_scenes import SMALL, archived, scene
+from tests.support.touch_scenes import SMALL, scene
 
 GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
 
@@ -100,42 +96,6 @@ def test_a_grid_is_every_combination_once():
     assert len(sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])) == 1
 
 
-def test_the_default_grid_is_made_of_points_that_can_work():
-    for name in ("pvdf", "fabric", "synthetic", "thesis"):
-        points = sweeping.make_points(PRESETS[name], sweeping.DEFAULT_GRID)
-        assert len(points) == 84
-        assert {point.config.weight_bits for point in points} == {4, 6, 8}
-
-
-@each_row(
-    ("grid", "words"),
-    [
-        ({"hiden": [4]}, "unknown field hiden"),
-        ({"hidden": [4, 3]}, "field hidden"),
-        ({"hidden": []}, "empty list"),
-        ({"hidden": ["4"]}, "whole number"),
-        ({"weight_bits": [1]}, "weight_format"),
-        ({"cell": ["rnn"]}, "field cell"),
-        ({"lanes": [0]}, "field lanes"),
-        ({"hop": [0]}, "field hop"),
-    ],
-)
-def test_a_grid_that_cannot_work_is_refused_before_training(grid, words):
-    with pytest.raises(InputError, match=words):
-        sweeping.make_points(SMALL, [grid], "grid 'g.json'")
-
-
-@each_row(
-    ("text", "words"),
-    [(None, "g.json"), ("{", "not JSON"), ("3", "object of fields"), ("[]", "object of fields")],
-)
-def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
-    if text is not None:
-        (tmp_path / "g.json").write_text(text)
-    with pytest.raises(InputError, match=words):
-        sweeping.read_grid(tmp_path / "g.json")
-
-
 @each_row("cell", [{"cell": "gru", "reset": "before"}, {"cell": "gru", "reset": "after"}, {"cell": "lstm"}])
 @each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "dsp")])
 def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
@@ -192,32 +152,6 @@ def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
         assert len(split["per_step"]) == SMALL.windows.steps and len(split["per_fold"]) == 5
     floats = [point["float_accuracy"] for point in result["points"]]
     assert floats[0] == floats[1]  # the float network does not know of its bits
-
-
-def test_quantisation_aware_training_is_a_field_of_the_grid(tmp_path, monkeypatch):
-    asked = []
-
-    def note(*args, quantisation_aware, **options):
-        asked.append(quantisation_aware)
-        raise InputError("enough")
-
-    monkeypatch.setattr(sweeping, "cross_validate", note)
-    with pytest.raises(InputError, match="enough"):
-        do_sweep(tmp_path, sweeping.judge, [{"quantisation_aware": [False, True], "lanes": [1, 2]}])
-    assert asked == [False, True]
-    with pytest.raises(InputError, match="true or false"):
-        sweeping.make_points(SMALL, [{"quantisation_aware": 1}])
-
-
-def test_widths_that_cannot_hold_the_trained_network_are_told(tmp_path):
-    def refusing(recordings, job):
-        return {"refused": "no format"} if job.widths["weight_bits"] == 6 else Stub()(recordings, job)
-
-    result = do_sweep(tmp_path, refusing)
-    assert [p["config"]["weight_bits"] for p in result["points"]] == [8] * 4
-    assert [r["config"]["weight_bits"] for r in result["refused"]] == [6] * 4
-    with pytest.raises(InputError, match="no format"):
-        do_sweep(tmp_path / "all", lambda recordings, job: {"refused": "no format"})
 
 
 # ---------------------------------------------------------------------- front and choice
@@ -346,68 +280,3 @@ def test_energy_of_a_touch_by_hand():
 
 
 # ---------------------------------------------------------------------- the verb
-@pytest.fixture
-def archive(tmp_path, monkeypatch):
-    """An archive of the scene and its configuration in the current folder; training is the stub."""
-    archived(scene(20), tmp_path)
-    (tmp_path / "g.json").write_text(json.dumps(GRID))
-    monkeypatch.chdir(tmp_path)
-    stub = Stub()
-    monkeypatch.setattr(sweeping.sweep, "__kwdefaults__", {**sweeping.sweep.__kwdefaults__, "judging": stub})
-    monkeypatch.setattr(os, "cpu_count", lambda: 1)
-    return stub
-
-
-def call(*words):
-    from eskin.cli.main import app
-
-    return CliRunner().invoke(
-        app, ["sweep", "--data", "data.npz", "--config", "c.json", "--grid", "g.json", *words]
-    )
-
-
-def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
-    done = call("--group", "person", "--accuracy-floor", "0.8", "--latency-budget", "1e-3", "--out", "out")
-    assert done.exit_code == 0, done.output
-    result = json.loads((tmp_path / "out" / "sweep.json").read_text())
-    contract = set("config accuracy agreement cycles_step latency_s lut dsp bram energy_j on_front".split())
-    for point in result["points"]:
-        assert contract <= set(point) and all(point[key] is None for key in ("lut", "dsp", "bram"))
-        assert 0 < point["compute_j"] < point["energy_j"]
-        assert point["latency_s"] == point["cycles_decision"] / SMALL.hardware.clock_hz
-    chosen = result["points"][result["recommended"]]
-    assert chosen["accuracy"] >= 0.8
-    assert chosen["name"] in done.output and "latency budget 1000 us" in done.output
-    assert [baseline["name"] for baseline in result["baselines"]] == ["logistic", "svm", "neighbours"]
-    with (tmp_path / "out" / "sweep.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == len(result["points"]) == 8 and [r["recommended"] for r in rows].count("True") == 1
-    assert float(rows[3]["accuracy person"]) == result["points"][3]["accuracy"]
-    for name in ("accuracy", "time", "bits"):
-        assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
-        assert "</svg>" in (tmp_path / "out" / f"{name}.svg").read_text()
-    assert "person 2" not in done.output
-    config, point = AcceleratorConfig.load(tmp_path / "out" / "recommended.json"), chosen["config"]
-    assert (config.network.hidden, config.hardware.lanes) == (point["hidden"], point["lanes"])
-    assert schedule(config).step_cycles == chosen["cycles_step"]
-    picture = (tmp_path / "out" / "accuracy.svg").read_text()
-    axes = ("latency of a decision", "energy of a touch", "accuracy (%)")
-    for words in (f"recommended: {chosen['name']}", "DIFFERENT data set", "GRU20, 12 neurons", *axes):
-        assert words in picture
-
-
-@each_row(
-    ("options", "words"),
-    [
-        (["--accuracy-floor", "1.2"], "--accuracy-floor"),
-        (["--latency-budget", "0"], "--latency-budget"),
-        (["--group", "colour"], "colour"),
-        (["--grid", "none.json"], "none.json"),
-        (["--latency-budget", "nan"], "--latency-budget"),
-        (["--latency-budget", "-1"], "--latency-budget"),
-    ],
-)
-def test_bad_usage_trains_nothing_and_writes_nothing(archive, tmp_path, options, words):
-    done = call("--out", "out", *options)
-    assert isinstance(done.exception, InputError) and words in str(done.exception)
-    assert not archive.jobs and not (tmp_path / "out").exists() and not (tmp_path / "build").exists()

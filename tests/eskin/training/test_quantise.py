@@ -1,9 +1,6 @@
 """eskin/training/quantise.py: ranges, formats, the integers against the float network, and what is
 refused."""
 
-import dataclasses
-import shutil
-
 import numpy as np
 import pytest
 import torch
@@ -21,8 +18,7 @@ from eskin.golden.model import (
     with_network,
 )
 from eskin.golden.model.pipeline import float_features
-from eskin.training import quantise as quantisation
-from eskin.training.evaluate import compare, evaluate, held
+from eskin.training.evaluate import evaluate, held
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import (
     COVERED_FEATURE,
@@ -115,16 +111,6 @@ def test_formats_hold_what_was_profiled(cell, reset, widths):
     assert chosen.operand_bits <= 16 and chosen.feature_align >= 0 and chosen.accumulator_bits <= 32
 
 
-def test_weights_of_up_to_four_bits_bring_a_state_of_twelve():
-    model = float_model()
-    ranges = profile(model, find_touches(SMALL, scene(20, seed=2)))
-    assert [
-        quantise_model(model, ranges, weight_bits=bits).config.formats.state_format.width
-        for bits in (3, 4, 5)
-    ] == [12, 12, 14]
-    assert quantise_model(model, ranges, weight_bits=4, state_bits=10).config.formats.state_format.width == 10
-
-
 @each_row(
     ("cell", "reset", "changes"),
     [
@@ -178,22 +164,6 @@ def test_the_second_bias_rows_of_reset_after_are_merged():
     assert (model.arrays["bh_z"] != 0).all()
 
 
-def test_profiled_ranges_are_the_extremes_of_the_run():
-    model, recordings = float_model(), scene(20, seed=5)
-    touches = find_touches(SMALL, recordings)
-    ranges = profile(model, touches)
-    trace = run(model, recordings, touches=touches)
-    done = np.arange(SMALL.windows.steps) < touches.completed[:, None]
-    assert ranges["feature"] == pytest.approx((trace.features[done].min(), trace.features[done].max()))
-    assert ranges["logit"][0] <= trace.logits[done].min() and ranges["logit"][1] >= trace.logits[done].max()
-    assert ranges["weight"] == (
-        min(model.arrays[f"W_{g}"].min() for g in "zrn"),
-        max(model.arrays[f"W_{g}"].max() for g in "zrn"),
-    )
-    below, above = ranges[COVERED_FEATURE]
-    assert np.mean((trace.features[done] >= below) & (trace.features[done] <= above)) >= 0.995
-
-
 def test_quantise_writes_the_integers_into_the_folder(tmp_path):
     folder = tmp_path / "model"
     recordings = saved(folder)
@@ -209,16 +179,6 @@ def test_quantise_writes_the_integers_into_the_folder(tmp_path):
     without = quantise(folder)
     assert without.config == integer.config
     assert all((without.arrays[name] == integer.arrays[name]).all() for name in integer.arrays)
-
-
-def test_a_second_quantisation_starts_afresh(tmp_path):
-    folder = tmp_path / "model"
-    saved(folder)
-    first = quantise(folder)
-    assert (
-        quantise(folder, weight_bits=4, state_bits=8, gate_bits=8, table_entries=128).config != first.config
-    )
-    assert quantise(folder).config == first.config
 
 
 def edit(folder, **fields):
@@ -269,26 +229,6 @@ def test_what_config_json_says_is_refused_by_name_where_it_cannot_stay(tmp_path,
     assert contents(tmp_path) == before
 
 
-@each_row("gone", [False, True])
-def test_a_folder_that_changes_meanwhile_stays_as_another_program_left_it(tmp_path, monkeypatch, gone):
-    """It holds another network by then, or is not there any more."""
-    folder, real = tmp_path / "model", quantisation.quantise_model
-    saved(folder)
-
-    def meanwhile(*model, **widths):
-        shutil.rmtree(folder)
-        if not gone:
-            float_model(seed=1).save(folder, {})
-        left.append(contents(tmp_path))
-        return real(*model, **widths)
-
-    left: list[dict[str, bytes]] = []
-    monkeypatch.setattr(quantisation, "quantise_model", meanwhile)
-    with pytest.raises(InputError, match="was changed by another program meanwhile"):
-        quantise(folder)
-    assert [contents(tmp_path)] == left
-
-
 @each_row(
     ("widths", "words"),
     [
@@ -319,18 +259,6 @@ def test_weights_of_16_bits_widen_the_accumulator_and_dsp_lanes_refuse_them():
         InputError, match="field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need"
     ):
         quantise_model(dsp, ranges, weight_bits=16, feature_bits=16)
-
-
-def test_quantising_without_touches_or_ranges_is_refused(tmp_path):
-    folder = tmp_path / "model"
-    recordings = saved(folder)
-    with pytest.raises(InputError, match="no completed step"):
-        quantise(folder, recordings.subset([0]))
-    float_model().save(folder, {})
-    with pytest.raises(InputError, match="--data"):
-        quantise(folder)
-    with pytest.raises(InputError, match=r"no config\.json"):
-        quantise(tmp_path / "nothing")
 
 
 UNIT = dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias", "logit"), (-1.0, 1.0))
@@ -468,33 +396,11 @@ def test_evaluate_counts_what_it_says(tmp_path):
     assert result["per_step"][5]["integer_accuracy"] == pytest.approx(last.sum() / 20)
 
 
-def test_float_and_integer_decisions_are_not_mixed_up():
-    model, recordings = float_model(), scene(20, seed=1)
-    trace = run(quantise_model(model, profile(model, find_touches(SMALL, recordings))), recordings)
-    ideal = dataclasses.replace(trace, decision=np.where(trace.decision < 0, -1, (trace.decision + 1) % 3))
-    result = compare(ideal, trace, np.maximum(trace.decision, 0))
-    assert result["integer_accuracy"] == 0.95
-    assert result["float_accuracy"] == 0
-    assert result["agreement"] == 0.05
-    assert np.trace(result["confusion"]) == 19
-    classes = result["per_class"].values()
-    assert sum(row["recordings"] * row["integer_accuracy"] for row in classes) == pytest.approx(19)
-    assert all(row["float_accuracy"] == 0 for row in classes)
-
-
 def test_what_holds():
     good = {"float_accuracy": 0.95, "integer_accuracy": 0.945, "agreement": 0.985}
     assert held(good)
     assert not held(good | {"integer_accuracy": 0.93})
     assert not held(good | {"agreement": 0.97})
-
-
-def test_recordings_of_another_task_are_refused(tmp_path):
-    recordings = saved(tmp_path / "model")
-    quantise(tmp_path / "model")
-
-    with pytest.raises(InputError, match="class_names"):
-        evaluate(tmp_path / "model", dataclasses.replace(recordings, class_names=("a", "b", "c")))
 
 
 @each_row(("cell", "reset"), CELLS)

@@ -123,27 +123,6 @@ def test_the_logits_are_those_of_the_two_models_and_only_completed_steps_count(c
     }
 
 
-def test_saturation_and_the_use_of_a_range_are_told():
-    real, integer, touches = models(
-        "gru", "before", feature_format=QFormat(1, 11), logit_format=QFormat(1, 10)
-    )
-    narrow = {error.stage: error for error in stage_errors(real, integer, touches)}
-    wide = {error.stage: error for error in stage_errors(*models("gru", "before"))}
-    codes = decide_touches(integer, touches)
-    done = np.arange(WIDE.windows.steps) < touches.completed[:, None]
-    for stage, values, fmt in (
-        ("features", codes.features[done], integer.config.formats.feature_format),
-        ("logits", codes.logits[done], integer.config.formats.logit_format),
-    ):
-        share = np.mean((values == fmt.min_code) | (values == fmt.max_code))
-        assert narrow[stage].saturated == pytest.approx(share) and share > 0.01 and narrow[stage].used >= 0.99
-        assert wide[stage].saturated == 0 and 0 < wide[stage].used < 0.9
-    # a few pre-activations lie beyond their table, which is used whole
-    assert 0.01 < wide["gates"].saturated < 0.03 and wide["gates"].used == 1
-    # a GRU's states lie within 1, the format holds 8
-    assert 0 < wide["accumulators"].used < 1 and wide["hidden state"].used <= 1 / 8
-
-
 # ---------------------------------------------------------------------- profiles
 @each_row("cell, reset", [("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")])
 def test_profiles_of_every_signal(cell, reset):

@@ -29,7 +29,7 @@ from eskin.training.aware import train_in_integers
 from eskin.training.crossval import cross_validate
 from eskin.training.evaluate import evaluate
 from eskin.training.quantise import IntegerNetwork, profile, quantise
-from eskin.training.recipe import RECIPES, choose_recipe
+from eskin.training.recipe import RECIPES
 from eskin.training.splits import default_splits, split_folds
 from eskin.training.train import TrainingRequest, train
 from tests.golden.model.test_cells import CELLS
@@ -55,14 +55,6 @@ def fit(data, parts, recipe, config=SMALL, curves=None, told=lambda *_: None):
 
 
 # ---------------------------------------------------------------------- learning and repeating
-def test_the_network_learns_a_task_that_a_constant_cannot():
-    recordings = scene(90, seed=1)
-    (result,) = cross_validate(recordings, SMALL, [["person"]], (0, 1), recipe=QUICK)
-    # chance is a third; one recording has no touch
-    assert result["float_accuracy"] > 0.9 and result["integer_accuracy"] > 0.9
-    assert result["agreement"] > 0.95
-    assert result["float_accuracy"] <= 89 / 90
-    assert len(result["per_step"]) == SMALL.windows.steps and result["per_step"][-1]["integer_accuracy"] > 0.9
 
 
 def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
@@ -96,32 +88,6 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     assert record["training_curve"] is None
 
 
-def test_many_networks_are_trained_in_shares(monkeypatch):
-    """Folds and seeds that a user may ask for do not all lie in memory at once; every network is there, and
-    its own curve."""
-    recordings, recipe, sizes = scene(30, seed=4), few(4), []
-    data, rows = touches_of(recordings, recipe=recipe)
-    parts = [np.delete(rows, place) for place in range(7)]
-    make = fitting.RecurrentClassifier
-
-    def noted(config, *, batch, generator):
-        sizes.append(batch)
-        return make(config, batch=batch, generator=generator)
-
-    monkeypatch.setattr(fitting, "RecurrentClassifier", noted)
-    monkeypatch.setattr(fitting, "TOGETHER", 3)
-    curves, told = losses.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
-    models = fit(data, parts, recipe, curves=curves, told=lambda *done: told.append(done))
-    assert sizes == [(3,), (3,), (1,)]
-    assert len(models) == 7
-    assert curves.losses.shape == (4, 7, 2)
-    assert told[-1] == (12, 12)
-    assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, (
-        "each begins with weights of its own"
-    )
-    assert not np.isnan(curves.losses).any()
-
-
 def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
     recordings, recipe = scene(30, seed=4), few(20)
 
@@ -140,12 +106,6 @@ def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
     arrays = FloatModel.load(tmp_path / "m").arrays
     largest = max(np.abs(array).max() for name, array in arrays.items() if name not in ("mu", "sigma"))
     assert largest == pytest.approx(0.4)  # reached, and not passed
-
-
-def test_the_thesis_recipe_learns_from_the_last_step():
-    recipe = replace(RECIPES["thesis"], epochs=30, learning_rate=0.02)
-    (result,) = cross_validate(scene(90, seed=1), SMALL.replace(decision="last"), [[]], (0,), recipe=recipe)
-    assert result["float_accuracy"] > 0.8
 
 
 def test_the_seed_alone_decides_and_torch_is_left_as_it_was(tmp_path, quick):
@@ -200,14 +160,6 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
     )
 
 
-def test_bits_of_a_feature_that_no_format_uses_are_refused_in_training_too(monkeypatch):
-    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 2)
-    asked = dict(recipe=few(2), folds=2, quantisation_aware=True)
-    cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 6}, **asked)
-    with pytest.raises(InputError, match="16 bits were asked for.* give at most 1. feature bits"):
-        cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 16}, **asked)
-
-
 @each_row(
     "config",
     [
@@ -238,6 +190,7 @@ def test_training_features_go_through_the_integer_normaliser(config):
         assert np.ptp(exact) > 100 and (model.arrays["sigma"] > (1 if config is SMALL else 0.5)).all()
 
 
+@pytest.mark.slow
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 80)
     recordings = scene(60, seed=1)
@@ -262,22 +215,6 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     assert by_training[False, 8]["agreement"] > 0.95
     # they start from the same float networks
     assert len({record["float_accuracy"] for record in by_training.values()}) == 1
-
-
-def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
-    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 5)
-    data, part = touches_of(scene(30, seed=4))
-    first, second = fit(data, [part, part], few(5))
-    second = FloatModel(
-        SMALL, {name: array * (3 if name.startswith("V") else 1) for name, array in second.arrays.items()}
-    )
-    both = fitting.fine_tune(data, QUICK, [part, part], [first, second], 0, {}, lambda *_: None)
-    assert both[0].config != both[1].config
-    for model, together in zip((first, second), both, strict=True):
-        (alone,) = fitting.fine_tune(data, QUICK, [part], [model], 0, {}, lambda *_: None)
-        assert alone.config == together.config and all(
-            (alone.arrays[name] == together.arrays[name]).all() for name in alone.arrays
-        )
 
 
 def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, quick, monkeypatch):
@@ -370,15 +307,6 @@ def test_scaling_comes_from_the_training_part_only(monkeypatch):
     assert loud_sigma > 2 * quiet
 
 
-def test_label_is_a_group_name_and_unknown_groups_are_refused():
-    recordings = scene(60, seed=7)
-    folds = split_folds(recordings, ["label", "person"], 5, None)
-    pairs = [{(recordings.labels[i], recordings.groups["person"][i]) for i in fold} for fold in folds]
-    assert sum(map(len, pairs)) == len(set().union(*pairs))
-    with pytest.raises(InputError, match="'nobody'"):
-        split_folds(recordings, ["nobody"], 5, None)
-
-
 def test_default_splits_are_those_the_recordings_can_make():
     recordings = scene(30, seed=8)
     assert default_splits(recordings, SMALL) == [[]]
@@ -386,14 +314,6 @@ def test_default_splits_are_those_the_recordings_can_make():
     assert default_splits(recordings, PRESETS["pvdf"]) == [[]]
     some = replace(recordings, groups={"trial": recordings.labels, "seq": recordings.labels})
     assert default_splits(some, PRESETS["pvdf"]) == [["trial"], ["seq"]]
-
-
-def test_the_recipe_follows_the_configuration():
-    assert choose_recipe(PRESETS["pvdf"]).warp > 1 and choose_recipe(PRESETS["fabric"]).warp == 1
-    thesis = choose_recipe(PRESETS["pvdf"], "thesis")
-    assert (thesis.loss, thesis.epochs, thesis.batch, thesis.noise, thesis.warp) == ("last", 96, 48, 0.0, 1.0)
-    with pytest.raises(InputError, match="protocol"):
-        choose_recipe(PRESETS["pvdf"], "quick")
 
 
 def drawn(config=SMALL, **changes) -> tuple[np.ndarray, tuple[float, float]]:
@@ -436,21 +356,6 @@ def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later
     assert 2 in lengths and np.all(np.isclose(failing, same) | changed[:, None])
 
 
-def test_the_robust_recipe_lets_taxels_fail_and_keeps_the_rest():
-    for config in (PRESETS["pvdf"], PRESETS["fabric"]):
-        robust, plain = choose_recipe(config, "robust"), choose_recipe(config)
-        assert robust.channel_dropout > 0 and robust.taxel_failure > 0 and robust.updates == 2 * plain.updates
-        same = {"name": plain.name, "updates": plain.updates, "channel_dropout": 0.0, "taxel_failure": 0.0}
-        assert replace(robust, **same) == plain
-
-
-def test_thesis_epochs_use_every_touch_once_an_epoch():
-    pool = batching.TouchPool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
-    drawn = torch.cat([pool.draw(5, in_order=True) for _ in range(14)], dim=1)
-    assert all(sorted(drawn[0, 10 * e : 10 * e + 10].tolist()) == list(range(10)) for e in range(7))
-    assert all(sorted(drawn[1, 7 * e : 7 * e + 7].tolist()) == list(range(20, 27)) for e in range(10))
-
-
 # ---------------------------------------------------------------------- the record and the folder
 def test_the_folder_and_the_record(tmp_path, quick):
     recordings = scene(30, seed=9)
@@ -484,31 +389,6 @@ def test_the_folder_and_the_record(tmp_path, quick):
     quantise(tmp_path / "m", recordings)
     result = evaluate(tmp_path / "m", recordings)
     assert result["recordings"] == 30 and result["not_touched"] == 1
-
-
-@each_row(
-    ("changes", "words"),
-    [({"splits": [["nobody"]]}, "nobody"), ({"folds": 1}, "folds"), ({"protocol": "quick"}, "protocol")],
-)
-def test_what_cannot_work_is_refused_before_any_work(tmp_path, monkeypatch, changes, words):
-    monkeypatch.setattr(crossval, "fit_networks", None)  # any training would end in a TypeError
-    with pytest.raises(InputError, match=words):
-        train(scene(30, seed=9), SMALL, TrainingRequest(**changes), out=tmp_path / "m")
-    assert not list(tmp_path.iterdir())
-
-
-def test_recordings_without_a_touch_or_of_another_task_are_refused(tmp_path):
-    recordings = scene(30, seed=9)
-    with pytest.raises(InputError, match="no touch"):
-        train(recordings, SMALL.replace(onset_threshold=5000), TrainingRequest(folds=0), out=tmp_path / "m")
-    with pytest.raises(InputError, match="class_names"):
-        train(
-            recordings,
-            SMALL.replace(class_names=("a", "b", "c")),
-            TrainingRequest(folds=0),
-            out=tmp_path / "m",
-        )
-    assert not list(tmp_path.iterdir())
 
 
 # ---------------------------------------------------------------------- real recordings

@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.choose.choice import train_chosen
-from eskin.data import load_recordings
-from eskin.golden.core import AcceleratorConfig, InputError, Memo, QFormat
-from eskin.golden.data import save_archive
-from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, load_training, run_images
+from eskin.golden.core import AcceleratorConfig, Memo
+from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
 from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import (
     _scale,
@@ -21,15 +18,12 @@ from eskin.training.image_formats import (
     integers_of,
     profile_images,
     quantised,
-    weight_fraction,
 )
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.training.quantise import quantise
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
-from tests.support.prices import priced
-from tests.support.table import each_row
 
 LAYERS = ("conv 3 4", "pool", "conv 3 6", "pool", "dense 3")
 QUICK = ImageRecipe(
@@ -75,10 +69,6 @@ def test_batch_norm_is_folded_into_what_hardware_computes():
     assert np.allclose(folded, direct, atol=1e-4) and np.ptp(folded) > 0.1
 
 
-def test_it_has_the_parameters_that_are_counted():
-    assert sum(each.numel() for each in ImageNetwork(config(), 0.0).parameters()) == config().parameter_count
-
-
 def test_shapes_are_learned_and_the_integers_agree(trained):
     scene = shapes(40, 7)
     images = images_of(scene)
@@ -90,17 +80,6 @@ def test_shapes_are_learned_and_the_integers_agree(trained):
     )
 
 
-def test_the_seed_alone_decides():
-    scene = shapes(4, 0)
-    few = dataclasses.replace(QUICK, epochs=1)
-    once, again, other = (
-        train_network(config(), images_of(scene), scene.labels, recipe=few, seed=seed) for seed in (3, 3, 4)
-    )
-    assert (once.arrays["W_0"] == again.arrays["W_0"]).all() and (
-        once.arrays["W_0"] != other.arrays["W_0"]
-    ).any()
-
-
 def test_training_with_four_bits_loses_little(trained):
     scene, test = shapes(30, 0), shapes(60, 9)
     images = images_of(scene)
@@ -109,25 +88,6 @@ def test_training_with_four_bits_loses_little(trained):
     assert tuned.config.weight_bits == 4 and all(np.abs(tuned.arrays[f"W_{n}"]).max() <= 8 for n in (0, 2, 4))
     right = [run_images(each, images_of(test)).accuracy(test.labels) for each in (tuned, rounded)]
     assert right[0] >= 0.9 and right[0] >= right[1] - 0.02
-
-
-def test_an_image_is_moved_only_as_far_as_the_recipe_says():
-    generator = torch.Generator().manual_seed(0)
-    still = dataclasses.replace(
-        ImageRecipe(), turn=0.0, mirror=False, shift=0.0, zoom=0.0, intensity=0.0, noise=0.0
-    )
-    images = torch.rand(6, 1, 10, 14)
-    assert torch.allclose(augmented(images, still, generator), images, atol=1e-5)
-    spot = torch.zeros(64, 1, 20, 40)
-    spot[:, 0, 10, 20] = 1
-    moved = augmented(spot, dataclasses.replace(still, shift=0.15), generator)
-    places = [divmod(int(each.argmax()), 40) for each in moved]
-    rows, across = zip(*places, strict=True)
-    assert max(abs(row - 10) for row in rows) in (2, 3, 4) and max(abs(column - 20) for column in across) in (
-        5,
-        6,
-        7,
-    )
 
 
 def test_a_turned_bar_keeps_its_length():
@@ -166,17 +126,6 @@ def test_other_scales_inside_leave_the_function_and_lose_less(trained):
         ).mean()
 
     assert error(even) < 0.2 * error(uneven)
-
-
-def test_weights_take_the_closest_format():
-    values = np.random.default_rng(0).normal(0, 0.2, 1000)
-    for bits in (4, 8):
-        fraction = weight_fraction(values, bits)
-        errors = [
-            np.square(QFormat(bits - f, f).to_real(QFormat(bits - f, f).quantise(values)) - values).sum()
-            for f in range(-2, 14)
-        ]
-        assert fraction == int(np.argmin(errors)) - 2
 
 
 def test_a_shift_is_never_below_zero():
@@ -259,41 +208,3 @@ def test_auto_takes_the_smallest_that_is_level():
             candidates, [{"float_accuracy": share, "agreement": 1.0} for share in shares], correct, 1
         )
         assert [each["cell"] for each in rows if each["chosen"]] == [taken]
-
-
-@each_row(
-    ("options", "words"),
-    [
-        ({"cell": "gru"}, "--cell gru: reads recordings, and shapes holds images; use tactnet, "),
-        ({"cell": "tactnet", "hidden": 8}, "--hidden 8: --cell tactnet takes no number of units"),
-        ({"cell": "tactnet", "reset": "before"}, "--reset: networks for images have none"),
-        ({"market": priced(named=True)}, "--fits: networks for images have none"),
-        ({"market": priced(prefer="cells")}, "--prefer: networks for images have none"),
-        ({"cell": "auto", "folds": 0}, "--cell auto: needs folds"),
-        (
-            {"asked": config()},
-            "array images: holds images of 8 x 9 pixels and configuration 'shapes' takes 8 x 8",
-        ),
-    ],
-)
-def test_what_images_do_not_have_is_refused_before_any_work(tmp_path, options, words):
-    scene = shapes(3, 0, (8, 9))
-    with pytest.raises(InputError, match=words) as refused:
-        train_chosen(
-            scene, options.pop("asked", None), options.pop("market", priced()), out=tmp_path / "m", **options
-        )
-    assert "\n" not in str(refused.value) and not (tmp_path / "m").exists()
-
-
-def test_models_and_data_of_the_other_kind_are_refused(folder, tmp_path):
-    out, scene, _ = folder
-    with pytest.raises(InputError, match="images of 8 x 10 pixels and configuration 'shapes' takes 8 x 8"):
-        evaluate(out, shapes(2, 0, (8, 10)))
-    with pytest.raises(InputError, match="gate_bits: networks for images have no such width"):
-        quantise(out, gate_bits=8)
-    with pytest.raises(InputError, match="--weight-bits 5: networks for images have weights of 4 or 8 bits"):
-        quantise(out, weight_bits=5)
-    save_archive(scene, tmp_path / "images.npz")
-    again = load_recordings(tmp_path / "images.npz")
-    assert again.image_shape == (8, 8) and (again.samples == scene.samples).all()
-    assert IntegerModel.load(out, images=True).config.is_image

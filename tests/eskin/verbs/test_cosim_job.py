@@ -3,10 +3,8 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from eskin.cosim.flow import joined
-from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.jobs import Jobs
 from eskin.verbs import cosim_job, flow
@@ -60,26 +58,7 @@ def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
     assert not list((here / cosim_job.CACHE).glob("*.json")), "kept only until all are done"
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped(model, here, monkeypatch):
-    monkeypatch.setitem(cosim_job.PART, "icarus", 2)
-    played, real = [], cosim_job._play
-
-    def play(shared, piece, work, **options):
-        if len(played) == 2:
-            raise KeyboardInterrupt
-        played.append(piece)
-        return real(shared, piece, work, **options)
-
-    monkeypatch.setattr(cosim_job, "_play", play)
-    jobs, options = Jobs(workers=1), {"work": here / "work", "simulator": "icarus"}
-    with pytest.raises(KeyboardInterrupt):
-        cosim_job.cosimulate(model, scene(6), range(6), jobs=jobs, **options)
-    played[:] = played[:1]
-    result = cosim_job.cosimulate(model, scene(6), range(6), jobs=jobs, **options)
-    assert result["bit_exact"] and result["recordings"] == 6 and played == [(0, 2), (4, 6)]
-    assert not list((here / cosim_job.CACHE).glob("*.json")), "kept only until all are done"
-
-
+@pytest.mark.slow
 def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, monkeypatch):
     monkeypatch.setitem(cosim_job.PART, "icarus", 2)
     real = flow.run
@@ -117,11 +96,3 @@ def test_joined_counts_and_extremes():
     assert (differs["mismatch_list"], differs["bit_exact"], differs["verdict"]) == (["x"], False, "differs")
     stuck = wrong | {"gave_up": {"recording": 4, "frame": 2}}
     assert joined(SMALL, [first, wrong, stuck])["verdict"] == "gave up"
-
-
-def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):
-    from eskin.cli.main import app
-
-    words = "cosim model --data d.npz --pace declared --clock lowest --dask tcp://here:1".split()
-    done = CliRunner().invoke(app, words)
-    assert isinstance(done.exception, InputError) and "leave --dask out" in str(done.exception)

@@ -10,7 +10,6 @@ from eskin.pages.report import write_report
 from eskin.pages.views import count
 from eskin.verbs.main_job import run
 from tests.support.image_scenes import SHAPES, shapes
-from tests.support.table import each_row
 
 
 def archive(tmp_path, **changes):
@@ -40,26 +39,3 @@ def test_images_go_through_the_whole_job(tmp_path):
     with pytest.raises(InputError, match="evaluate.json: has no field 'chance'"):
         write_report(tmp_path / "out")
     assert (tmp_path / "out/report.html").read_text() == page
-
-
-@each_row(
-    ("options", "words"),
-    [
-        ({"cell": "lstm"}, "--cell lstm: reads recordings, and .* holds images"),
-        ({"group": ["person"]}, "has no group array 'person'"),
-    ],
-)
-def test_what_cannot_work_is_refused_before_any_stage(tmp_path, options, words):
-    data, config = archive(tmp_path)
-    with pytest.raises(InputError, match=words):
-        run(data, config, None, tmp_path / "out", **options)
-    assert not (tmp_path / "out").exists() and not (tmp_path / ".out.work").exists()
-
-
-def test_images_of_another_size_than_the_configuration_are_refused(tmp_path):
-    _, config = archive(tmp_path)
-    save_archive(shapes(4, 0, (9, 10)), tmp_path / "tall.npz")
-    with pytest.raises(
-        InputError, match="holds images of 9 x 10 pixels and configuration 'tiny' takes 8 x 10"
-    ):
-        run(str(tmp_path / "tall.npz"), config, None, tmp_path / "out")

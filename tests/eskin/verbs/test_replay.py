@@ -64,22 +64,6 @@ def test_equal_decisions(replay, model, recordings, tmp_path):
     assert device.writes[1 : 1 + len(loads)] == loads
 
 
-@each_row(
-    ("options", "says"),
-    [
-        (("--teach", "soft"), "--teach soft: is no class of the model"),
-        (
-            ("--teach", CONFIG.network.class_names[0]),
-            "field readout: is 'dense', which is trained and not taught",
-        ),
-        (("--save-taught", "kept.npz"), "field readout: is 'dense', which is trained and not taught"),
-    ],
-)
-def test_a_model_that_cannot_be_taught_is_refused(replay, options, says):
-    status, _, errors = replay("no port", *options)
-    assert status == 2 and says in errors
-
-
 @each_row(("column", "field"), [(2, "class"), (3, "margin"), (1, "step")])
 def test_one_differing_decision_is_found(replay, model, recordings, column, field):
     golden = golden_decisions(model, recordings)
@@ -156,17 +140,6 @@ def test_a_board_that_is_not_as_it_should_be_is_named(replay, model, recordings,
         assert (status, out) == (2, "")
     assert errors.count("\n") == 1 and f"--port {device.port}: " in errors and sentence in errors
     assert not (tmp_path / "replay.json").exists()
-
-
-def test_a_bitstream_for_other_taxels(replay, model, recordings):
-    with Device(model.config.replace(taxels=5), golden_decisions(model, recordings)) as device:
-        status, _, errors = replay(device.port)
-    assert status == 2 and "another number of taxels" in errors
-
-
-def test_no_port(replay):
-    status, _, errors = replay("/dev/no-such-port")
-    assert status == 2 and "--port /dev/no-such-port: cannot be opened (there is no such port)" in errors
 
 
 def built(folder, **changes) -> None:

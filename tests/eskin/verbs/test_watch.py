@@ -3,10 +3,8 @@ ends."""
 
 from __future__ import annotations
 
-import math
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -17,15 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings, save_archive
 from eskin.golden.model import random_integer_model, random_recordings, run
 from eskin.golden.model.prototypes import forget
-from eskin.live.player import Player
 from eskin.verbs import watch_job
 from tests.golden.model.test_prototypes import taught_model
 from tests.support import browser
-from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
@@ -228,59 +224,3 @@ def test_an_interrupt_ends_in_order(folder):
         started.kill()
         started.communicate()
     assert (started.returncode, errors) == (0, "") and "played" in out
-
-
-def test_classes_come_in_turn():
-    assert watch_job.in_turn(scene(9, seed=2).subset([0, 3, 6, 1, 4, 2])) == [0, 3, 5, 1, 4, 2]
-
-
-MISTAKES = {
-    "model": "--data: is missing; name recordings",
-    "nowhere --data data.npz": "model 'nowhere': has no config.json, so it is no model folder",
-    "model --data lost.npz": "recordings 'lost.npz': is not there",
-    "model --data data.npz --simulate --port x": "--simulate: the simulated hardware or the board",
-    "images --port x": "--port: the board's rate and lanes are told by its build, and there is none",
-    "images --simulate": "--data: is missing; a model of images",
-    "images --data data.npz": "holds no images and",
-}
-
-
-def test_mistakes_are_one_sentence(call, folder):
-    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "dense 3"), ("cup", "ball", "ring"))
-    random_image_model(config, seed=3).save(folder / "images")
-    before = sorted(folder.rglob("*"))
-    for words, sentence in MISTAKES.items():
-        status, out, errors = call("watch", *words.split())
-        assert (status, out, errors.count("\n")) == (2, "", 1) and sentence in errors, (words, errors)
-        assert sorted(folder.rglob("*")) == before, words
-
-
-def test_a_port_that_is_taken(call, folder):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        status, out, errors = call("watch", "model", "--data", "data.npz", "--host-port", port)
-    assert (status, out) == (2, "")
-    assert f"--host-port {port}: another program uses it" in errors
-
-
-def test_a_difference_ends_with_1(call, folder, monkeypatch):
-    from tests.eskin.live.test_sources import Twin
-
-    def simulator(design, config, registers, boot, builds):
-        return Twin(
-            random_integer_model(SMALL, 3),
-            lambda frame, stage, values: [values[0] + (stage == "logit"), *values[1:]],
-        )
-
-    class Quick(Player):
-        """As fast as it goes, and once."""
-
-        def __init__(self, source, recordings, numbers, hub, controls, **options) -> None:
-            controls.pace(math.inf)
-            super().__init__(source, recordings, numbers[:3], hub, controls, once=True, **options)
-
-    monkeypatch.setattr("eskin.cosim.live.LiveSimulator", simulator)
-    monkeypatch.setattr(watch_job, "export", lambda config, arrays: "")
-    monkeypatch.setattr(watch_job, "Player", Quick)
-    status, out, _ = call("watch", "model", "--data", "data.npz", "--host-port", 0, "--simulate")
-    assert status == 1 and "DIFFER" in out and "values differ (logit)" in out

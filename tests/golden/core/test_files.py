@@ -11,9 +11,8 @@ import torch
 
 from eskin.exchange.import_network import read_layers
 from eskin.golden.core import InputError, files, replacing, replacing_folder, write_json
-from eskin.golden.model import find_touches, pipeline, random_integer_model, write_vectors
+from eskin.golden.model import pipeline, random_integer_model, write_vectors
 from eskin.rtl.fpga.generate import generate
-from tests.golden.model.test_model import float_model
 from tests.support.folder import contents
 from tests.support.touch_scenes import SMALL, scene
 
@@ -86,18 +85,6 @@ def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path):
         temporary.write_text("half")
         raise ValueError("half")
     assert contents(tmp_path) == before
-
-
-def test_no_touches_are_touches_too(monkeypatch):
-    """What was found, even if nothing, is not looked for again."""
-    data = scene(30, seed=1).subset([0])  # never touched
-    model = random_integer_model(SMALL, 1)
-    real = float_model()
-    found = find_touches(SMALL, data)
-    assert len(found) == 0
-    monkeypatch.setattr(pipeline, "find_touches", lambda *_, **__: pytest.fail("touches are searched again"))
-    assert pipeline.run(model, data, touches=found).decision.tolist() == [-1]
-    assert pipeline.run(real, data, touches=found).decision.tolist() == [-1]
 
 
 STATE = torch.nn.ModuleDict({"rnn": torch.nn.GRU(4, 5), "head": torch.nn.Linear(5, 3)}).state_dict()

@@ -242,41 +242,7 @@ def test_evenly_is_balanced_and_repeatable(counts, data):
         recordings.evenly(0)
 
 
-def test_evenly_spreads_over_a_class(make_recordings):
-    recordings = make_recordings(lengths=[4] * 30, labels=[0] * 30)
-    assert list(recordings.evenly(3)) == [5, 15, 25]
-
-
 # ---------------------------------------------------------------------- splits
-@settings(max_examples=80, deadline=None, derandomize=True)
-@given(data=st.data(), n=st.integers(4, 40), folds=st.integers(2, 6), seed=st.integers(0, 9))
-def test_no_group_is_on_both_sides(data, n, folds, seed):
-    trial = np.array(data.draw(st.lists(st.integers(0, 4), min_size=n, max_size=n)))
-    speed = np.array(data.draw(st.lists(st.sampled_from(["slow", "fast"]), min_size=n, max_size=n)))
-    labels = np.array(data.draw(st.lists(st.integers(0, 2), min_size=n, max_size=n)), dtype=np.int64)
-    recordings = Recordings(
-        np.zeros((n, 4), np.int32),
-        np.arange(n + 1),
-        labels,
-        ("a", "b", "c"),
-        1.0,
-        {"trial": trial, "speed": speed},
-    )
-    keys = list(zip(trial.tolist(), speed.tolist(), strict=True))
-    if len(set(keys)) == 1:
-        with pytest.raises(InputError, match="group trial and speed has one value"):
-            grouped_folds(recordings, ["trial", "speed"], folds, seed)
-        return
-    split = grouped_folds(recordings, ["trial", "speed"], folds, seed)
-    assert sorted(np.concatenate(split)) == list(range(n)) and all(len(test) for test in split)
-    assert len(split) == min(folds, len(set(keys)))
-    for test in split:
-        inside = {keys[i] for i in test}
-        assert not inside & {keys[i] for i in set(range(n)) - set(test.tolist())}
-    if len(set(keys)) <= folds:
-        assert all(len({keys[i] for i in test}) == 1 for test in split)
-    again = grouped_folds(recordings, ["trial", "speed"], folds, seed)
-    assert all(np.array_equal(a, b) for a, b in zip(split, again, strict=True))
 
 
 @each_row("seed", [None, 0, 1])
@@ -372,40 +338,6 @@ def test_a_first_row_of_whole_numbers_is_a_frame(tmp_path):
         folder_of(tmp_path, "T\tA\tB\n0\t2\t1\n0.001\t1.5\t1.25\n0.002\t1.5\t1.25\n")
     )
     assert recordings.recording(0).tolist() == [[32000, 16000], [24000, 20000], [24000, 20000]]
-
-
-def test_latin_1_headers_are_read(tmp_path):
-    text = HEADER.replace("LabVIEW", "für Prüfstand").encode("latin-1") + text_of().encode()
-    assert load_recordings(folder_of(tmp_path, text)).frames == 8
-
-
-BAD_TEXTS = [
-    (text_of().replace("1,690000", "NaN"), "line 2, column 3: NaN is not a finite number"),
-    (text_of().replace("1,690000", "broken"), "line 2, column 3: 'broken' is no number"),
-    (text_of().replace("0,000333", "later"), "line 2, column 1: 'later' is no number"),
-    (text_of().replace("0,000000", "start"), "line 1, column 1: 'start' is no number"),
-    (text_of().replace("1,690000", ""), "line 2, column 3: '' is no number"),
-    (text_of(header=HEADER).replace("1,690000", "NaN"), "line 17, column 3: NaN is not a finite number"),
-    (text_of().replace("\t1,500000\t0,500000", ""), "line 3: has 3 cells where line 1 has 5"),
-    (text_of().replace("0,500000", "0,500000\t1,5"), "line 3: has 6 cells where line 1 has 5"),
-    (HEADER, "holds no row"),
-    ("", "holds no row"),
-    ("0.0\n0.1\n", "is one column when it is split at"),
-    ("0,1,2,3\n1,2,3,4\n", "commas may be decimal points or separators"),
-    (
-        text_of().replace("0,000667", "0,000967"),
-        r"line 3: column 1 jumps, from 0.000333 to 0.000967 .* give --rate HZ",
-    ),
-    (text_of().replace("0,000333", ""), "line 2, column 1: the time is missing"),
-]
-
-
-@each_row("text, sentence", BAD_TEXTS)
-def test_bad_lvm_text_is_refused_with_file_line_and_fix(tmp_path, text, sentence):
-    root = folder_of(tmp_path, text)
-    with pytest.raises(InputError, match=sentence) as caught:
-        load_recordings(root)
-    assert "p01_t2.lvm" in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_names_become_groups(tmp_path):

@@ -147,24 +147,3 @@ def test_a_model_folder_keeps_both_networks(tmp_path):
         (again.arrays[name] == model.arrays[name]).all() for name in model.arrays
     )
     assert (FloatModel.load(tmp_path / "m", images=True).arrays["W_0"] == model.arrays["W_0"] / 7).all()
-
-
-def test_arrays_that_are_not_the_network_s_are_refused():
-    model = model_of(0)
-    for changed, words in [
-        ({"W_0": model.arrays["W_0"][1:]}, "array W_0: has shape"),
-        ({"b_2": model.arrays["b_2"] + 2**24}, "array b_2: holds .* outside"),
-        ({"W_0": model.arrays["W_0"] + 300}, "array W_0: holds .* outside"),
-    ]:
-        with pytest.raises(InputError, match=words):
-            IntegerModel(model.config, dict(model.arrays) | changed)
-    with pytest.raises(
-        InputError, match="field weight_formats of its configuration is empty; quantise the model"
-    ):
-        IntegerModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays)
-
-
-def test_images_of_another_size_are_refused():
-    model = model_of(0)
-    with pytest.raises(InputError, match=r"have shape \(1, 8, 9\); the model takes \(images, 7, 9\)"):
-        run_images(model, np.zeros((1, 8, 9), dtype=np.uint8))

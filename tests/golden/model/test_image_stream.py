@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import random_images, run_images
 from eskin.golden.model.image_stream import ImageStream
 from tests.support.image_scenes import random_image_model
@@ -46,16 +46,3 @@ def test_rows_in_pieces_give_what_whole_images_do(model, pieces):
 def test_an_image_cut_short_has_no_decision(model):
     stream = ImageStream(model)
     assert not stream.push(np.zeros((4, 7), dtype=np.uint8)) and not stream.finish() and stream.decision == -1
-
-
-@each_row(
-    ("rows", "said"),
-    [
-        (np.zeros((1, 6), int), r"takes \(7,\)"),
-        (np.zeros((1, 7)), "no pixels"),
-        (np.full((1, 7), 256), "no pixels"),
-    ],
-)
-def test_what_is_no_row_is_refused(model, rows, said):
-    with pytest.raises(InputError, match=said):
-        ImageStream(model).push(rows)

@@ -9,7 +9,6 @@ from eskin.golden.model import (
     Float,
     FloatModel,
     IntegerModel,
-    check_model_target,
     load_config,
     load_training,
     network_shapes,
@@ -19,7 +18,6 @@ from eskin.golden.model import (
     run_cell,
     with_network,
 )
-from eskin.golden.model.model import replace_folder
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
 from tests.support.table import each_row
@@ -74,25 +72,6 @@ def test_both_networks_and_the_record_come_back_from_their_folder(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model"]  # nothing temporary is left
 
 
-def test_arrays_of_a_model_cannot_be_changed():
-    with pytest.raises(ValueError, match="read-only"):
-        random_integer_model(SMALL, 3).arrays["V"][0, 0] = 1
-
-
-def test_a_failed_write_leaves_the_old_model(tmp_path):
-    folder = tmp_path / "model"
-    float_model().save(folder, {"seed": 4})
-    before = contents(tmp_path)
-
-    def fail(temporary):
-        (temporary / "config.json").write_text("half")
-        raise RuntimeError("power cut")
-
-    with pytest.raises(RuntimeError):
-        replace_folder(folder, fail)
-    assert contents(tmp_path) == before
-
-
 @each_row("content", ["notes.txt", "model and notes"])
 def test_a_folder_of_something_else_is_not_replaced(tmp_path, content):
     folder = tmp_path / "precious"
@@ -105,19 +84,6 @@ def test_a_folder_of_something_else_is_not_replaced(tmp_path, content):
     with pytest.raises(InputError, match=r"precious.*notes\.txt.*name a new folder"):
         float_model().save(folder, {})
     assert contents(tmp_path) == before
-
-
-def test_other_targets(tmp_path):
-    check_model_target(tmp_path / "new" / "deep")
-    (tmp_path / "empty").mkdir()
-    check_model_target(tmp_path / "empty")
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(InputError, match="is a file"):
-        check_model_target(tmp_path / "file")
-    (tmp_path / "odd").mkdir()
-    (tmp_path / "odd" / "weights.npz").write_text("x")
-    with pytest.raises(InputError, match=r"no config\.json"):
-        check_model_target(tmp_path / "odd")
 
 
 # ---------------------------------------------------------------------- damaged and foreign models
@@ -153,51 +119,6 @@ def test_damaged_weights_are_named(tmp_path, change, words):
     with pytest.raises(InputError, match=words):
         IntegerModel.load(tmp_path / "model")
     assert contents(tmp_path) == before
-
-
-def test_cut_off_and_missing_files_are_named(tmp_path):
-    folder = tmp_path / "model"
-    with pytest.raises(InputError, match=r"has no config\.json"):
-        IntegerModel.load(folder)
-    random_integer_model(SMALL, 3).save(folder)
-    with pytest.raises(InputError, match=r"has no float\.npz; train"):
-        FloatModel.load(folder)
-    (folder / "weights.npz").write_bytes((folder / "weights.npz").read_bytes()[:200])
-    with pytest.raises(InputError, match=r"weights\.npz: is damaged"):
-        IntegerModel.load(folder)
-    (folder / "weights.npz").unlink()
-    with pytest.raises(InputError, match=r"has no weights\.npz; quantise"):
-        IntegerModel.load(folder)
-    (folder / "config.json").write_text('{"hidden": 6')
-    with pytest.raises(InputError, match=r"config\.json.*not JSON"):
-        IntegerModel.load(folder)
-    (folder / "training.json").write_text("[1]")
-    with pytest.raises(InputError, match=r"training\.json"):
-        load_training(folder)
-
-
-def test_a_configuration_without_shifts_is_refused():
-    model = random_integer_model(SMALL, 3)
-    with pytest.raises(InputError, match="feature_shift"):
-        IntegerModel(model.config.replace(feature_shift=()), model.arrays)
-
-
-@each_row(
-    ("name", "value", "words"),
-    [
-        ("sigma", 0.0, "sigma: is 0"),
-        ("V", np.nan, "V: holds values that are no finite numbers"),
-        ("mu", None, "mu: is missing"),
-    ],
-)
-def test_float_models_that_cannot_work_are_refused(name, value, words):
-    arrays = dict(float_model().arrays)
-    if value is None:
-        del arrays[name]
-    else:
-        arrays[name] = arrays[name] * 0 + value
-    with pytest.raises(InputError, match=words):
-        FloatModel(SMALL, arrays)
 
 
 # ---------------------------------------------------------------------- constants and random models

@@ -4,9 +4,8 @@ decisions."""
 import dataclasses
 
 import numpy as np
-import pytest
 
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.golden.model import find_touches, random_integer_model, run, step_times, with_network
 from eskin.golden.model.pipeline import STAGES, decide, global_steps
 from tests.golden.model.test_cells import CELLS, Plain
@@ -135,8 +134,3 @@ def test_step_times_count_from_the_onset():
     at_once = PRESETS["fabric"]
     empty = find_touches(SMALL, recordings.subset([0]))
     assert np.allclose(step_times(at_once, empty)[0], at_once.windows.window / at_once.sensor.sample_rate_hz)
-
-
-def test_another_array_is_refused(make_recordings):
-    with pytest.raises(InputError, match="taxels"):
-        run(random_integer_model(SMALL, 1), make_recordings(taxels=5))

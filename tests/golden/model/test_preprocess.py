@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import eskin.golden.model.preprocess as preprocess
 from eskin.data import load_recordings
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, signed_bits
+from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, signed_bits
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches, normalise, real_features
 from eskin.golden.model.preprocess import window_spans
@@ -109,11 +109,6 @@ def test_more_steps_leave_the_first_ones_alone_and_go_on_at_the_same_hop(name):
         assert not more.sums[touch, more.completed[touch] :].any()
 
 
-def test_wrong_taxel_count_is_refused():
-    with pytest.raises(InputError, match="has 4 taxels and configuration 'thesis', field taxels, has 16"):
-        find_touches(THESIS, recordings_of(THESIS, np.zeros((5, 4))))
-
-
 # ---------------------------------------------------------------- the specification, frame by frame
 def expected_touches(config: AcceleratorConfig, stream: np.ndarray) -> tuple[list[tuple], list[int]]:
     """(f, start, completed, partial, sums, faults) of each touch, and the frame that raised each taxel's
@@ -149,7 +144,7 @@ def plateaus(config: AcceleratorConfig, seed: int) -> list[np.ndarray]:
     return streams
 
 
-@settings(max_examples=160, deadline=None, derandomize=True)
+@settings(max_examples=80, deadline=None, derandomize=True)
 @given(configurations(), st.integers(0, 2**32 - 1), st.sampled_from([400, preprocess.BATCH_SAMPLES]))
 def test_equal_to_the_specification_frame_by_frame(config, seed, batch):
     """Whatever the batches."""
@@ -209,20 +204,6 @@ def test_normaliser_is_the_formula(seed, shift_long, shift_last, feature_format)
                 if taxel in (0, 9) or k >= completed[touch] or faults[touch, k, taxel]:
                     feature = 0
                 assert codes[touch, k, taxel] == feature
-
-
-@each_row(
-    "shifts, steps, means, match",
-    [
-        ((), 20, [0, 0], "field feature_shift: is empty"),
-        ((3, 2), 20, [0], "1 means and 2 scales for 2 distinct window lengths"),
-        ((3, 2), 21, [0, 0], "field steps: is 20, below the 21 windows"),
-    ],
-)
-def test_normaliser_needs_its_constants(shifts, steps, means, match):
-    with pytest.raises(InputError, match=match):
-        sums = np.zeros((1, steps, 16), dtype=np.int64)
-        normalise(THESIS.replace(feature_shift=shifts), sums, np.array([20]), means, [1, 1])
 
 
 # ---------------------------------------------------------------- real recordings

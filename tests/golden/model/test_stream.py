@@ -2,10 +2,8 @@
 which the hardware gives it."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 
-from eskin.golden.core import InputError
 from eskin.golden.model import (
     FloatModel,
     Stream,
@@ -55,8 +53,9 @@ def check_same(stream, trace, recordings, seed, *, stages=True):
         span = slice(offsets[index], offsets[index + 1])
         assert [decision.row() for decision in decisions] == [tuple(row) for row in rows[span].tolist()]
         # the end of the recording brings it
-        expected = np.where(frames[span] == 0, len(samples), frames[span])
-        assert [decision.frame for decision in decisions] == expected.tolist()
+        source_frame = trace.config.sensor.source_frame
+        expected = [source_frame(frame) or len(samples) for frame in frames[span].tolist()]
+        assert [decision.frame for decision in decisions] == expected
         assert stream.decision == trace.decision[index] and stream.touches == np.count_nonzero(
             trace.touches.recording == index
         )
@@ -130,19 +129,3 @@ def test_the_state_of_the_detector_is_told():
         assert (stream.onset_frame is not None) == (stream.state == "touch")
     order = [state for index, state in enumerate(states) if index == 0 or state != states[index - 1]]
     assert order[:4] == ["settling", "armed", "touch", "rearm"]
-
-
-@each_row(
-    "frames, word",
-    [
-        (np.zeros((3, 5), dtype=int), "shape"),
-        (np.zeros((3, 4)), "integers"),
-        (np.full((2, 4), 1 << 17), "converter"),
-        (np.zeros((2, 2, 4), dtype=int), "shape"),
-    ],
-)
-def test_what_is_no_frame_is_refused(frames, word):
-    stream = Stream(random_integer_model(SMALL, 3))
-    with pytest.raises(InputError, match=word):
-        stream.push(frames)
-    assert stream.frame == 0

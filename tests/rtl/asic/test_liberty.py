@@ -9,15 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core import InputError
-from eskin.rtl.asic import liberty
 from eskin.rtl.asic.blocks import blocks_of
 from eskin.rtl.asic.buffers import buffer_of, insert
-from eskin.rtl.asic.liberty import WireLoad, corners, parse, read
+from eskin.rtl.asic.liberty import WireLoad, corners, read
 from eskin.rtl.asic.models import expression, model
 from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of, without_initial
 from tests.support.strategies import examples
-from tests.support.table import each_row
 
 HEAD = """library (made) {{ /* a
 comment */ nom_voltage : 1.2; nom_temperature : {temperature}; leakage_power_unit : "1pW"; capacitive_load_unit (1,pf);
@@ -102,39 +100,6 @@ def test_corners_follow_from_what_files_say(tmp_path):
         corners([typ, typ])
 
 
-BROKEN = {
-    b"hello world": "'hello' is no group",
-    b"library (x) { cell (y) {": "no whole group",
-    b"}": "closed",
-    b"library (x) { cell () { area : 1; } }": r"cell \(\) is damaged",
-    b"library (x) { cell (a) { pin () {} } }": r"cell \(a\) is damaged",
-    b"library (x) { cell (a) { ff (IQ) { next_state : D; } } }": r"cell \(a\) is damaged",
-    b"library (x) { cell (a) { area : 1e400; } }": "'1e400' is no number",
-    b"library (x) { cell (a) { memory () { address_width : 999; word_width : 1e9; } } }": "no macro is so "
-    "large",
-    b'library (x) { cell (a) { pin (Y) { timing () { cell_rise (t) { values ("1e, 2"); } } } } '
-    b"}": "'1e' is no number",
-    b"library (x) { wire_load (a) { fanout_length (b, c); } }": r"wire_load \(a\) is damaged: 'b' is no "
-    r"number",
-    b"library (x) { capacitive_load_unit (1..2, pf); }": "'1..2' is no number",
-    b"library (x) {}" + b" " * 2000: "more than 0 MB",
-    gzip.compress(b"library (x) {}" + b" " * (1 << 24)): "more than 0 MB",
-    gzip.compress(b"library (x) {}")[:-6]: "is not text",
-    gzip.compress(b"library (x) {}")[:10] + b"\xff" * 50: "is not text",
-    b"\xff": "is not text",
-}
-
-
-@each_row("text", BROKEN)
-def test_no_liberty_is_one_sentence(tmp_path, monkeypatch, text):
-    monkeypatch.setattr(liberty, "MOST_BYTES", 2000)
-    (tmp_path / "x.lib").write_bytes(text)
-    with pytest.raises(InputError, match=f"^--liberty .*x.lib: .*{BROKEN[text]}"):
-        read(tmp_path / "x.lib")
-    with pytest.raises(InputError, match=r"^--liberty \S+y\.lib: No such file"):
-        read(tmp_path / "y.lib")
-
-
 TOKENS = re.findall(
     r'"[^"]*"|[\w.]+|\s+|.', HEAD.format(temperature=25) + CELLS + BUFFERS + GATE + MACRO + "}", re.DOTALL
 )
@@ -156,17 +121,6 @@ def test_a_damaged_library_is_read_or_refused_in_one_sentence(tmp_path, changes)
         assert "\n" not in str(error)
 
 
-def test_wrong_process_and_missing_cell_are_one_sentence(tmp_path):
-    whole, without = read(file(tmp_path, "a.lib", CELLS + GATE)), read(file(tmp_path, "b.lib", CELLS))
-    assert process_of("ihp-sg13g2", [whole]).gate.name == "gate"
-    with pytest.raises(InputError, match=r"b\.lib: has no clock gate, which the design needs"):
-        process_of("ihp-sg13g2", [without])
-    with pytest.raises(InputError, match=r"a\.lib: holds no cells of sky130hd"):
-        process_of("sky130hd", [whole])
-    with pytest.raises(InputError, match="--pdk gf180: is unknown"):
-        process_of("gf180", [whole])
-
-
 def test_models_say_what_cells_do_and_begin_at_random(tmp_path):
     cells = read(file(tmp_path, "a.lib", CELLS + GATE + MACRO)).cells
     assert expression("!(A*B)+C") == "~(A&B)|C"
@@ -182,11 +136,6 @@ def test_only_memories_that_are_written_lose_their_first_words():
     text = "module \\a\n" + "".join(cell.format(*part) for part in parts) + "end\n"
     left = without_initial(text)
     assert "$1" in left and "$2" not in left and "$3" in left
-
-
-def test_the_topmost_group_is_needed():
-    with pytest.raises(ValueError, match="library"):
-        parse("cell (x) { area : 1; }")
 
 
 def test_wire_loads_between_and_behind_the_tables_lengths(tmp_path):

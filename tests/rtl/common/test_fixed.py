@@ -4,15 +4,13 @@ or wrong."""
 import numpy as np
 import pytest
 from amaranth.hdl import Module, Signal, signed, unsigned
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core import QFormat, formats
 from eskin.rtl.common import fixed
 from tests.support.strategies import examples
-from tests.support.stream_bench import Bench, simulate, values
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 
@@ -106,65 +104,3 @@ def test_convergent_rounding_takes_ties_to_the_even_code(shift):
 def test_negative_shift_is_refused():
     with pytest.raises(ValueError, match="not by -1"):
         fixed.round_half_up(Signal(4), -1)
-
-
-class Negator(wiring.Component):
-    """A registered stage; ``fault`` breaks it in one known way."""
-
-    i: In(stream.Signature(data.StructLayout({"value": signed(8), "last": 1})))
-    o: Out(stream.Signature(data.StructLayout({"value": signed(9), "last": 1})))
-
-    def __init__(self, fault=""):
-        super().__init__()
-        self.fault = fault
-
-    def elaborate(self, platform):
-        m = Module()
-        m.d.comb += self.i.ready.eq(~self.o.valid | self.o.ready)
-        with m.If(self.i.ready):
-            m.d.sync += [
-                self.o.valid.eq(self.i.valid),
-                self.o.p.value.eq(-self.i.p.value),
-                self.o.p.last.eq(self.i.p.last),
-            ]
-        if self.fault == "payload":
-            m.d.sync += self.o.p.value.eq(self.o.p.value + 1)
-        if self.fault == "valid":
-            m.d.sync += self.o.valid.eq(self.i.valid)
-        if self.fault == "deaf":
-            m.d.comb += self.i.ready.eq(0)
-        return m
-
-
-BEATS = [{"value": value, "last": value % 3 == 0} for value in range(-60, 60)]
-NEGATED = [{"value": -beat["value"], "last": beat["last"]} for beat in BEATS]
-
-
-@each_row("stalls", [(0, 0), (0.5, 0), (0, 0.5), (0.4, 0.6)])
-def test_bench_moves_every_beat(stalls):
-    dut = Negator()
-    bench = Bench(dut, seed=5)
-    taken = bench.drive(dut.i, BEATS, stall=stalls[0])
-    out = bench.collect(dut.o, stall=stalls[1])
-    bench.run()
-    assert values(out) == NEGATED and len(taken) == len(BEATS)
-    if stalls == (0, 0):
-        assert [beat.cycle for beat in out] == [cycle + 1 for cycle in taken] and taken == list(
-            range(len(BEATS))
-        )
-
-
-@each_row("fault, message", [("payload", "payload changed"), ("valid", "valid fell"), ("deaf", "timeout")])
-def test_bench_sees_a_broken_stage(fault, message):
-    dut = Negator(fault)
-    bench = Bench(dut, seed=5, max_cycles=2000)
-    bench.drive(dut.i, BEATS, stall=0.4)
-    bench.collect(dut.o, stall=0.6)
-    with pytest.raises(AssertionError, match=message):
-        bench.run()
-
-
-def test_bench_refuses_a_value_that_would_wrap():
-    dut = Negator()
-    with pytest.raises(ValueError, match="payload.value: 128"):
-        Bench(dut).drive(dut.i, [{"value": 128, "last": 0}])

@@ -4,30 +4,25 @@ what helps."""
 import dataclasses
 import json
 import math
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from amaranth.hdl import Cat, ClockDomain, ClockSignal, Instance, Module, Signal
+from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
-from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import random_integer_model
-from eskin.pages.views import words
-from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga import wiring as wired
-from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, NoRoute, place
+from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import ICE40, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
-from eskin.rtl.fpga.tools import ToolError
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.top.board_top import BoardTop
 from eskin.verbs import build_job as job
-from eskin.verbs.cost import market
 from tests.support.result_case import CONFIG
 from tests.support.table import each_row
 
@@ -139,54 +134,6 @@ def test_a_seed_gives_its_own_bitstream_every_time(two_blocks, tmp_path):
 
 
 # ---------------------------------------------------------------------- multipliers
-class Products(wiring.Component):
-    """Two instantiated blocks, the sum of one loaded into the next and a part of that registered, and one
-    product to be inferred."""
-
-    def __init__(self) -> None:
-        super().__init__({"i": In(1), "load": In(1), "o": Out(1), "p": Out(1)})
-
-    def elaborate(self, platform):
-        m = Module()
-        shift, part, product = Signal(64), Signal(24), Signal(32)
-        m.d.sync += shift.eq(Cat(self.i, shift))
-        a, b, chained = shift[:16], shift[16:32], shift[32:]
-        for name in ("first", "second"):
-            out = Signal(32)
-            m.submodules[name] = Instance(
-                "SB_MAC16",
-                p_A_REG=1,
-                p_B_REG=1,
-                p_TOPOUTPUT_SELECT=1,
-                p_BOTOUTPUT_SELECT=1,
-                p_TOPADDSUB_LOWERINPUT=2,
-                p_BOTADDSUB_LOWERINPUT=2,
-                p_TOPADDSUB_CARRYSELECT=2,
-                i_CLK=ClockSignal(),
-                i_CE=1,
-                i_A=a,
-                i_B=b,
-                i_C=chained[16:],
-                i_D=chained[:16],
-                i_OLOADTOP=self.load,
-                i_OLOADBOT=self.load,
-                o_O=out,
-            )
-            chained = out
-        m.d.sync += [part.eq(chained[:24]), product.eq(a.as_signed() * b.as_signed())]
-        m.d.comb += [self.o.eq(part.xor()), self.p.eq(product.xor())]
-        return m
-
-
-def test_instantiated_and_inferred_multipliers_stay_and_what_a_part_lacks_is_counted(tmp_path):
-    netlist = synthesise(PoweredOn(Products()), ICE40, tmp_path)
-    assert netlist.multipliers == netlist.verilog.read_text().count("SB_MAC16 #(") == 3
-    pins = dict(
-        zip(("clk", "i", "load", "o", "p"), (NO_MULTIPLIERS.clock_pin, *NO_MULTIPLIERS.pins), strict=False)
-    )
-    with pytest.raises(DoesNotFit) as misfit:
-        place(netlist, NO_MULTIPLIERS, pins, tmp_path / "placed", seed=1)
-    assert misfit.value.shortage == {"multipliers": (3, 0)}
 
 
 # ---------------------------------------------------------------------- the accelerator
@@ -281,53 +228,11 @@ def _does_not_fit(multipliers: int) -> None:
     assert f"{multipliers} multipliers of 0 ({multipliers} too many)" in said and "has a larger part" in said
 
 
-@each_row(
-    ("board", "lanes", "lane_type", "shortage", "helps"),
-    [
-        ("icebreaker", 12, "plain", {"multipliers": (13, 8)}, "--lanes 7"),
-        ("icebreaker", 6, "plain", {"logic cells": (6000, 5280)}, "--lanes 1"),
-        ("icebreaker", 1, "plain", {"logic cells": (6000, 5280)}, "--target ulx3s"),
-        ("ulx3s", 1, "plain", {"logic cells": (30000, 24288)}, "fewer taxels"),
-    ],
-)
-def test_the_option_that_helps(board, lanes, lane_type, shortage, helps):
-    config = CONFIG.with_lanes(lanes, lane_type)
-    said = job.misfit_sentence(config, target(board), False, DoesNotFit(shortage))
-    assert ("--target ulx3s has a larger part" in said) == (board == "icebreaker")
-    assert (
-        "--no-link" in job.misfit_sentence(config, target(board), True, DoesNotFit(shortage))
-        and "--no-link" not in said
-    )
-    (what, (needed, available)) = next(iter(shortage.items()))
-    assert f"{needed} {what} of {available} ({needed - available} too many)" in said and helps in said
-
-
-def test_a_design_that_does_not_fit_ends_with_one_sentence_and_status_1(call, folder, monkeypatch):
-    def refuse(*_: object, **__: object):
-        raise job.BuildError("does not fit")
-
-    monkeypatch.setattr(job, "build", refuse)
-    assert call("--target", "ulx3s", "--out", "none") == (1, "", "eskin: does not fit\n")
-    assert not (folder / "none").exists()
-
-
 BLOCKS_SHORT = [
     ("block memories", "dsp", True),
     ("logic cells", "dsp", False),  # the large memories do not help
     ("block memories", "plain", False),  # nor are they used
 ]
-
-
-def test_weights_that_no_board_holds_are_told_before_anything_is_simulated():
-    names = tuple(f"c{k}" for k in range(32))
-    large = PRESETS["thesis"].replace(cell="linear", taxels=156, class_names=names)
-    assert "icebreaker; 'eskin build" in job.weights_sentence(PRESETS["thesis"])
-    assert "icebreaker; 'eskin build" in job.weights_sentence(large.replace(weight_sets="one"))
-    said = job.weights_sentence(large)
-    assert "of 30 block memories of the icebreaker, which is too many" in said and "weight_sets one" in said
-    assert said.startswith("the weights take 52 of 56 block memories of the ulx3s")
-    said = job.weights_sentence(large.replace(dense_format=QFormat(4, 12)))
-    assert said.startswith("no board here holds the weights") and "of 30" in said and "of 56" in said
 
 
 def stand_ins(monkeypatch, made, place) -> None:
@@ -406,17 +311,6 @@ def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(error
     }
 
 
-def test_a_placement_without_a_route_is_told_from_a_tool_that_fails(two_blocks, tmp_path, monkeypatch):
-    for said, error in (("ERROR: Routing design failed.", NoRoute), ("ERROR: no such file", ToolError)):
-
-        def fail(*_: object, said=said):
-            raise ToolError(said)
-
-        monkeypatch.setattr(job.implementation, "run_tool", fail)
-        with pytest.raises(error):
-            place(two_blocks, target("icebreaker"), PINS, tmp_path, seed=1)
-
-
 @pytest.mark.slow
 def test_a_gowin_part_gets_a_bitstream(tmp_path):
     """Blocks add up as on the other parts; a memory's LUTs and the LUTs in front of flip-flops are no LUTs of the
@@ -445,16 +339,6 @@ def test_a_gowin_part_gets_a_bitstream(tmp_path):
     )
 
 
-def test_a_part_of_an_extra_asks_for_it(call, monkeypatch):
-    monkeypatch.setitem(sys.modules, "apycula", None)
-    status, out, err = call("--target", "tangnano9k")
-    assert status == 2 and not out
-    assert (
-        err
-        == "eskin: this needs apycula, which comes with the extra 'gowin'; run: pip install 'eskin[gowin]'\n"
-    )
-
-
 @each_row(("what", "lane_type", "again"), BLOCKS_SHORT)
 @each_row("enough", [True, False])
 def test_weights_go_into_large_memories_where_block_memories_run_out(
@@ -478,19 +362,6 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
     assert tried == [config, config.replace(spare_blocks=True)][: 1 + again]
 
 
-@each_row(
-    ("words", "said"),
-    [
-        (("--target", "arduino"), "--target arduino: is no known board"),
-        (("--target", "icebreaker", "--no-link", "--standalone"), "--standalone: has no link"),
-        (("--target", "icebreaker", "--out", "model"), "is the input model"),
-    ],
-)
-def test_a_mistake_is_one_sentence(call, words, said):
-    status, out, err = call(*words)
-    assert status == 2 and said in err and err.count("\n") == 1 and not out
-
-
 # ---------------------------------------------------------------------- boards
 @each_row("name", TARGETS)
 def test_a_boards_pins_are_told_apart(name):
@@ -498,40 +369,6 @@ def test_a_boards_pins_are_told_apart(name):
     pins = Wiring(config=CONFIG.replace(class_names=tuple("abcdefg")), target=board, link=True).sites()
     assert len(set(pins.values())) == len(pins) == 4 + 1 + 7
     assert board.clock_hz in (12e6, 25e6, 27e6)
-
-
-def test_a_part_whose_energy_nobody_measured_is_built_for_and_not_chosen_for(tmp_path):
-    model = random_integer_model(CONFIG.with_lanes(1, "plain"), seed=2)
-    count = dict.fromkeys(job.implementation.COLUMNS, 7)
-    best = Implementation(
-        seed=3, fmax_hz=8e7, path="", blocks={"cell": count}, utilisation={}, bitstream=tmp_path / "x.fs"
-    )
-    result = job._result(model.config, target("tangnano9k"), True, best, [best], 27e6)
-    assert result["energy"] is None and result["bitstream"].endswith("_tangnano9k.fs")
-    said = words(
-        "build",
-        **result,
-        baud=1e6,
-        class_pins="each",
-        lanes_too_many=None,
-        not_taken={"1": "no route", "2": "4 paths"},
-        folder=tmp_path,
-        block_rows=[],
-    )
-    assert "energy of a touch" not in said and "seeds not taken | 1: no route; 2: 4 paths |" in said
-    with pytest.raises(job.InputError, match="--fits tangnano9k: is not known; use one of .*ulx3s$"):
-        market(board="tangnano9k")
-
-
-def test_more_classes_than_pins_are_refused():
-    config = CONFIG.replace(class_names=tuple("abcdefghi"))
-    few = dataclasses.replace(NO_MULTIPLIERS, pins=NO_MULTIPLIERS.pins[:4])
-    with pytest.raises(job.InputError) as refused:
-        Wiring(config=config, target=few, link=True).sites()
-    assert str(refused.value) == (
-        "--target small: has 4 free pins and 9 classes need 5; --target icebreaker has 16, --target upduino has 14, --target ulx3s has 28, "
-        "--target tangnano9k has 16, --no-link needs none"
-    )
 
 
 def test_twenty_classes_are_a_number_on_an_icebreakers_pins():
@@ -606,20 +443,3 @@ def test_nothing_is_fetched_before_block_memories_read(name, clock_hz, monkeypat
     counts = counts[::2]
     held = counts.count(0)
     assert blind <= held <= 2 * blind + 1 and counts[held:] == list(range(1, len(counts) - held + 1))
-
-
-def test_every_block_of_the_accelerator_has_a_name():
-    paths = (
-        "front_end.onset_detector",
-        "front_end.pretrigger_ring",
-        "front_end.window_averager",
-        "front_end.normaliser",
-        "engine.core",
-    )
-    named = [blocks.block_of(f"inner.accelerator.{path}.x") for path in (*paths, "classifier", "control")]
-    assert named == ["onset", "ring", "windows", "normaliser", "cell", "classifier", "control"]
-    assert (
-        blocks.block_of("inner.link.receiver") == "link"
-        and blocks.block_of("inner.accelerator.x") == "wiring"
-    )
-    assert blocks.block_of("x") == "top"

@@ -13,15 +13,7 @@ import pytest
 
 from eskin.cosim import flow, runner
 from eskin.cosim.activity import FILE, Count, instrument, read_count
-from eskin.cosim.netlist import (
-    ECP5_CELLS,
-    GOWIN_CELLS,
-    NAME_LENGTH_MAX,
-    Hardware,
-    netlist_hardware,
-    shorten_names,
-)
-from eskin.golden.core import InputError
+from eskin.cosim.netlist import ECP5_CELLS, GOWIN_CELLS, Hardware, netlist_hardware
 from eskin.golden.model import (
     IntegerModel,
     random_integer_model,
@@ -35,7 +27,6 @@ from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate, netlist_of
 from tests.support.lut_fault import flip_lut_bit
 from tests.support.small_designs import SMALL
-from tests.support.table import each_row
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
 CONFIG = SMALL.replace(
@@ -161,28 +152,6 @@ def test_both_netlists_run_on_verilator(model, recordings, tmp_path, target):
     )
     assert result["passed"] and result["without_probes"]["bit_exact"] and result["without_probes"]["cells"]
     json.dumps(result)
-
-
-@each_row(
-    ("options", "said"),
-    [
-        ({"level": "netlist"}, "--level netlist: needs a board; add --target"),
-        ({"target": "icebreaker"}, "--target icebreaker: is for netlists; add --level netlist"),
-        ({"level": "netlist", "target": "nonesuch"}, "--target nonesuch: is no known board"),
-    ],
-)
-def test_bad_options_are_one_sentence(model, recordings, tmp_path, options, said):
-    with pytest.raises(InputError, match=said):
-        cosimulate(model, recordings, work=tmp_path / "work", **options)
-    assert not list(tmp_path.iterdir())
-
-
-def test_long_names_are_shortened_and_constants_are_not():
-    long = "a" * (NAME_LENGTH_MAX + 9)
-    text = f"wire \\{long}.b ;\nassign x = \\{long}.b [3] & {long} & 256'h{'0' * 64};\n"
-    short = shorten_names(text)
-    assert short.count("~0 ") == 2 and "~1 " in short and f"256'h{'0' * 64};" in short and long not in short
-    assert max(map(len, re.findall(r"\\\S+", short))) <= NAME_LENGTH_MAX + 4
 
 
 # ---------------------------------------------------------------- activity counters
@@ -386,97 +355,6 @@ def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):
             f'initial begin #1;\n{write}{read}$display("done"); $finish; end endmodule\n'
         )
         assert simulate(source, tmp_path, ECP5_CELLS) == "done"
-
-
-GOWIN_MEMORIES = [  # cell, bits of a byte, widths of words, words that a write enables by byte
-    *[("SP", 8, width) for width in (1, 2, 4, 8, 16, 32)],
-    *[("SPX9", 9, width) for width in (9, 18, 36)],
-    *[("SDPB", 8, width) for width in (1, 2, 4, 8, 16, 32)],
-    *[("SDPX9B", 9, width) for width in (9, 18, 36)],
-    *[("DPB", 8, width) for width in (1, 2, 4, 8, 16)],
-    *[("DPX9B", 9, width) for width in (9, 18)],
-]
-
-
-@pytest.mark.parametrize("widths", [(8, 9), pytest.param(range(37), marks=pytest.mark.slow)], ids=len)
-def test_the_block_memories_of_gowin_work_in_every_width(tmp_path, widths):
-    """Initial words, words written by bytes and read back at every width, and what a write reads in each mode,
-    against an array of bits."""
-    for cell, byte, width in GOWIN_MEMORIES:
-        modes = [None] if cell.startswith("SDP") else range(3) if width in (4, 2 * byte) else [1]
-        for mode in modes if width in widths else ():
-            _gowin_memory(cell, byte, width, mode, tmp_path)
-
-
-def _gowin_memory(cell: str, byte: int, width: int, mode: int | None, folder: Path) -> None:
-    rng = np.random.default_rng(byte * width)
-    parts, full = max(1, width // byte), (2 if cell.startswith("DP") else 4) * byte
-    first = rng.integers(0, 2, 32 * byte)  # the first row of contents, 32 bytes
-    bits = [*first, *[0] * (2016 * byte)]
-    number = lambda values: int("".join(map(str, values[::-1])), 2)
-    dual, words = not cell.startswith("SP"), 16384 // 8 * byte // width
-    step = 16384 // words  # addresses of a word
-    lines, held = [], 0
-    for turn in range(60):
-        place = int(rng.integers(0, 32 * byte // width if turn % 2 else words))
-        enable, data = int(rng.integers(1, 1 << parts)), int(rng.integers(0, 1 << width))
-        writes = bool(turn % 3)
-        before = bits[place * width : (place + 1) * width]
-        after = list(before)
-        for k in range(parts):
-            if parts == 1 or enable >> k & 1:
-                size = width // parts
-                after[k * size : (k + 1) * size] = [data >> k * size + n & 1 for n in range(size)]
-        address = place * step | (enable if parts > 1 else 0)
-        lines.append(f"a = {address}; d = {full}'d{data}; w = {int(writes)}; #1 clk = 1; #1 clk = 0; w = 0;")
-        if writes:
-            bits[place * width : (place + 1) * width] = after
-            held = {0: held, 1: number(after), 2: number(before), None: held}[mode]
-        else:
-            held = held if mode is None else number(before)
-        if mode is not None:
-            lines.append(f'if (qa[{width - 1}:0] !== {width}\'d{held}) $display("{turn}: %h", qa);')
-        if dual:
-            lines.append(f"b = {place * step}; #1 clb = 1; #1 clb = 0;")
-            word = number(bits[place * width : (place + 1) * width])
-            lines.append(f'if (qb[{width - 1}:0] !== {width}\'d{word}) $display("{turn} b: %h", qb);')
-    contents = f".INIT_RAM_00({32 * byte}'d{number(list(first))})"
-    on = {port: "1'b0" for port in ("RESET", "RESETA", "RESETB")} | {"CE": "1'b1", "CEB": "1'b1"}
-    on |= {name: "3'd0" for name in ("BLKSEL", "BLKSELA", "BLKSELB")}
-    on |= {
-        "CLK": "clk",
-        "CLKA": "clk",
-        "CLKB": "clb",
-        "AD": "a",
-        "ADA": "a",
-        "ADB": "b",
-        "WRE": "w",
-        "WREA": "w",
-    }
-    on |= {"WREB": "1'b0", "DI": "d", "DIA": "d", "DIB": "d", "DOA": "qa", "DOB": "qb"}
-    on |= {"DO": "qb" if cell.startswith("SDP") else "qa", "CEA": "w" if cell.startswith("SDP") else "1'b1"}
-    ports = {"SP": "DO DI BLKSEL AD WRE CLK CE RESET"}
-    ports["SDP"] = "DO DI BLKSELA BLKSELB ADA ADB CLKA CEA CLKB CEB RESETA RESETB"
-    ports["DP"] = "DOA DOB DIA DIB BLKSELA BLKSELB ADA ADB CLKA CEA WREA RESETA CLKB CEB WREB RESETB"
-    kind = next(name for name in ("SDP", "SP", "DP") if cell.startswith(name))
-    sizes = f".BIT_WIDTH({width})" if kind == "SP" else f".BIT_WIDTH_0({width}), .BIT_WIDTH_1({width})"
-    modes = {"SP": f", .WRITE_MODE({mode})", "DP": f", .WRITE_MODE0({mode})", "SDP": ""}[kind]
-    source = folder / f"{cell}{width}{mode}.sv"
-    connect = ", ".join(f".{port}({on[port]})" for port in ports[kind].split())
-    source.write_text(
-        f"module bench; reg clk = 0, clb = 0, w = 0; reg [13:0] a = 0, b = 0; reg [{full - 1}:0] d = 0;\n"
-        f"wire [{full - 1}:0] qa, qb;\n{cell} #({sizes}{modes}, {contents}) dut ({connect});\n"
-        "initial begin #1;\n" + "\n".join(lines) + '\n$display("done"); $finish; end endmodule\n'
-    )
-    assert simulate(source, folder, GOWIN_CELLS) == "done", (cell, width, mode)
-
-
-def test_a_setting_of_a_gowin_cell_that_is_not_modelled_ends_the_simulation(tmp_path):
-    source = tmp_path / "bench.sv"
-    for setting in (".READ_MODE(1)", ".BIT_WIDTH(12)", ".BLK_SEL(3'd1)"):
-        source.write_text(f"module bench; SP #({setting}) dut (); endmodule\n")
-        with pytest.raises(subprocess.CalledProcessError):
-            simulate(source, tmp_path, GOWIN_CELLS)
 
 
 def test_the_multipliers_of_gowin_take_both_signs(tmp_path):

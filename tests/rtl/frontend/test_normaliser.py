@@ -1,8 +1,6 @@
 """rtl/frontend/normaliser.py against the formula, and the four front-end components in a chain against the
 golden preprocessing."""
 
-import gc
-
 import numpy as np
 import pytest
 from amaranth.hdl import ResetInserter, Signal
@@ -140,22 +138,6 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls, aligned):
         assert taken == [taken[0] + 2 * n + n // config.sensor.taxels for n in range(len(beats))]
 
 
-@pytest.mark.filterwarnings("ignore:.*created but never used")
-@pytest.mark.parametrize(
-    "changes, means, message",
-    [
-        ({"feature_shift": ()}, [0], "quantise first"),
-        ({"loadable": False}, None, "means are needed"),
-        ({}, [0, 0], "1 numbers of"),
-        ({}, [1 << 40], "1 numbers of"),
-    ],
-)
-def test_constants_that_do_not_fit_are_refused(changes, means, message):
-    with pytest.raises(ValueError, match=message):
-        Normaliser(shifted(CASES["fabric"]).replace(**changes), means)
-    gc.collect()  # the refused component complains here, not in a later test
-
-
 # ---------------------------------------------------------------------- the chain
 def golden_centred(config, streams, means, masked=()):
     """Expected beats and the number of touches, from golden/model/preprocess.py, one recording a stream."""
@@ -239,13 +221,6 @@ def test_chain_equals_golden(name):
     )
 
 
-def test_chain_with_masked_taxels_and_rom():
-    config, masked = shifted(CASES["pvdf"]).replace(loadable=False), (1,)
-    stream, means = make_stream(config, 200, seed=12), means_of(config)
-    expected, _ = golden_centred(config, [stream], means, masked)
-    assert run_chain(config, [stream], means, masked=masked) == expected
-
-
 def test_chain_onset_early_late_and_never():
     config = shifted(CASES["thesis"])
     onsets = ([1], [2], [4], [5], [150], [199], [])
@@ -253,13 +228,3 @@ def test_chain_onset_early_late_and_never():
     expected, touches = golden_centred(config, streams, means)
     assert touches == 6
     assert run_chain(config, streams, means) == expected
-
-
-@pytest.mark.parametrize("name", ["two end together, faults", "pvdf faults"])
-def test_chain_arm_begins_a_new_recording(name):
-    """Three recordings in a row, the second cut in the middle of a frame and of a touch: the third is as if
-    it were alone."""
-    config = shifted(CASES[name])
-    streams, means = [make_stream(config, 110, seed=seed) for seed in (11, 14, 12)], means_of(config)
-    expected, _ = golden_centred(config, [streams[0], streams[2]], means)
-    assert run_chain(config, streams, means, cuts=(1,)) == expected

@@ -76,14 +76,6 @@ def test_few_taxels_behind_a_slow_reader(taxels, one_port):
     assert played(config, seen, late=0.9, gaps=gaps, quiet=100) == touch_beats(config, seen)
 
 
-@each_row("onset", [1, 4, 5, 6])
-def test_onset_within_the_first_frames(onset):
-    config = CASES["thesis"]
-    seen = detect(config, make_stream(config, 70, seed=5, touches=[onset]))
-    assert seen.touches[0][:2] == (onset, max(1, onset - 4))
-    assert played(config, seen) == touch_beats(config, seen)
-
-
 @pytest.mark.parametrize(("taxels", "gap", "pause"), [(4, 0, 1), (8, 0, 0), (4, 1, 0)])
 def test_latency_and_full_rate(taxels, gap, pause):
     """The replay begins 3 cycles after the onset's last beat, and every cycle brings a beat until it has

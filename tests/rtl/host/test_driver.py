@@ -11,10 +11,10 @@ from eskin.golden.model import Stream, random_integer_model, random_recordings, 
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.program.memory_map import Control, Event, Fault, Register, ShellRegister, Status
+from eskin.rtl.program.memory_map import Event, Fault, Register, ShellRegister
 from eskin.rtl.program.register_files import entries
 from tests.golden.model.test_prototypes import taught_model
-from tests.support.c_driver import STRICT, Driver
+from tests.support.c_driver import STRICT
 from tests.support.driver_board import Board
 from tests.support.touch_scenes import scene
 
@@ -155,32 +155,6 @@ def test_real_recordings_decide_as_the_model_does(shared_data, tmp_path, bus, pr
     assert count
 
 
-class Registers:
-    """Of a device in Python: what was written, and what STATUS and FAULTS say."""
-
-    def __init__(self, status=0, faults=0):
-        self.values = {4 * Register.STATUS: status, 4 * Register.FAULTS: faults}
-        self.written = []
-
-    def read(self, offset):
-        return self.values[offset]
-
-    def write(self, offset, word):
-        self.written.append((offset, word))
-
-
-def test_a_model_is_loaded_without_arm(design):
-    """ARM starts a converter. Only an open touch needs it, and a word that was refused is told."""
-    commands = []
-    for status, faults in ((0, 0), (Status.TOUCH, 0), (Status.ARMED | Status.BUSY, Fault.WRITE_REFUSED)):
-        device = Registers(status, faults)
-        assert Driver(design, device.read, device.write).load() == (faults == 0)
-        commands.append([word for offset, word in device.written if offset == 4 * Register.CONTROL])
-        assert len(device.written) == len(commands[-1]) + len((design / "load.hex").read_text().split())
-    clear = Control.CLEAR_FAULTS
-    assert commands == [[clear], [Control.ARM | clear, clear], [clear]]
-
-
 def test_registers_are_as_the_files_describe_them(design):
     """Reset values, what reads as 0, what holds what was written, and that no other address is a register."""
     board = Board(design)
@@ -207,6 +181,7 @@ def test_registers_are_as_the_files_describe_them(design):
             assert board.driver("faults") == (Fault.ADDRESS if offset < 0x100 else 0), hex(offset)
 
 
+@pytest.mark.slow
 def test_touches_are_taught_and_forgotten_through_the_driver(tmp_path):
     model = forget(taught_model("gru"))
     board = Board(generate(model.config, model.arrays, tmp_path / "design", bus="wishbone"))

@@ -249,6 +249,7 @@ class Chips:
         return said
 
 
+@pytest.mark.slow
 def test_every_field_beside_the_accelerator_does_what_its_description_says(tmp_path):
     """Position, converter's faults and stimulator's settings behind a bus, with chips at the converter's pins and the
     stimulator's line read."""

@@ -113,22 +113,3 @@ def test_random_faults_end_with_off(count):
 
     play(body)
     assert {"fault", "long fault", "end", "other", "reset", "time"} == set(kinds)
-
-
-def test_the_model_refuses_what_the_protocol_forbids():
-    good = table_frames(11, 12, 5000, 50, 200)
-    for change, word in {
-        lambda f: [*f[:4], f[4].replace(bytes([12]), bytes([31])), *f[5:]]: "over the limit",
-        lambda f: [f[0], *f[2:]]: "ON without SF",
-        lambda f: [*f[:3], f[3].replace(b"\xff", b"\x00", 1), *f[4:]]: "ON with 2 channels",
-        lambda f: [*f[:3], table_frames(6, 1, 0, 0, 0)[3], *f[4:]]: "has an amplitude and is off",
-        lambda f: [f[0][:-1] + b"?", *f[1:]]: "does not end",
-        lambda f: [*f, f[3]]: "while current flows",
-        lambda f: [b"x", *f]: "outside of a frame",
-    }.items():
-        model = StimulatorModel(LIMITS)
-        model.feed(b"".join(change(good)))
-        assert any(word in said for said in model.wrong), word
-    model = StimulatorModel(LIMITS)
-    model.feed(b"".join(good))
-    assert not model.wrong and model.is_on

@@ -1,8 +1,6 @@
 """rtl/interface/stimulus.py: electrodes of classes and of positions, how long a request lasts."""
 
-import pytest
-
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.rtl.interface.stimulus import Stimulus
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row
@@ -55,14 +53,3 @@ def test_positions_by_the_arrays_size(rows, columns):
     wanted = [4 * (6 * (2 * y + 16) // (32 * rows)) + 4 * (2 * x + 16) // (32 * columns) for x, y in places]
     assert seen[:-1] == [(1, electrode) for electrode in wanted] and not seen[-1][0]
     assert set(wanted) >= {0, 3, 20, 23}
-
-
-def test_what_does_not_fit_is_refused():
-    for fields, word in (
-        (dict(stimulator="decisions", electrodes=(1, 2)), "has 2 values for 3 classes"),
-        (dict(stimulator="positions"), "without position"),
-        (dict(stim_amplitude=31), "stim_amplitude: is 31 and amplitude_limit is 30"),
-        (dict(electrodes=(1, 2, 25)), "outside 1..24"),
-    ):
-        with pytest.raises(InputError, match=word):
-            PRESETS["thesis"].replace(**fields)

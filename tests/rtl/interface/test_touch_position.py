@@ -2,9 +2,8 @@
 the touches were."""
 
 import numpy as np
-import pytest
 
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model.position import Position, direction, positions
 from eskin.rtl.interface.touch_position import TouchPosition
 from tests.support.array_touches import REST, touches
@@ -142,10 +141,3 @@ def test_the_centre_is_near_the_truth_and_slides_give_their_direction(size, inne
     told = f"error {np.mean(errors):.3f}, at most {np.max(errors):.3f} cells; {right} of {clear} slides"
     print(f"{size}: {len(errors)} positions, {told}")
     assert clear > 5 and right == clear
-
-
-def test_what_does_not_fit_is_refused():
-    with pytest.raises(InputError, match="field rows: is 3 with 4 columns, and there are 16 taxels"):
-        AcceleratorConfig.of(position=True, rows=3)
-    with pytest.raises(InputError, match="field position_threshold"):
-        config_of(4, 4, position_threshold=250)

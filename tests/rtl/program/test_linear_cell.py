@@ -16,8 +16,6 @@ from eskin.golden.model import (
     random_recordings,
     with_network,
 )
-from eskin.rtl.fpga.implementation import DoesNotFit
-from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
@@ -26,7 +24,6 @@ from eskin.training.linear_fit import fit_linear
 from eskin.training.quantise import quantise_model, signals
 from eskin.training.recipe import RECIPES, choose_recipe
 from eskin.training.train import TrainingRequest, train
-from eskin.verbs.build_job import misfit_sentence
 from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
 from tests.support.table import each_row
 
@@ -193,39 +190,6 @@ def test_every_constant_of_every_window_is_under_the_checksum(lanes, sets):
     assert residue(code, weights, addends, constants, len(code.layout.checks) - 1) != 0
 
 
-def test_what_of_the_weights_fits_a_part_is_said():
-    """20 windows of biotac_slide's size: 1520 words of 8 bits a lane on 6 lanes are 3 blocks of 512 x 8, for
-    the two lanes that have no large memory. ROM has no large memory: 1900 words on 4 lanes are 4 blocks
-    each."""
-    sizes = dict(classes=20, taxels=19, steps=20, hop=30, window=60, touch_frames=630, lane_type="dsp")
-    config = linear(6, **sizes).replace(loadable=True)
-    larger = "--target ulx3s has a larger part, --no-link leaves out what talks to the host"
-    sentence = misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (31, 30)}))
-    assert sentence.endswith(
-        "it needs 31 block memories of 30 (1 too many); the weights of 20 windows alone take 6, on 4 lanes "
-        "(--lanes 4) they take none, "
-        f"those of 13 (--steps 13) would fit, {larger}"
-    )
-    fixed = misfit_sentence(
-        linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (52, 30)})
-    )
-    assert fixed.endswith(f"the weights of 20 windows alone take 16, {larger}")
-    one = misfit_sentence(
-        linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (34, 30)})
-    )
-    assert (
-        "16 (--steps 16) would fit, one set for all windows (weight_sets one in the configuration) takes 4, "
-        in one
-    )
-    elsewhere = misfit_sentence(
-        linear(4, **sizes).replace(loadable=True),
-        target("icebreaker"),
-        True,
-        DoesNotFit({"block memories": (31, 30)}),
-    )
-    assert elsewhere.endswith(f"(1 too many); {larger}")
-
-
 # ---------------------------------------------------------------------- fit, quantise, train
 def test_the_fit_is_logistic_regression_on_all_windows():
     """Probabilities of scikit-learn's own pipeline, standardised inputs and all; one set: on the sum over the
@@ -333,38 +297,3 @@ def test_a_regression_of_two_classes_has_one_row(tmp_path):
         0, -1
     ]
     assert np.isclose(logits[1] - logits[0], given["coef_"].sum() + given["intercept_"][0])
-
-
-@each_row(
-    ("change", "says"),
-    [
-        ({"coef_": None}, "array coef_: is missing"),
-        ({"intercept_": None}, "array intercept_: is missing"),
-        ({"classes_": np.arange(3)}, "array classes_: belongs to no linear cell"),
-        ({"coef_": np.full((3, 15), np.nan)}, "array coef_: holds values that are no finite numbers"),
-        (
-            {"coef_": np.zeros((3, 14))},
-            "has 14 columns and configuration 'small' has 3 windows of 5 inputs: 15 columns, or 5",
-        ),
-        ({"coef_": np.zeros((4, 15)), "intercept_": np.zeros(4)}, "decides between 4 classes"),
-        ({"intercept_": np.zeros(2)}, "has shape \\(2,\\) beside \\(3, 15\\)"),
-        ({"intercept_": np.array([None, 1, 2], dtype=object)}, "intercept_.*pickle"),
-    ],
-)
-def test_a_file_that_is_none_is_refused(tmp_path, change, says):
-    arrays = {
-        name: value for name, value in (coefficients(linear(), 15) | change).items() if value is not None
-    }
-    np.savez(tmp_path / "lr.npz", **arrays)
-    with pytest.raises(InputError, match=says):
-        import_network(tmp_path / "lr.npz", linear(), out=tmp_path / "m", mean=0.0, std=1.0)
-    assert not (tmp_path / "m").exists()
-
-
-def test_files_of_the_other_cell_are_refused(tmp_path):
-    np.savez(tmp_path / "lr.npz", **coefficients(linear(), 15))
-    with pytest.raises(InputError, match="belongs to a logistic regression: use --cell linear"):
-        import_network(tmp_path / "lr.npz", small("gru", "before", 1), out=tmp_path / "m", mean=0.0, std=1.0)
-    (tmp_path / "net.pt").write_bytes(b"")
-    with pytest.raises(InputError, match="is no .npz file, as a linear cell needs it"):
-        import_network(tmp_path / "net.pt", linear(), out=tmp_path / "m", mean=0.0, std=1.0)

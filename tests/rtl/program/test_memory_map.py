@@ -1,9 +1,6 @@
 """Memory images: every weight in the place the schedule reads, addends with bias and rounding half, the
 writes that load them."""
 
-import re
-from pathlib import Path
-
 import pytest
 
 from eskin.golden.core import PRESETS
@@ -11,7 +8,6 @@ from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Memory,
     Register,
-    TeachRegister,
     load_words,
     load_writes,
     mask_words,
@@ -118,14 +114,3 @@ def test_load_writes_carry_the_images_word_by_word(bits, words):
         for k, word in enumerate(image):
             loaded = sum(memories[select][halves * k + half] << 16 * half for half in range(halves))
             assert loaded == word % (1 << 16 * halves)
-
-
-def test_the_specification_names_every_register_of_teaching_and_its_bits():
-    page = (Path(__file__).parents[3] / "docs/specification.md").read_text()
-    rows = dict(re.findall(r"^\| (0x4[89AB]) \| (.*) \|$", page, re.MULTILINE))
-    assert rows.keys() == {f"0x{register:02X}" for register in TeachRegister}
-    for register in TeachRegister:
-        row = rows[f"0x{register:02X}"]
-        assert row.startswith(f"{register.name} | ")
-        for name, (low, high) in register.fields.items():
-            assert (f"bit {low} {name}" if low == high else f"bits {high}..{low} {name}") in row
