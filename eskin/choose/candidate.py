@@ -157,6 +157,14 @@ class Judged:
         return self.stress.figures(self.config, self.wrong, self.accuracy)
 
     @property
+    def worst(self) -> Record | None:
+        """{mode, figure} of the mode that is furthest beyond its bound, or nearest to it."""
+        if not (figures := self.figures):
+            return None
+        row = max(figures, key=lambda row: abs(row["figure"] - row["bound"]) * (1 - 2 * row["held"]))
+        return {name: row[name] for name in ("mode", "figure")}
+
+    @property
     def settled(self) -> bool:
         """So near 100 % that no other can be better by more than TIE standard errors."""
         return self.score >= 1.0 - TIE * least_error(len(self.correct))

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.choose.candidate import Candidate, Judged, choose, front_end_fields, screened_row
+from eskin.choose.candidate import Candidate, Judged, Stress, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
@@ -289,7 +289,8 @@ def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record
     begin, recordings, seeds = time.perf_counter(), terms.recordings, list(map(int, terms.seeds))
     tests = split_folds(recordings, list(split), terms.folds, None)
     parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-    chosen = choose_inside(plan, terms, wish, parts)
+    brief = dataclasses.replace(terms, stress=terms.stress and terms.stress.brief)
+    chosen = choose_inside(plan, brief, wish, parts)
     pieces = [
         Piece(candidate.config, candidate.recipe, part, test, copy)
         for copy in range(len(seeds))
@@ -324,6 +325,12 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
         **one.candidate.network,
         "accuracy": one.accuracy,
         "standard_error": one.standard_error,
+        "score": one.score,
+        "score_standard_error": one.score_standard_error,
+        "stressed_accuracy": one.stressed_accuracy,
+        "worst": one.worst,
+        "stress": one.figures,
+        "robust": one.candidate.recipe.robust,
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
         **market.row(one.runs[0].config),
@@ -372,6 +379,7 @@ def train_chosen(
     progress: Progress | None = None,
     callback: Callback | None = None,
     of_images: Record | None = None,
+    stress: Stress | None = None,
 ) -> Record:
     """Choose what was not asked for, train it, and write the model folder.
 
@@ -385,6 +393,8 @@ def train_chosen(
         What ``configure`` gave for these recordings, when it is at hand.
     seeds:
         Networks of each fold; None: 3, and 1 of images, which take minutes each.
+    stress:
+        Disturbances that candidates are judged under; None: none.
     of_images:
         ``keep`` and ``workers`` of `eskin.training.image_models.train_image_model`; of recordings they
         say nothing.
@@ -431,6 +441,7 @@ def train_chosen(
         seeds=range(seed, seed + (seeds or 3)),
         folds=folds,
         progress=progress,
+        stress=stress if wish.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
     choice = network_choice(

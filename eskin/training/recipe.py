@@ -61,6 +61,11 @@ class Recipe:
     sturdy: float = 0.0
 
     @property
+    def robust(self) -> bool:
+        """True where it is trained under disturbance."""
+        return bool(self.sturdy or self.taxel_failure or self.channel_dropout)
+
+    @property
     def augments(self) -> bool:
         """True where touches are trained on that differ from the recorded ones."""
         return any(

@@ -8,9 +8,12 @@ panel once, and every network on it decides what is there.
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +51,35 @@ RECORDINGS = 60
 
 BRIEF = 20
 """The same inside folds, and to look at gates."""
+
+
+def panel_of(recordings: Recordings, asked: str) -> Panel | None:
+    """The panel that was asked for: ``on``, ``off``, or a JSON file of modes and their weights. None: off, or
+    for images, which have none.
+
+    Raises
+    ------
+    InputError
+        A file that is no such table, or as `Panel`.
+    """
+    if asked == "off" or recordings.image_shape:
+        return None
+    weights: Any = None
+    if asked != "on":
+        try:
+            weights = json.loads(Path(asked).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"--stress {asked}: is neither on nor off, nor a JSON file ({error}); give one of these"
+            ) from None
+        numbers = isinstance(weights, dict) and all(
+            isinstance(weight, int | float) and not isinstance(weight, bool) for weight in weights.values()
+        )
+        if not numbers:
+            raise InputError(
+                f'--stress {asked}: holds no table of failure modes and weights; write one as {{"spikes": 1}}'
+            )
+    return Panel(recordings, weights)
 
 
 @dataclass(frozen=True, eq=False)
