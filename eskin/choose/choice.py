@@ -84,10 +84,11 @@ class Plan:
     guessed: bool = False
     doubts: tuple[Record, ...] = ()
 
-    @property
-    def listed(self) -> Listed:
+    def listed(self, stress: Stress | None) -> Listed:
         """Front ends that networks are tried on."""
-        return listed(self.screened, self.market) if self.screened else Listed.alone(self.config)
+        if not self.screened or self.front_ends is None:
+            return Listed.alone(self.config)
+        return listed(self.screened, self.market, self.front_ends.screen, stress)
 
     def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
         """``front_end`` of training.json: chosen and rivals (best first), each as ``screened_row`` gives it;
@@ -99,7 +100,12 @@ class Plan:
         if not self.screened:
             return None
         taken = taken or self.config
-        rows = {one.candidate.front_end: screened_row(one, self.screened[0]) for one in self.screened}
+        judged = {one.candidate.front_end: one for one in self.screened}
+        if taken not in judged and self.front_ends:  # what disturbances asked for
+            screen = self.front_ends.screen
+            parts = split_folds(screen.recordings, self.split, self.facts["folds"], None)
+            judged[taken] = screen.judged(taken, parts)
+        rows = {config: screened_row(one, self.screened[0]) for config, one in judged.items()}
         rivals = [row for config, row in rows.items() if config != taken]
         return {"chosen": rows[taken], "rivals": rivals, **self.facts}
 
@@ -260,21 +266,28 @@ def choose_inside(
 ) -> list[Candidate]:
     """What is chosen on each of ``parts`` (recordings) alone."""
     recordings, choices, held = terms.recordings, [], []
+    effort = effort.under_stress if terms.stress else effort
     for part in parts:
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
-            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
+            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market, terms.stress)
         choices.append(network_choice(front_ends, wish, plan.market, effort))
         held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
     return [candidate for candidate, _ in side_by_side(choices, held, terms)]
 
 
-def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
+def search_inside(
+    front_ends: FrontEnds,
+    part: np.ndarray,
+    groups: Sequence[str],
+    market: Market,
+    stress: Stress | None = None,
+) -> Listed:
     """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
         judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market, brief=True), market)
+        return listed(search(judge, market, brief=True), market, front_ends.screen, stress)
 
 
 def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:
@@ -444,8 +457,10 @@ def train_chosen(
         stress=stress if wish.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
+    effort = Effort(seeds=len(terms.seeds))
+    effort = effort.under_stress if terms.stress else effort
     choice = network_choice(
-        plan.listed if folds else Listed.alone(plan.config), wish, market, Effort(seeds=len(terms.seeds))
+        plan.listed(terms.stress) if folds else Listed.alone(plan.config), wish, market, effort
     )
     ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
     judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}

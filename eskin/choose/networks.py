@@ -46,6 +46,9 @@ WEAK_PENALTY = 10.0
 where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving forces out; 0.1 is behind on
 both, 100 level."""
 
+STURDY, ROBUST = "sturdy", "robust"
+"""Fits that are tried where candidates are judged under disturbance: of linear cells, and of recurrent ones."""
+
 SQUARES: Record = {"name": "least squares", "squares": True}
 FITS: dict[str, Record] = {
     "linear": {},
@@ -53,6 +56,7 @@ FITS: dict[str, Record] = {
     "weak penalty": {"name": "weak penalty", "penalty": WEAK_PENALTY, **AS_RECORDED},
     "least squares": SQUARES,
     "least squares, not augmented": {**SQUARES, "name": "least squares, not augmented", **AS_RECORDED},
+    STURDY: {**SQUARES, "name": STURDY, "sturdy": 1e-2, **AS_RECORDED},
 }
 """How fits of a linear cell differ from the configuration's recipe, in the order of preference."""
 ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squares"}
@@ -63,19 +67,26 @@ ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squar
 class Effort:
     """How much is tried.
 
-    fits, units: of linear cells and of GRUs. share: of a recurrent network's updates one part in so many.
+    fits, units: of linear cells and of GRUs. robust: units of GRUs that are trained with failing taxels.
+    share: of a recurrent network's updates one part in so many.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
     candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
     standard error.
     """
 
-    fits: tuple[str, ...] = tuple(FITS)
+    fits: tuple[str, ...] = tuple(fit for fit in FITS if fit != STURDY)
     units: tuple[int, ...] = GRU_UNITS
+    robust: tuple[int, ...] = ()
     share: int = 1
     probe: int = 12
     probe_share: int = 2
     seeds: int = 1
     brief: bool = False
+
+    @property
+    def under_stress(self) -> Effort:
+        """With what is judged under disturbance only."""
+        return dataclasses.replace(self, fits=(*self.fits, STURDY), robust=self.units[1:])
 
 
 INSIDE = Effort(
@@ -112,6 +123,12 @@ class Wish:
         """
         config = self.network(on, cell, hidden)
         recipe = choose_recipe(config, self.protocol)
+        if fit == ROBUST:
+            return Candidate(
+                on,
+                config,
+                dataclasses.replace(choose_recipe(config, ROBUST), name=ROBUST, updates=recipe.updates),
+            )
         fit = fit if recipe.augments else ALIKE.get(fit, fit)
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)
 
@@ -218,13 +235,15 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
     if first and not any(one.settled for one in first):
         best = best_of(first).candidate
         fit = next(fit for fit, candidate in fits.items() if candidate == best)
-        yield from judged(wish.possible(on, "linear", None, fit) for on in others)
+        yield from judged(wish.possible(on, "linear", None, fit) for on in (*others, *front_ends.sturdier))
     on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
         on = (yield from best_probe(probes)).front_end
     units = yield from judged(wish.possible(on, "gru", count) for count in effort.units)
-    if len(units) > 1 and goes_on(tried):
-        yield from judged([wish.possible(on, "gru", LARGER_UNITS)])
+    robust = yield from judged(wish.possible(on, "gru", count, ROBUST) for count in effort.robust)
+    if len(units) > 1 and goes_on(tried if not robust else [*tried[: -len(robust)], *robust]):
+        fit = ROBUST if robust and best_of(robust).score > best_of(units).score else ""
+        yield from judged([wish.possible(on, "gru", LARGER_UNITS, fit)])
     if not tried:
         board = f" and the board {market.board}" if market.named else ""
         raise InputError(

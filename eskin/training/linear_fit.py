@@ -90,10 +90,14 @@ def discriminants(fitted: np.ndarray, indicators: np.ndarray) -> tuple[np.ndarra
     Tibshirani, A. Buja 1994, Flexible discriminant analysis by optimal scoring, whose scores these are): of
     sign_glove's 24 classes it finds 53 % where the discriminants find 86 %. Classes without a touch lose.
     """
-    count = indicators.sum(axis=0)
-    share = np.maximum(count, 0.5) / len(indicators)
+    return discriminants_of(indicators.T @ fitted / len(indicators), indicators.sum(axis=0))
+
+
+def discriminants_of(both: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``discriminants`` by the mean products ``both`` (C, C) of indicators and fitted values, and the touches of
+    each class."""
+    share = np.maximum(count, 0.5) / count.sum()
     root = np.sqrt(share)
-    both = indicators.T @ fitted / len(indicators)
     between = (both + both.T) / 2 / root[:, None] / root
     unit = root / np.linalg.norm(root)
     apart = np.eye(len(share)) - np.outer(unit, unit)  # without what all classes have in common
@@ -101,7 +105,7 @@ def discriminants(fitted: np.ndarray, indicators: np.ndarray) -> tuple[np.ndarra
     useful = explained > 1e-6
     weight = useful / np.where(useful, explained * np.maximum(1 - explained, 1e-6), 1.0)
     scores = vectors / root[:, None]
-    means = indicators.T @ fitted @ scores / np.maximum(count, 0.5)[:, None]
+    means = both @ scores / share[:, None]
     turn = scores * weight @ means.T
     bias = np.log(share) - (means**2 * weight).sum(axis=1) / 2
     size = np.abs(turn).max() or 1.0
@@ -154,12 +158,14 @@ def fit_least_squares(
 
 
 LOST, CUT = 0.5, 0.25
-"""Shares of the touches that are fitted with a taxel lost, and cut short."""
+"""Shares of the touches that are fitted with a taxel lost, and cut short to each of CUT_AFTER."""
 CUT_AFTER = (0.4, 0.6, 0.8)
 """Shares of the windows that are left of a touch that is cut short."""
-OFFSET, COMMON, DRIFT, RATE = 0.7, 0.3, 0.3, 0.06
+RATE, RATES = 0.25, (0.94, 1.07)
+"""Share of the touches that are fitted as sampled at each of RATES."""
+OFFSET, COMMON, DRIFT = 0.7, 0.3, 0.3
 """Standard deviations of an offset of one taxel, of all together and of their drift in a touch, in those of the
-means; and of the sample rate's error."""
+means."""
 
 
 def fit_sturdy(
@@ -174,9 +180,8 @@ def fit_sturdy(
     closed form: the expected products of inputs under the disturbances take the place of those recorded.
 
     A taxel is lost in a share LOST of the touches, each as often: it reads rest, or is masked. A share CUT ends
-    after some of its windows. An offset and a drift move what grows with the mean by as much as the mean, and
-    the integral by its derivative; a rate error moves each window along the touch. What is small is taken to
-    the first order, so each adds the products of its derivative.
+    after some of its windows, a share RATE is sampled at another rate. An offset and a drift are taken to the
+    first order, so each adds the products of its derivative.
 
     Parameters
     ----------
@@ -226,14 +231,11 @@ def fit_sturdy(
             ((number - 1) * sums + level) / number,
             ((number - 1) * cross + np.outer(level, share)) / number,
         )
-    for part in CUT_AFTER:
-        short = shaped(features * (np.arange(steps) < max(round(part * steps), 1))[:, None])
-        add(
-            CUT / len(CUT_AFTER),
-            short.T @ short / touches,
-            short.mean(axis=0),
-            short.T @ indicators / touches,
-        )
+    ways = [(CUT, features * (np.arange(steps) < max(round(part * steps), 1))[:, None]) for part in CUT_AFTER]
+    ways += [(RATE, _at_rate(features, factor)) for factor in RATES]
+    for of, values in ways:
+        other = shaped(values)
+        add(of, other.T @ other / touches, other.mean(axis=0), other.T @ indicators / touches)
     # what one deviation of the means does to each input
     slopes = np.zeros_like(features)
     kind_of = np.arange(width) % kinds
@@ -248,21 +250,28 @@ def fit_sturdy(
             grown = 2.0 ** (config.features.integral_knee + np.minimum(real, 40.0)) * np.log(2)
             slopes[..., columns] = of_mean * frames / grown / sigma[columns]
     slopes *= live
-    along = np.gradient(features, axis=1) if steps > 1 else np.zeros_like(features)
     time = (np.arange(steps) + 0.5)[:, None]
-    offset, drift, rate = shaped(slopes), shaped(slopes * time / steps), shaped(along * time)
+    offset, drift = shaped(slopes), shaped(slopes * time / steps)
     of_taxel = np.where(alike, offset.T @ offset / touches, 0.0) / number
     total += OFFSET**2 * of_taxel
-    for size, slope in ((COMMON, offset), (DRIFT, drift), (RATE, rate)):
+    for size, slope in ((COMMON, offset), (DRIFT, drift)):
         total += size**2 * slope.T @ slope / touches
     total, moments, targets = total / weight, moments / weight, targets / weight
     centred = total - np.outer(moments, moments)
     unit = max(float(x.var(axis=0).sum()), 1e-12)
-    centred[np.diag_indices_from(centred)] += penalty * unit
+    centred[np.diag_indices_from(centred)] += penalty * unit / touches
     weights = solve(centred, targets - np.outer(moments, share), assume_a="pos")
     bias = share - moments @ weights
-    turn, other = discriminants(x @ weights + bias, indicators)
+    turn, other = discriminants_of(targets.T @ weights + np.outer(share, bias), indicators.sum(axis=0))
     return _arrays(config, turn.T @ weights.T, bias @ turn + other)
+
+
+def _at_rate(features: np.ndarray, factor: float) -> np.ndarray:
+    """(touches, K, D) as windows ``factor`` times as far apart would have it, between two windows."""
+    position = np.minimum(np.arange(features.shape[1]) * factor, features.shape[1] - 1)
+    lower = position.astype(int)
+    upper, part = np.minimum(lower + 1, features.shape[1] - 1), (position - lower)[:, None]
+    return features[:, lower] * (1 - part) + features[:, upper] * part
 
 
 def _inputs(config: AcceleratorConfig, features: np.ndarray) -> np.ndarray:
