@@ -36,6 +36,7 @@ from eskin.training.crossval import (
     Piece,
     Progress,
     Terms,
+    cross_validate,
     fold_records,
     judge_pieces,
     over_folds,
@@ -49,10 +50,6 @@ from eskin.training.image_models import train_image_model
 from eskin.training.losses import Callback
 from eskin.training.splits import default_splits, held_out, split_folds
 from eskin.training.train import TrainingRequest, train
-
-LEVEL_TELLS = 0.6
-"""Share of the way from chance to 1. When the level of the first frames alone gets that far, a reason says
-so."""
 
 LEAST = {
     "energy": "takes the least energy a touch ({energy_touch_j:.3g} J)",
@@ -105,7 +102,11 @@ class Plan:
             screen = self.front_ends.screen
             parts = split_folds(screen.recordings, self.split, self.facts["folds"], None)
             judged[taken] = screen.judged(taken, parts)
-        rows = {config: screened_row(one, self.screened[0]) for config, one in judged.items()}
+        rows = {
+            config: screened_row(one, self.screened[0])
+            | {"energy_touch_j": self.market.cost_of(one.config).energy_touch_j}
+            for config, one in judged.items()
+        }
         rivals = [row for config, row in rows.items() if config != taken]
         return {"chosen": rows[taken], "rivals": rivals, **self.facts}
 
@@ -230,7 +231,7 @@ def choose_front_end(
         f"{'' if best is chosen else level}",
     ]
     config, classes, found = chosen.candidate.front_end, len(recordings.class_names), list[Record]()
-    if alone - 1 / classes > LEVEL_TELLS * (1 - 1 / classes):
+    if alone - 1 / classes > doubts.LEVEL_TELLS * (1 - 1 / classes):
         without = [one.accuracy for one in screened if one.config.rest_level.rest != "none"]
         found += doubts.level_tells(frames, alone, max(without, default=None), split)
     found += doubts.still_climbing([(one.config, one.correct) for one in screened])
@@ -417,7 +418,8 @@ def train_chosen(
 
     All else as for ``eskin.training.train.train``, whose record it returns, with ``front_end`` (where
     it was chosen), ``candidates`` (where the network was), ``reasons``, ``baselines`` (a linear classifier on
-    the same features, for each split), ``doubts`` (records of `eskin.choose.doubts`) and ``warnings`` (their
+    the same features, for each split), ``same_groups`` (single recordings left out; None: so are those of
+    cross_validation), ``doubts`` (records of `eskin.choose.doubts`) and ``warnings`` (their
     sentences).
 
     Raises
@@ -493,7 +495,7 @@ def train_chosen(
         datasets=terms.datasets,
         progress=progress,
         callback=callback,
-        notes=lambda record: notes | _compared(record, plan, terms, wish, taken),
+        notes=lambda record: notes | _compared(record, plan, terms, wish, taken, rows),
     )
 
 
@@ -519,14 +521,36 @@ def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list
     """A sentence about recordings that end before the last window."""
     if not count:
         return []
-    last_s = config.last_frame / config.sensor.sample_rate_hz
     return [
-        f"{count} of {recordings} recordings end before the last window, {last_s:.3g} s after the first begins, "
+        f"{count} of {recordings} recordings end before the last window, {config.touch_s:.3g} s after the first begins, "
         "and are decided on the windows that they hold"
     ]
 
 
-def _compared(record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate) -> Record:
+def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
+    """What to expect of new recordings of groups that are known: the network taken with single recordings
+    left out, one seed. None without groups, or with too few recordings of a class."""
+    if not terms.groups or not terms.folds:
+        return None
+    try:
+        (single,) = cross_validate(
+            terms.recordings,
+            taken.config,
+            [[]],
+            terms.seeds[:1],
+            folds=terms.folds,
+            recipe=taken.recipe,
+            datasets=terms.datasets,
+            progress=terms.called("single recordings left out"),
+        )
+    except InputError:
+        return None
+    return {name: single[name] for name in ("float_accuracy", "integer_accuracy", "folds")}
+
+
+def _compared(
+    record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate, rows: Sequence[Record]
+) -> Record:
     """What training.json says beside ``train``'s record. A linear classifier on the same integer features and
     folds stands beside every split; each split gets its ``unseen`` figure, where something was chosen."""
     recordings, config = terms.recordings, taken.config
@@ -534,7 +558,7 @@ def _compared(record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candi
     baselines = linear_yardsticks(recordings, config, splits, terms.folds)
     found = list(plan.doubts)
     for split in record["cross_validation"]:
-        found += doubts.below_baselines(split, baselines, taken.network, chosen=wish.open)
+        found += doubts.below_baselines(split, baselines, rows if wish.open else None)
         found += doubts.lost_classes(split, recordings.class_names)
         if plan.screened or wish.open:
             split["nested"] = None
@@ -550,7 +574,12 @@ def _compared(record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candi
     found += doubts.missed_onsets(record["touched"], record["recordings"])
     groups = record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"]
     found += doubts.look_alike(recordings, groups, terms.folds)
-    return {"baselines": baselines, "doubts": found, "warnings": doubts.sentences(found)}
+    return {
+        "baselines": baselines,
+        "same_groups": _same_groups(terms, taken),
+        "doubts": found,
+        "warnings": doubts.sentences(found),
+    }
 
 
 def _train_on_images(

@@ -12,7 +12,8 @@ gives, normaliser included, on recordings that the classifier has not seen:
 
 `search` goes by coordinates: every gate with two sets of windows on means, those that are not far behind with
 all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again around the best;
-then, from the one that the rule takes, cheaper neighbours as long as the rule takes one of them. A network may
+then the best with fewer scans; then, from the one that the rule takes, cheaper neighbours as long as the rule takes one
+of them. A network may
 need more than that classifier saw, or less: `listed` are the front ends that networks are tried on.
 """
 
@@ -54,7 +55,7 @@ SURVIVORS, FAR_BEHIND = 3, 3.0
 """Pairs of gate and windows on which kinds of feature are tried; standard errors behind the best from which a
 gate is not tried with further windows."""
 
-DESCENT = 12
+DESCENT = 16
 """Cheaper neighbours that are judged at most."""
 
 RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
@@ -201,7 +202,8 @@ class Screen:
         if touches is None or touches.reach < config.last_frame:
             touches = first_touches(plain, self.recordings)
             if len(touches):
-                touches = touches.within(max(self.ends(touches)[-1], config.last_frame))
+                longest = self.ends(touches, config.sensor.scan_every)[-1]
+                touches = touches.within(max(longest, config.last_frame))
         for idle in self._touches.values():
             idle.forget()
         self._touches[plain] = touches  # the oldest goes first; it is found again where it is asked for
@@ -212,10 +214,10 @@ class Screen:
             del self._touches[next(iter(self._touches))]
         return touches
 
-    def ends(self, touches: FirstTouches) -> list[int]:
+    def ends(self, touches: FirstTouches, scan_every: int = 1) -> list[int]:
         """Frames after the onset at which windows may end, ascending: what 95, 75, 50 and 10 % of the
         recordings have."""
-        lengths = self.recordings.lengths[touches.recording] - touches.onset_frame
+        lengths = -(-self.recordings.lengths[touches.recording] // scan_every) - touches.onset_frame
         ends: list[int] = []
         for end in np.quantile(lengths, ENDS, method="lower"):
             if not ends or end >= LONGER * ends[-1]:
@@ -376,7 +378,7 @@ def _how_many(recordings: Recordings) -> int:
 # ---------------------------------------------------------------------- the search
 def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
     """The front ends judged, best first, by the coordinates that the module describes; ``brief``: of every
-    gate three sets of windows, and nothing behind the kinds of feature."""
+    gate three sets of windows, and behind the kinds of feature fewer scans alone."""
     screen = judge.front_ends.screen
     by_gate = [
         [config for config in configs if not screen.length_tells(config, judge.rows)]
@@ -394,12 +396,14 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
     for one in means[:SURVIVORS]:
         config = one.candidate.front_end
         judge.all(features(config, screen.knee(config)))
-    if brief:
-        return judge.all(list(judge.judged))
-    judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
-    budget = DESCENT
-    while True:
-        at = choose(list(judge.judged.values()), market).candidate
+    if not brief:
+        judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
+    judged = list(judge.judged.values())
+    for one in dict.fromkeys([choose(judged, market), *[best_of(judged)] * (not brief)]):
+        judge.all(_fewer_scans(one.candidate.front_end, by_gate))
+    budget, judged = DESCENT, judge.all(list(judge.judged))
+    while not brief:
+        at = choose(judged, market).candidate
         price = market.price(at.config)
         cheaper = [
             config
@@ -408,8 +412,10 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
         ][:budget]
         budget -= len(cheaper)
         judge.all(cheaper)
-        if not cheaper or choose(list(judge.judged.values()), market).candidate == at:
-            return judge.all(list(judge.judged))
+        judged = judge.all(list(judge.judged))
+        if not cheaper or choose(judged, market).candidate == at:
+            break
+    return judged
 
 
 @dataclass(frozen=True)
@@ -535,9 +541,9 @@ def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> 
 
 
 def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
-    """Neighbours with fewer kinds, two thirds of the windows, windows of two thirds the length."""
+    """Neighbours with half the scans, fewer kinds, two thirds of the windows, windows of two thirds the length."""
     windows, kinds = at.windows, at.features.feature_kinds
-    tried: list[AcceleratorConfig | None] = []
+    tried = [_scanning_half(at)]
     if len(kinds) > 1:
         tried += [_valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
     if windows.window_mode == "free":
@@ -546,6 +552,57 @@ def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
         tried.append(_valid(at, steps=max(2 * windows.steps // 3, 1)))
         tried.append(_valid(at, hop=shorter, window=2 * shorter, activity_block=block))
     return filter(None, tried)
+
+
+def _scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
+    """``at`` with half the scans: what counts frames keeps its time. A rest level for an onset is the mean of as many
+    frames as before, since their noise stays. None where a hop or a block does not divide, or windows do not run on
+    from hop to hop."""
+    windows, features, rule, rest = at.windows, at.features, at.onset_rule, at.rest_level
+    if windows.window_mode != "free" or windows.hop % 2 or at.faults.fault_frames == 2:
+        return None
+    hop, block = windows.hop // 2, features.activity_block
+    if block > 1:
+        block = block_of(hop) if block % 2 else block // 2
+    return _valid(
+        at,
+        scan_every=2 * at.sensor.scan_every,
+        rest_frames=-(-rest.rest_frames // 2) if at.opens_at_once else rest.rest_frames,
+        onset_mean_frames=max(rule.onset_mean_frames // 2, 1),
+        onset_check_frames=max(rule.onset_check_frames // 2, 1),
+        rearm_frames=-(-rule.rearm_frames // 2),
+        fault_frames=at.faults.fault_frames // 2,
+        hop=hop,
+        window=2 * hop,
+        activity_block=block,
+        # sums of half the frames
+        compand_knee=max(features.compand_knee - 1, 0),
+        integral_knee=max(features.integral_knee - 1, 0),
+    )
+
+
+def _fewer_scans(
+    best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]
+) -> Iterator[AcceleratorConfig]:
+    """The best at every ``scan_every``, also with hops of whole eighths. Means of fewer frames are noisier and a single
+    frame weighs more in them: so with every threshold of gates of its kind, and with deviations clipped at twice that."""
+    rests, onset, hop = best.rest_level, best.onset_rule.onset, best.windows.hop
+    rules = [(best.onset_rule.onset_threshold, rests.clip)]
+    if onset == "baseline":
+        alike = [
+            configs[0].onset_rule.onset_threshold
+            for configs in by_gate
+            if (configs[0].rest_level.rest, configs[0].onset_rule.onset) == (rests.rest, onset)
+        ]
+        thresholds = dict.fromkeys([best.onset_rule.onset_threshold, *alike])
+        rules = [(threshold, clip) for threshold in thresholds for clip in (rests.clip, 2 * threshold)]
+    for whole in dict.fromkeys((hop, max(hop - hop % 8, 1))):
+        block = block_of(whole) if best.features.activity_block > 1 else 1
+        windows = dict(hop=whole, window=2 * whole, activity_block=block) if whole != hop else {}
+        for threshold, clip in rules:
+            at = _valid(best, onset_threshold=threshold, clip=min(clip, 65535), **windows)
+            while at and (at := _scanning_half(at)):
+                yield at
 
 
 def _same_gate(one: AcceleratorConfig, other: AcceleratorConfig) -> bool:

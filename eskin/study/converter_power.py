@@ -18,7 +18,7 @@ def converter_power(config: AcceleratorConfig) -> Record | None:
     count, words = converter_plan(config).chips, "no figure of its data sheet at hand"
     if converter.watt is not None:
         power = count * converter.watt
-        energy = power * (config.last_frame / config.sensor.scan_rate_hz)
+        energy = power * config.touch_s
         words = f"{converter.stated}; never idle, so an upper figure at this rate; not measured"
     figures = {"power_w": power, "per_touch_j": energy, "rests_on": words}
     return {"converter": converter.name, "chips": count, **figures}

@@ -49,7 +49,7 @@ WIDEST_SCORE = 16
 """Bits of a score, and of a margin."""
 
 MOST_TAUGHT = 255
-"""Places for taught touches: their number has a byte in register TAUGHT."""
+"""Highest number of taught-touch slots; the count must fit the 8-bit field of register TAUGHT."""
 
 WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
@@ -482,6 +482,11 @@ class AcceleratorConfig:
         touch."""
         return self.window_spans[-1][1]
 
+    @property
+    def touch_s(self) -> float:
+        """Seconds from the first window's start to the last one's end."""
+        return self.last_frame / self.sensor.scan_rate_hz
+
     # ------------------------------------------------------------------ features
     @property
     def kinds(self) -> int:
@@ -631,7 +636,7 @@ class AcceleratorConfig:
 
     @property
     def weighted_stages(self) -> tuple[images.Stage, ...]:
-        """Those of ``stages`` that have weights, in order."""
+        """The entries of ``stages`` that have weights, in order."""
         return tuple(stage for stage in self.stages if stage.weights)
 
     @property
@@ -819,12 +824,12 @@ class AcceleratorConfig:
 
     @property
     def bias_shift(self) -> int:
-        """Left shift that brings a bias code to product scale."""
+        """Left shift of a bias code to the scale of products."""
         return self.product_frac - self.formats.bias_format.frac_bits
 
     @property
     def dense_bias_shift(self) -> int:
-        """Left shift that brings a dense bias code to product scale."""
+        """Left shift of a dense bias code to the scale of products."""
         return self.dense_product_frac - self.formats.dense_bias_format.frac_bits
 
     @property

@@ -53,7 +53,7 @@ CONTROLS = (
 - gate_write, t_write: the table's answer of this slot is written.
 - value: the finished row goes to the T memory as it is.
 - logit, ends_step: it goes to the classifier; it is the step's last.
-- element_*: the same for the element-wise lane. It starts from the rounding half, and from T where ``add``.
+- element_*: the same for the element-wise lane. The sum starts at the rounding constant, plus T with ``add``.
 - t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top.
 - scale: the gate memory's address is that of the scale of the window's length.
 - state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state.
@@ -278,7 +278,7 @@ class Microcode:
         self._always_minus_t()
 
     def _always_minus_t(self) -> None:
-        """Where every T that is read is both subtracted and added, do so in every slot: the others read a
+        """If every T that is read is both subtracted and added, do so in every slot: the others read a
         zero."""
         asks = [slot for slot in self.slots if slot.get("element_operand")]
         if any(slot.get("t_operand") for slot in asks) or any(
@@ -366,8 +366,8 @@ class Microcode:
         self._slots.set(finished, state_write=1, state_to=address, feature=0, hidden=0)
 
     def _carry_biases(self, slot: int) -> int:
-        """From ``slot`` on, copy the biases to where carried sums go on from: through the chain, or the lane;
-        the slot after that."""
+        """From ``slot`` on, copy the biases to the start of carried sums, through the chain or the lane.
+        Returns the slot after that."""
         plan, lanes = self.plan, self.plan.config.hardware.lanes
         sources = [address for address, (block, _) in enumerate(plan.bias_rows) if block.carried]
         targets = [

@@ -76,7 +76,7 @@ class Chain:
         assert IntegerModel.load(folder).config.features.feature_shift
         return self.evaluation
 
-    def yardsticks(self, loaded, config, groups, folds, progress):
+    def yardsticks(self, loaded, config, groups, folds, accuracy, progress):
         self.call("yardsticks")
         return []
 

@@ -10,7 +10,7 @@ from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
 from eskin.golden.model.preprocess import companded
 from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
 from tests.support.front_end_cases import CASES, detect, make_stream, window_beats
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import play, values
 from tests.support.table import each_row
 
 SUBSETS = [
@@ -82,15 +82,6 @@ def expected_beats(config: AcceleratorConfig, seen) -> list[dict]:
     return found
 
 
-def expand(config, beats, stalls=(0.0, 0.0), seed=0):
-    dut = FeatureExpander(config)
-    bench = Bench(dut, seed=seed)
-    taken = bench.drive(dut.i, beats, stall=stalls[0])
-    out = bench.collect(dut.o, stall=stalls[1])
-    bench.run()
-    return out, taken
-
-
 @pytest.mark.parametrize("name", BLOCKS)
 def test_every_kind_of_every_deviation(name):
     """All kinds by one rule with stalls, and a subset by the other at full rate; touches come at any place of
@@ -103,7 +94,7 @@ def test_every_kind_of_every_deviation(name):
         config = config_of(name, subset, rule)
         seen = detect(config, make_stream(config, 130, seed=11 + number))
         assert seen.touches
-        out, _ = expand(config, window_beats(config, seen), stalls, seed=3)
+        out, _ = play(FeatureExpander(config), window_beats(config, seen), stalls, seed=3)
         assert values(out) == expected_beats(config, seen)
 
 
@@ -114,7 +105,7 @@ def test_documented_pace_and_latency(subset):
     config = config_of("pvdf", subset, "change")
     seen = detect(config, make_stream(config, 90, seed=5, touches=[20]))
     beats = window_beats(config, seen)
-    out, taken = expand(config, beats)
+    out, taken = play(FeatureExpander(config), beats)
     cycle, offered, slots = 0, [], []
     for beat, t in zip(beats, np.arange(len(beats)) // config.sensor.taxels, strict=True):
         comes = {"mean": True, "activity": t % 2 == 1, "integral": beat["emit"]}
@@ -141,7 +132,7 @@ def test_extremes_neither_wrap_nor_saturate():
         ):
             seen = detect(config, make_stream(config, frames, seed=5, touches=[20]))
             seen.values[:] = pattern[:, None]
-            out, _ = expand(config, window_beats(config, seen))
+            out, _ = play(FeatureExpander(config), window_beats(config, seen))
             assert values(out) == expected_beats(config, seen)
 
 
