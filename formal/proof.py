@@ -161,7 +161,7 @@ def before(value, name: str) -> Signal:
 
 
 def less_is_to_go(left: Value, unless: ValueLike = 0) -> None:
-    """In every cycle ``left`` becomes less: what it counts comes to an end."""
+    """``left`` decreases in every cycle, so the count comes to an end."""
     prove(~before(1, "running") | unless | (left < before(left, "left_before")), "less is to go")
 
 

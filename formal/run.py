@@ -102,8 +102,8 @@ def elaborate(title: str, bug: Bug | None = None) -> str:
 
 
 def _rtlil(title: str, eager: bool) -> str:
-    """With properties called by their names; wires whose name begins with ``free_`` have no initial value:
-    they may begin as anything."""
+    """The design with properties called by their names. Wires whose name begins with ``free_`` have no
+    initial value: they may start as anything."""
     build = proof_of(title).build
     from amaranth.back import rtlil
     from amaranth.hdl import Assume, Module, ResetSignal

@@ -636,7 +636,7 @@ class AcceleratorConfig:
 
     @property
     def weighted_stages(self) -> tuple[images.Stage, ...]:
-        """Those of ``stages`` that have weights, in order."""
+        """The entries of ``stages`` that have weights, in order."""
         return tuple(stage for stage in self.stages if stage.weights)
 
     @property
@@ -824,12 +824,12 @@ class AcceleratorConfig:
 
     @property
     def bias_shift(self) -> int:
-        """Left shift that brings a bias code to product scale."""
+        """Left shift of a bias code to the scale of products."""
         return self.product_frac - self.formats.bias_format.frac_bits
 
     @property
     def dense_bias_shift(self) -> int:
-        """Left shift that brings a dense bias code to product scale."""
+        """Left shift of a dense bias code to the scale of products."""
         return self.dense_product_frac - self.formats.dense_bias_format.frac_bits
 
     @property

@@ -144,7 +144,7 @@ class Netlist:
 
     @cached_property
     def module(self) -> Record:
-        """As Yosys' JSON."""
+        """The netlist as Yosys' JSON."""
         return json.loads((self.folder / "flat.json").read_text())["modules"][self.verilog.stem]
 
     def counted(self, process: Process) -> list[tuple[Cell, int]]:

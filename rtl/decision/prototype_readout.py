@@ -361,7 +361,7 @@ class PrototypeReadout(wiring.Component):
         return m
 
     def _slots(self) -> tuple[Signal, Value, Value, Value]:
-        """Which place of a class: its number among prototypes, or with the highest bit among taught ones. (That,
+        """Place of a class: its number among prototypes, or with the highest bit among taught ones. (That,
         the next one, whether it is the last, whether it is a taught one.)"""
         rule = self._config.readout_rule
         bits = max(1, (max(rule.prototypes, rule.taught) - 1).bit_length())

@@ -89,8 +89,8 @@ techmap -map wide_logic_not.v
 opt_clean -purge
 write_verilog -sv -noattr top.sv
 """
-"""From RTLIL to text: choices between many values are trees (as ``case`` they would overlap), parts of a
-signal with a driver each are signals, and what nothing reads has no name."""
+"""Verilog text from RTLIL: choices between many values are trees (as ``case`` they would overlap), parts of a
+signal with a driver each are signals, and values that nothing reads have no name."""
 
 WIDE_LOGIC_NOT = Path(__file__).with_name("wide_logic_not.v")
 WAIVER = Path(__file__).with_name("waiver.vlt")

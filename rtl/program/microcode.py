@@ -278,7 +278,7 @@ class Microcode:
         self._always_minus_t()
 
     def _always_minus_t(self) -> None:
-        """Where every T that is read is both subtracted and added, do so in every slot: the others read a
+        """If every T that is read is both subtracted and added, do so in every slot: the others read a
         zero."""
         asks = [slot for slot in self.slots if slot.get("element_operand")]
         if any(slot.get("t_operand") for slot in asks) or any(
@@ -366,8 +366,8 @@ class Microcode:
         self._slots.set(finished, state_write=1, state_to=address, feature=0, hidden=0)
 
     def _carry_biases(self, slot: int) -> int:
-        """From ``slot`` on, copy the biases to where carried sums go on from: through the chain, or the lane;
-        the slot after that."""
+        """From ``slot`` on, copy the biases to the start of carried sums, through the chain or the lane.
+        Returns the slot after that."""
         plan, lanes = self.plan, self.plan.config.hardware.lanes
         sources = [address for address, (block, _) in enumerate(plan.bias_rows) if block.carried]
         targets = [

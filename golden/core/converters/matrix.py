@@ -53,12 +53,12 @@ class MatrixPlan(Plan):
 
     @property
     def cell_cycles(self) -> int:
-        """From one cell's address to the next one's."""
+        """Cycles from one cell's address to the next one's."""
         return self.settle + self.port.transfer_cycles + 3
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code."""
+        """Cycles from the sample clock to the last code."""
         return self.rows * self.columns * self.cell_cycles
 
 

@@ -163,7 +163,7 @@ class SpiPlan(Plan):
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code of a frame, at most."""
+        """Most cycles from the sample clock to the last code of a frame."""
         return len(self.transfers) * (self.transfer_cycles + self.lines + 2)
 
     @property
