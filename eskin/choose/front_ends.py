@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
+from eskin.choose.candidate import Candidate, Judged, Stress, best_of, choose
 from eskin.choose.cost import Market
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
@@ -397,9 +397,9 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
         config = one.candidate.front_end
         judge.all(features(config, screen.knee(config)))
     if not brief:
-        judge.all(_around(most_accurate(list(judge.judged.values())).candidate.front_end, by_gate))
+        judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
     judged = list(judge.judged.values())
-    for one in dict.fromkeys([choose(judged, market), *[most_accurate(judged)] * (not brief)]):
+    for one in dict.fromkeys([choose(judged, market), *[best_of(judged)] * (not brief)]):
         judge.all(_fewer_scans(one.candidate.front_end, by_gate))
     budget, judged = DESCENT, judge.all(list(judge.judged))
     while not brief:
@@ -423,12 +423,14 @@ class Listed:
     """Front ends that networks are tried on.
 
     taken: the one that the rule takes. smaller: it, the most accurate one, and those that the rule takes of
-    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates.
+    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates. sturdier: of the
+    others what `sturdier` makes of them, where networks are judged under disturbance.
     """
 
     taken: AcceleratorConfig
     smaller: tuple[AcceleratorConfig, ...]
     rivals: tuple[AcceleratorConfig, ...] = ()
+    sturdier: tuple[AcceleratorConfig, ...] = ()
 
     @classmethod
     def alone(cls, config: AcceleratorConfig) -> Listed:
@@ -438,17 +440,19 @@ class Listed:
     @property
     def for_recurrent(self) -> list[AcceleratorConfig]:
         """TRIED_RECURRENT at most, the one taken first."""
-        order = (self.taken, self.smaller[0], *self.rivals, *self.smaller)
+        order = self.sturdier or (self.taken, self.smaller[0], *self.rivals, *self.smaller)
         return list(dict.fromkeys(order))[:TRIED_RECURRENT]
 
 
-def listed(judged: Sequence[Judged], market: Market) -> Listed:
-    """The front ends to try networks on; none is HOPELESS.
+def listed(
+    judged: Sequence[Judged], market: Market, screen: Screen | None = None, stress: Stress | None = None
+) -> Listed:
+    """The front ends to try networks on; none is HOPELESS. screen, stress: what sturdier ones take.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
     """
-    taken, best = choose(judged, market), most_accurate(judged)
+    taken, best = choose(judged, market), best_of(judged)
     near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
     groups = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
     groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]
@@ -459,7 +463,11 @@ def listed(judged: Sequence[Judged], market: Market) -> Listed:
         if _kind_of_gate(one) != _kind_of_gate(taken):
             rivals.setdefault(_kind_of_gate(one), one.candidate.front_end)
     unique = dict.fromkeys(one.candidate.front_end for one in smaller)
-    return Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
+    found = Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
+    if screen is None or stress is None:
+        return found
+    hard = [sturdier(one, screen, stress.false_onsets) or one for one in found.for_recurrent]
+    return dataclasses.replace(found, sturdier=tuple(dict.fromkeys(hard)))
 
 
 def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:
@@ -470,6 +478,52 @@ def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:
 def _longer(configs: Sequence[AcceleratorConfig]) -> list[AcceleratorConfig]:
     """Those of a gate with all steps that end after the first."""
     return [one for one in configs if one.windows.steps == STEPS and one.last_frame > configs[0].last_frame]
+
+
+GATES = ((1, 1, 1.0), (3, 4, 1.0), (5, 6, 1.0), (3, 4, 1.5), (5, 6, 1.5), (5, 6, 2.0), (5, 6, 3.0))
+"""Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
+the rule's mean for four judged frames."""
+
+CLIPPED, CLIP_OVER = 0.01, 1.2
+"""A sturdier clip is so many times what this share of a touch's samples is beyond."""
+
+
+def sturdier(
+    config: AcceleratorConfig, screen: Screen, false_onsets: Callable[[AcceleratorConfig], float]
+) -> AcceleratorConfig | None:
+    """``config`` with a tracked rest level, the first of GATES that a disturbance before the touch does not open
+    (else the one that it opens least), and a clip near the largest deviations; where it opens at once with a
+    level that is taken off. None: it is that already, or no accelerator has it. No label is looked at."""
+    if config.onset_rule.onset == "band":
+        return None
+    settle = config.rest_level.rest_frames or settling_frames(config.sensor.sample_rate_hz)
+    rest = "initial" if config.opens_at_once else "tracked"
+    level = _valid(config, rest=rest, rest_frames=settle)
+    if level is None or not len(touches := screen.touches(level)):
+        return None
+    touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
+    clip = int(np.ceil(CLIP_OVER * np.quantile(np.concatenate(touched), 1 - CLIPPED)))
+    clip = min(max(clip, 1), config.rest_level.clip or 65535)
+    rule = config.onset_rule
+    gates: list[Record] = [{}]
+    if not config.opens_at_once:
+        gates = [
+            dict(onset_hits=hits, onset_span=span, onset_threshold=max(1, round(over * rule.onset_threshold)))
+            for hits, span, over in GATES
+        ]
+    tried = [
+        one
+        for gate in gates
+        if (one := _valid(level, clip=max(clip, 2 * gate.get("onset_threshold", 0)), **gate))
+    ]
+    best, least = None, np.inf
+    for one in tried:
+        opened = 0.0 if config.opens_at_once else false_onsets(one)
+        if opened < least:
+            best, least = one, opened
+        if not least:
+            break
+    return None if best is None or best == config.replace(name=best.name) else best
 
 
 def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> Iterator[AcceleratorConfig]:
