@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.choose.candidate import Candidate, Judged, choose, front_end_fields, screened_row
+from eskin.choose.candidate import Candidate, Judged, Stress, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
@@ -81,10 +81,11 @@ class Plan:
     guessed: bool = False
     doubts: tuple[Record, ...] = ()
 
-    @property
-    def listed(self) -> Listed:
+    def listed(self, stress: Stress | None) -> Listed:
         """Front ends that networks are tried on."""
-        return listed(self.screened, self.market) if self.screened else Listed.alone(self.config)
+        if not self.screened or self.front_ends is None:
+            return Listed.alone(self.config)
+        return listed(self.screened, self.market, self.front_ends.screen, stress)
 
     def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
         """``front_end`` of training.json: chosen and rivals (best first), each as ``screened_row`` gives it;
@@ -96,7 +97,16 @@ class Plan:
         if not self.screened:
             return None
         taken = taken or self.config
-        rows = {one.candidate.front_end: screened_row(one, self.screened[0]) for one in self.screened}
+        judged = {one.candidate.front_end: one for one in self.screened}
+        if taken not in judged and self.front_ends:  # what disturbances asked for
+            screen = self.front_ends.screen
+            parts = split_folds(screen.recordings, self.split, self.facts["folds"], None)
+            judged[taken] = screen.judged(taken, parts)
+        rows = {
+            config: screened_row(one, self.screened[0])
+            | {"energy_touch_j": self.market.cost_of(one.config).energy_touch_j}
+            for config, one in judged.items()
+        }
         rivals = [row for config, row in rows.items() if config != taken]
         return {"chosen": rows[taken], "rivals": rivals, **self.facts}
 
@@ -257,21 +267,28 @@ def choose_inside(
 ) -> list[Candidate]:
     """What is chosen on each of ``parts`` (recordings) alone."""
     recordings, choices, held = terms.recordings, [], []
+    effort = effort.under_stress if terms.stress else effort
     for part in parts:
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
-            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
+            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market, terms.stress)
         choices.append(network_choice(front_ends, wish, plan.market, effort))
         held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
     return [candidate for candidate, _ in side_by_side(choices, held, terms)]
 
 
-def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
+def search_inside(
+    front_ends: FrontEnds,
+    part: np.ndarray,
+    groups: Sequence[str],
+    market: Market,
+    stress: Stress | None = None,
+) -> Listed:
     """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
         judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market, brief=True), market)
+        return listed(search(judge, market, brief=True), market, front_ends.screen, stress)
 
 
 def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:
@@ -286,7 +303,8 @@ def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record
     begin, recordings, seeds = time.perf_counter(), terms.recordings, list(map(int, terms.seeds))
     tests = split_folds(recordings, list(split), terms.folds, None)
     parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-    chosen = choose_inside(plan, terms, wish, parts)
+    brief = dataclasses.replace(terms, stress=terms.stress and terms.stress.brief)
+    chosen = choose_inside(plan, brief, wish, parts)
     pieces = [
         Piece(candidate.config, candidate.recipe, part, test, copy)
         for copy in range(len(seeds))
@@ -321,6 +339,12 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
         **one.candidate.network,
         "accuracy": one.accuracy,
         "standard_error": one.standard_error,
+        "score": one.score,
+        "score_standard_error": one.score_standard_error,
+        "stressed_accuracy": one.stressed_accuracy,
+        "worst": one.worst,
+        "stress": one.figures,
+        "robust": one.candidate.recipe.robust,
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
         **market.row(one.runs[0].config),
@@ -369,6 +393,7 @@ def train_chosen(
     progress: Progress | None = None,
     callback: Callback | None = None,
     of_images: Record | None = None,
+    stress: Stress | None = None,
 ) -> Record:
     """Choose what was not asked for, train it, and write the model folder.
 
@@ -382,6 +407,8 @@ def train_chosen(
         What ``configure`` gave for these recordings, when it is at hand.
     seeds:
         Networks of each fold; None: 3, and 1 of images, which take minutes each.
+    stress:
+        Disturbances that candidates are judged under; None: none.
     of_images:
         ``keep`` and ``workers`` of `eskin.training.image_models.train_image_model`; of recordings they
         say nothing.
@@ -429,10 +456,13 @@ def train_chosen(
         seeds=range(seed, seed + (seeds or 3)),
         folds=folds,
         progress=progress,
+        stress=stress if wish.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
+    effort = Effort(seeds=len(terms.seeds))
+    effort = effort.under_stress if terms.stress else effort
     choice = network_choice(
-        plan.listed if folds else Listed.alone(plan.config), wish, market, Effort(seeds=len(terms.seeds))
+        plan.listed(terms.stress) if folds else Listed.alone(plan.config), wish, market, effort
     )
     ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
     judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}
@@ -491,9 +521,8 @@ def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list
     """A sentence about recordings that end before the last window."""
     if not count:
         return []
-    last_s = config.last_frame / config.sensor.sample_rate_hz
     return [
-        f"{count} of {recordings} recordings end before the last window, {last_s:.3g} s after the first begins, "
+        f"{count} of {recordings} recordings end before the last window, {config.touch_s:.3g} s after the first begins, "
         "and are decided on the windows that they hold"
     ]
 

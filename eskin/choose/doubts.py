@@ -202,17 +202,19 @@ def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> 
     """A doubt where only the longest of the front ends ``screened`` (configuration, correct; best first) are
     level with the best: a longer touch may be decided better.
 
-    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best.
+    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best. Those that
+    scan less often than it do not count: their rest level takes longer, so they may begin later.
     """
     best, correct = screened[0]
-    longest = max(config.last_frame for config, _ in screened)
-    brief = [(config, row) for config, row in screened if config.last_frame <= SHORTER * longest]
-    if best.last_frame <= SHORTER * longest or not brief:
+    screened = [row for row in screened if row[0].sensor.scan_every <= best.sensor.scan_every]
+    longest = max(config.touch_s for config, _ in screened)
+    brief = [(config, row) for config, row in screened if config.touch_s <= SHORTER * longest]
+    if best.touch_s <= SHORTER * longest or not brief:
         return []
     shorter, most = max(brief, key=lambda pair: pair[1].mean())
     if is_level(correct, most, CLIMBS):
         return []
-    long_s, short_s = (config.last_frame / best.sensor.sample_rate_hz for config in (best, shorter))
+    long_s, short_s = (config.touch_s for config in (best, shorter))
     text = (
         f"accuracy still climbs where recordings end: {percent(correct.mean())} on {long_s:.3g} s of the touch, "
         f"{percent(most.mean())} on {short_s:.3g} s; record longer touches"

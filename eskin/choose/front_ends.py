@@ -12,7 +12,8 @@ gives, normaliser included, on recordings that the classifier has not seen:
 
 `search` goes by coordinates: every gate with two sets of windows on means, those that are not far behind with
 all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again around the best;
-then, from the one that the rule takes, cheaper neighbours as long as the rule takes one of them. A network may
+then the best with fewer scans; then, from the one that the rule takes, cheaper neighbours as long as the rule takes one
+of them. A network may
 need more than that classifier saw, or less: `listed` are the front ends that networks are tried on.
 """
 
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
+from eskin.choose.candidate import Candidate, Judged, Stress, best_of, choose
 from eskin.choose.cost import Market
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
@@ -54,7 +55,7 @@ SURVIVORS, FAR_BEHIND = 3, 3.0
 """Pairs of gate and windows on which kinds of feature are tried; standard errors behind the best from which a
 gate is not tried with further windows."""
 
-DESCENT = 12
+DESCENT = 16
 """Cheaper neighbours that are judged at most."""
 
 RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
@@ -201,7 +202,8 @@ class Screen:
         if touches is None or touches.reach < config.last_frame:
             touches = first_touches(plain, self.recordings)
             if len(touches):
-                touches = touches.within(max(self.ends(touches)[-1], config.last_frame))
+                longest = self.ends(touches, config.sensor.scan_every)[-1]
+                touches = touches.within(max(longest, config.last_frame))
         for idle in self._touches.values():
             idle.forget()
         self._touches[plain] = touches  # the oldest goes first; it is found again where it is asked for
@@ -212,10 +214,10 @@ class Screen:
             del self._touches[next(iter(self._touches))]
         return touches
 
-    def ends(self, touches: FirstTouches) -> list[int]:
+    def ends(self, touches: FirstTouches, scan_every: int = 1) -> list[int]:
         """Frames after the onset at which windows may end, ascending: what 95, 75, 50 and 10 % of the
         recordings have."""
-        lengths = self.recordings.lengths[touches.recording] - touches.onset_frame
+        lengths = -(-self.recordings.lengths[touches.recording] // scan_every) - touches.onset_frame
         ends: list[int] = []
         for end in np.quantile(lengths, ENDS, method="lower"):
             if not ends or end >= LONGER * ends[-1]:
@@ -376,7 +378,7 @@ def _how_many(recordings: Recordings) -> int:
 # ---------------------------------------------------------------------- the search
 def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
     """The front ends judged, best first, by the coordinates that the module describes; ``brief``: of every
-    gate three sets of windows, and nothing behind the kinds of feature."""
+    gate three sets of windows, and behind the kinds of feature fewer scans alone."""
     screen = judge.front_ends.screen
     by_gate = [
         [config for config in configs if not screen.length_tells(config, judge.rows)]
@@ -394,12 +396,14 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
     for one in means[:SURVIVORS]:
         config = one.candidate.front_end
         judge.all(features(config, screen.knee(config)))
-    if brief:
-        return judge.all(list(judge.judged))
-    judge.all(_around(most_accurate(list(judge.judged.values())).candidate.front_end, by_gate))
-    budget = DESCENT
-    while True:
-        at = choose(list(judge.judged.values()), market).candidate
+    if not brief:
+        judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
+    judged = list(judge.judged.values())
+    for one in dict.fromkeys([choose(judged, market), *[best_of(judged)] * (not brief)]):
+        judge.all(_fewer_scans(one.candidate.front_end, by_gate))
+    budget, judged = DESCENT, judge.all(list(judge.judged))
+    while not brief:
+        at = choose(judged, market).candidate
         price = market.price(at.config)
         cheaper = [
             config
@@ -408,8 +412,10 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
         ][:budget]
         budget -= len(cheaper)
         judge.all(cheaper)
-        if not cheaper or choose(list(judge.judged.values()), market).candidate == at:
-            return judge.all(list(judge.judged))
+        judged = judge.all(list(judge.judged))
+        if not cheaper or choose(judged, market).candidate == at:
+            break
+    return judged
 
 
 @dataclass(frozen=True)
@@ -417,12 +423,14 @@ class Listed:
     """Front ends that networks are tried on.
 
     taken: the one that the rule takes. smaller: it, the most accurate one, and those that the rule takes of
-    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates.
+    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates. sturdier: of the
+    others what `sturdier` makes of them, where networks are judged under disturbance.
     """
 
     taken: AcceleratorConfig
     smaller: tuple[AcceleratorConfig, ...]
     rivals: tuple[AcceleratorConfig, ...] = ()
+    sturdier: tuple[AcceleratorConfig, ...] = ()
 
     @classmethod
     def alone(cls, config: AcceleratorConfig) -> Listed:
@@ -432,17 +440,19 @@ class Listed:
     @property
     def for_recurrent(self) -> list[AcceleratorConfig]:
         """TRIED_RECURRENT at most, the one taken first."""
-        order = (self.taken, self.smaller[0], *self.rivals, *self.smaller)
+        order = self.sturdier or (self.taken, self.smaller[0], *self.rivals, *self.smaller)
         return list(dict.fromkeys(order))[:TRIED_RECURRENT]
 
 
-def listed(judged: Sequence[Judged], market: Market) -> Listed:
-    """The front ends to try networks on; none is HOPELESS.
+def listed(
+    judged: Sequence[Judged], market: Market, screen: Screen | None = None, stress: Stress | None = None
+) -> Listed:
+    """The front ends to try networks on; none is HOPELESS. screen, stress: what sturdier ones take.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
     """
-    taken, best = choose(judged, market), most_accurate(judged)
+    taken, best = choose(judged, market), best_of(judged)
     near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
     groups = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
     groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]
@@ -453,7 +463,11 @@ def listed(judged: Sequence[Judged], market: Market) -> Listed:
         if _kind_of_gate(one) != _kind_of_gate(taken):
             rivals.setdefault(_kind_of_gate(one), one.candidate.front_end)
     unique = dict.fromkeys(one.candidate.front_end for one in smaller)
-    return Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
+    found = Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
+    if screen is None or stress is None:
+        return found
+    hard = [sturdier(one, screen, stress.false_onsets) or one for one in found.for_recurrent]
+    return dataclasses.replace(found, sturdier=tuple(dict.fromkeys(hard)))
 
 
 def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:
@@ -464,6 +478,52 @@ def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:
 def _longer(configs: Sequence[AcceleratorConfig]) -> list[AcceleratorConfig]:
     """Those of a gate with all steps that end after the first."""
     return [one for one in configs if one.windows.steps == STEPS and one.last_frame > configs[0].last_frame]
+
+
+GATES = ((1, 1, 1.0), (3, 4, 1.0), (5, 6, 1.0), (3, 4, 1.5), (5, 6, 1.5), (5, 6, 2.0), (5, 6, 3.0))
+"""Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
+the rule's mean for four judged frames."""
+
+CLIPPED, CLIP_OVER = 0.01, 1.2
+"""A sturdier clip is so many times what this share of a touch's samples is beyond."""
+
+
+def sturdier(
+    config: AcceleratorConfig, screen: Screen, false_onsets: Callable[[AcceleratorConfig], float]
+) -> AcceleratorConfig | None:
+    """``config`` with a tracked rest level, the first of GATES that a disturbance before the touch does not open
+    (else the one that it opens least), and a clip near the largest deviations; where it opens at once with a
+    level that is taken off. None: it is that already, or no accelerator has it. No label is looked at."""
+    if config.onset_rule.onset == "band":
+        return None
+    settle = config.rest_level.rest_frames or settling_frames(config.sensor.sample_rate_hz)
+    rest = "initial" if config.opens_at_once else "tracked"
+    level = _valid(config, rest=rest, rest_frames=settle)
+    if level is None or not len(touches := screen.touches(level)):
+        return None
+    touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
+    clip = int(np.ceil(CLIP_OVER * np.quantile(np.concatenate(touched), 1 - CLIPPED)))
+    clip = min(max(clip, 1), config.rest_level.clip or 65535)
+    rule = config.onset_rule
+    gates: list[Record] = [{}]
+    if not config.opens_at_once:
+        gates = [
+            dict(onset_hits=hits, onset_span=span, onset_threshold=max(1, round(over * rule.onset_threshold)))
+            for hits, span, over in GATES
+        ]
+    tried = [
+        one
+        for gate in gates
+        if (one := _valid(level, clip=max(clip, 2 * gate.get("onset_threshold", 0)), **gate))
+    ]
+    best, least = None, np.inf
+    for one in tried:
+        opened = 0.0 if config.opens_at_once else false_onsets(one)
+        if opened < least:
+            best, least = one, opened
+        if not least:
+            break
+    return None if best is None or best == config.replace(name=best.name) else best
 
 
 def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> Iterator[AcceleratorConfig]:
@@ -481,9 +541,9 @@ def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> 
 
 
 def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
-    """Neighbours with fewer kinds, two thirds of the windows, windows of two thirds the length."""
+    """Neighbours with half the scans, fewer kinds, two thirds of the windows, windows of two thirds the length."""
     windows, kinds = at.windows, at.features.feature_kinds
-    tried: list[AcceleratorConfig | None] = []
+    tried = [_scanning_half(at)]
     if len(kinds) > 1:
         tried += [_valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
     if windows.window_mode == "free":
@@ -492,6 +552,57 @@ def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
         tried.append(_valid(at, steps=max(2 * windows.steps // 3, 1)))
         tried.append(_valid(at, hop=shorter, window=2 * shorter, activity_block=block))
     return filter(None, tried)
+
+
+def _scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
+    """``at`` with half the scans: what counts frames keeps its time. A rest level for an onset is the mean of as many
+    frames as before, since their noise stays. None where a hop or a block does not divide, or windows do not run on
+    from hop to hop."""
+    windows, features, rule, rest = at.windows, at.features, at.onset_rule, at.rest_level
+    if windows.window_mode != "free" or windows.hop % 2 or at.faults.fault_frames == 2:
+        return None
+    hop, block = windows.hop // 2, features.activity_block
+    if block > 1:
+        block = block_of(hop) if block % 2 else block // 2
+    return _valid(
+        at,
+        scan_every=2 * at.sensor.scan_every,
+        rest_frames=-(-rest.rest_frames // 2) if at.opens_at_once else rest.rest_frames,
+        onset_mean_frames=max(rule.onset_mean_frames // 2, 1),
+        onset_check_frames=max(rule.onset_check_frames // 2, 1),
+        rearm_frames=-(-rule.rearm_frames // 2),
+        fault_frames=at.faults.fault_frames // 2,
+        hop=hop,
+        window=2 * hop,
+        activity_block=block,
+        # sums of half the frames
+        compand_knee=max(features.compand_knee - 1, 0),
+        integral_knee=max(features.integral_knee - 1, 0),
+    )
+
+
+def _fewer_scans(
+    best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]
+) -> Iterator[AcceleratorConfig]:
+    """The best at every ``scan_every``, also with hops of whole eighths. Means of fewer frames are noisier and a single
+    frame weighs more in them: so with every threshold of gates of its kind, and with deviations clipped at twice that."""
+    rests, onset, hop = best.rest_level, best.onset_rule.onset, best.windows.hop
+    rules = [(best.onset_rule.onset_threshold, rests.clip)]
+    if onset == "baseline":
+        alike = [
+            configs[0].onset_rule.onset_threshold
+            for configs in by_gate
+            if (configs[0].rest_level.rest, configs[0].onset_rule.onset) == (rests.rest, onset)
+        ]
+        thresholds = dict.fromkeys([best.onset_rule.onset_threshold, *alike])
+        rules = [(threshold, clip) for threshold in thresholds for clip in (rests.clip, 2 * threshold)]
+    for whole in dict.fromkeys((hop, max(hop - hop % 8, 1))):
+        block = block_of(whole) if best.features.activity_block > 1 else 1
+        windows = dict(hop=whole, window=2 * whole, activity_block=block) if whole != hop else {}
+        for threshold, clip in rules:
+            at = _valid(best, onset_threshold=threshold, clip=min(clip, 65535), **windows)
+            while at and (at := _scanning_half(at)):
+                yield at
 
 
 def _same_gate(one: AcceleratorConfig, other: AcceleratorConfig) -> bool:

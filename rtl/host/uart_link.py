@@ -14,10 +14,11 @@ from eskin.rtl.host.uart import UartReceiver
 from eskin.rtl.program.memory_map import TeachRegister
 
 WINDOW = 0x3C
-"""From this address of a packet on four stand for the registers of teaching, whose addresses have a bit more."""
+"""Address of a packet from which four addresses stand for the registers of teaching, whose own addresses have
+a bit more."""
 HEADER_WORDS = 2
-"""16-bit words of a packet beside its samples or its value: number and command in front, check sequence
-behind."""
+"""16-bit words of a packet besides its samples or its value: number and command before them, check sequence
+after them."""
 
 
 class UartLink(wiring.Component):

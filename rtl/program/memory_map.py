@@ -284,7 +284,7 @@ class Memory(IntEnum):
 
 
 def memories(config: AcceleratorConfig) -> list[Memory]:
-    """Those that the host loads beside the lanes' weights."""
+    """Memories that the host loads beside the lanes' weights."""
     return [memory for memory in Memory if memory != Memory.PROTOTYPES or config.has_prototypes]
 
 
@@ -522,12 +522,12 @@ def mapped(config: AcceleratorConfig) -> list[int]:
 
 
 def teach_registers(config: AcceleratorConfig) -> list[TeachRegister]:
-    """Those of `mapped` that a taught readout has."""
+    """Registers of `mapped` that a taught readout has."""
     return list(TeachRegister) if config.readout_rule.taught else []
 
 
 def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
-    """Those that the design has beside `mapped`."""
+    """Registers that the design has beside `mapped`."""
     interface, register = config.interface, InterfaceRegister
     registers = [register.POSITION, register.POSITION_PEAK, register.POSITIONS] if interface.position else []
     if interface.converter.name != "none":

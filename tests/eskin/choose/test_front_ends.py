@@ -10,7 +10,16 @@ from eskin.choose.candidate import Candidate, Judged, choose
 from eskin.choose.choice import choose_front_end, choose_split, configure, inner_folds, search_inside
 from eskin.choose.choice_table import ROWS, front_end_table, front_end_words
 from eskin.choose.first_touches import cut_windows, first_touches
-from eskin.choose.front_ends import PENALTIES, FrontEnds, Judge, Screen, blocked_ridge, features, listed
+from eskin.choose.front_ends import (
+    PENALTIES,
+    FrontEnds,
+    Judge,
+    Screen,
+    _fewer_scans,
+    blocked_ridge,
+    features,
+    listed,
+)
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
@@ -242,7 +251,7 @@ def test_windows_go_on_where_a_few_recordings_are_short():
     lengths = np.where(np.arange(80) % 12 == 5, 80, 400)
     recordings = lasting(lengths, tells=200)
     front_end = choose_front_end(recordings, priced())
-    assert front_end.config.last_frame > 200
+    assert front_end.config.last_frame * front_end.config.sensor.scan_every > 200
     correct = front_end.screened[0].correct
     assert correct[lengths == 400].mean() > 0.95 and front_end.record()["chosen"]["missed"] == 0
     early = lasting(lengths, tells=30)  # and nothing is lost where the first windows are enough
@@ -281,6 +290,34 @@ def test_classes_that_only_move_differently_want_activity():
     assert "activity" in front_end.config.features.feature_kinds
     means = max(row["accuracy"] for row in front_end.record()["rivals"] if row["feature_kinds"] == ["mean"])
     assert front_end.record()["chosen"]["accuracy"] > 0.9 > means
+
+
+def test_fewer_scans_keep_their_times_and_are_taken_where_they_suffice():
+    front_ends = FrontEnds(touched_at_random())
+    tried, many = list(_fewer_scans(BASE, front_ends.by_gate)), BASE.windows.hop
+    assert {at.sensor.scan_every for at in tried} == {2, 4, 8}
+    for at in tried:
+        k, windows = at.sensor.scan_every, at.windows
+        assert (k * windows.hop, k * windows.window, windows.steps) == (many, 2 * many, BASE.windows.steps)
+        assert k * at.onset_rule.onset_mean_frames >= BASE.onset_rule.onset_mean_frames
+        assert at.rest_level.rest_frames == BASE.rest_level.rest_frames
+        touches = find_touches(at, front_ends.recordings)
+        cut = cut_windows(at, front_ends.screen.touches(at))
+        first = touches.first_touch()
+        first = first[first >= 0]
+        assert (touches.sums[first] == cut.sums).all() and (
+            touches.onset_frame[first] == cut.onset_frame
+        ).all()
+    # a source that says everything four times
+    parts = [
+        np.repeat(front_ends.recordings.recording(i), 4, axis=0) for i in range(len(front_ends.recordings))
+    ]
+    groups = front_ends.recordings.groups
+    said = archive(parts, front_ends.recordings.labels, sample_rate_hz=800.0, groups=groups)
+    record = choose_front_end(said, priced()).record()
+    chosen, rivals = record["chosen"], record["rivals"]
+    assert chosen["scan_every"] >= 4
+    assert chosen["energy_touch_j"] < min(row["energy_touch_j"] for row in rivals if row["scan_every"] == 1)
 
 
 def test_the_record_says_what_was_judged_and_how():

@@ -10,7 +10,7 @@ from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
-from tests.rtl.top.test_accelerator import CONFIGS, Host, recordings
+from tests.rtl.top.test_accelerator import CONFIGS, SEEDS, Host, recordings
 from tests.support.stream_bench import Bench, give_frame, put
 
 
@@ -72,7 +72,7 @@ def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
     ``longest_wait``."""
     config = CONFIGS[name].replace(watchdog=True, checksum=True)
     model = random_integer_model(config, seed=3)
-    data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60, 33])
+    data = recordings(config, SEEDS[name] + 40, [150, 60, 33])
     dut = Accelerator(model.config)
     bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000)
     bench.collect(dut.o, stall=0.3)
