@@ -42,11 +42,11 @@ class OpenMemory(Elaboratable):
         return port
 
     def read_port(self):
-        """As of the real memory: a cycle late, only with ``en``."""
+        """Read port as of the real memory: a cycle late, only with ``en``."""
         return self._port(self.reads, "read")
 
     def write_port(self):
-        """As of the real memory, without granularity."""
+        """Write port as of the real memory, without granularity."""
         return self._port(self.writes, "write")
 
     def elaborate(self, platform):

@@ -33,6 +33,7 @@ def train(asked: TrainRequest) -> None:
     from eskin.choose.networks import check_units
     from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
+    from eskin.study.stability.panel import panel_of
     from eskin.training.image_models import KEPT
     from eskin.training.splits import check_split
     from eskin.verbs.cost import market
@@ -66,6 +67,7 @@ def train(asked: TrainRequest) -> None:
             protocol=asked.protocol,
             progress=report,
             of_images={"keep": Memo(KEPT)},
+            stress=panel_of(recordings, asked.stress),
         )
     show("train", **record, network_name=network_name, windows_brief=windows_brief, out=asked.out)
 

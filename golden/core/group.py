@@ -46,7 +46,7 @@ class Group:
         return []
 
     def refusals(self) -> Iterator[Refusal]:
-        """Where fields of this group do not fit each other."""
+        """Fields of this group that do not fit each other."""
         yield from ()
 
     def replace(self, **changes: Any) -> Self:

@@ -1,5 +1,4 @@
-"""Where the array is touched, frame by frame, and which way a touch slid: docs/specification.md section
-13."""
+"""Position of the touch, frame by frame, and direction of a slide: docs/specification.md section 13."""
 
 from dataclasses import dataclass
 

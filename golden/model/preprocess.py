@@ -99,6 +99,7 @@ def find_touches(
     steps: int | None = None,
     onsets: np.ndarray | None = None,
     progress: Progress | None = None,
+    most: int | None = None,
 ) -> Touches:
     """Every touch of every recording, with its exact windowed sums.
 
@@ -113,6 +114,8 @@ def find_touches(
         rule is then not asked.
     progress:
         Called with (recordings done, recordings in all).
+    most:
+        Samples held at once; None: BATCH_SAMPLES.
 
     Raises
     ------
@@ -130,7 +133,7 @@ def find_touches(
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
     flagged = np.zeros((len(lengths), config.sensor.taxels), dtype=np.int64)
-    for first, last, deviations, touches, failed in scans(config, recordings, onsets):
+    for first, last, deviations, touches, failed in scans(config, recordings, onsets, most):
         flagged[first:last] = failed
         for index, onset, start in touches:
             length = int(lengths[first + index])

@@ -1,4 +1,4 @@
-"""To which block of the chain each cell of a flat netlist belongs: for areas and energies by block."""
+"""The block of the chain to which each cell of a flat netlist belongs: for areas and energies by block."""
 
 import re
 from collections import Counter

@@ -28,8 +28,8 @@ class Sequencer(wiring.Component):
     go : In(1)
         The window is there: the waiting slot may end.
     restart : In(1)
-        After the step's last slot begin with the prologue, otherwise with phase A. Looked at as the last word
-        but two ends.
+        After the step's last slot begin with the prologue, otherwise with phase A. Sampled at the end of the
+        third-last word.
     word : Out(control_layout)
         The slot's controls: valid in the cycle with ``enable``, and before it as long as the slot lasts.
     enable : Out(1)

@@ -18,7 +18,7 @@ PACKERS = {
     "ecp5": ("ecppack", "config", "bit"),
     "gowin": ("gowin_pack", "json", "fs"),
 }
-"""Family: the tool that makes the bitstream, what it reads and writes."""
+"""Family: the tool that makes the bitstream, its input and its output."""
 
 KINDS = {
     "ICESTORM_DSP": "dsp",
@@ -69,7 +69,7 @@ PULLED_UP = ("pins__miso", "flash__miso", "scl", "sda")
 """Ports that nothing may drive: the pin's pull-up then shows that a converter is missing."""
 
 CLOCK_MHZ = "100"
-"""Said to nextpnr, whose placement is the same whatever is said: it is as fast as the seed makes it, which
+"""Clock that nextpnr is given. Its placement does not depend on it: it is as fast as the seed makes it, which
 the caller compares."""
 
 
@@ -246,7 +246,7 @@ def _count(placed: Record, owner: dict[str, str]) -> dict[str, dict[str, int]]:
 
 
 def _path_in_words(report: Record, owner: dict[str, str]) -> str:
-    """From which block to which, through how much logic, for the slowest path between two registers."""
+    """The slowest path between two registers: its blocks, and how much logic it crosses."""
 
     def delay(path: Record) -> float:
         return sum(part["delay"] for part in path["path"])

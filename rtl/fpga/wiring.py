@@ -16,7 +16,7 @@ STIMULATOR_PIN = 8
 """Index of the stimulator's pin among a board's free pins: the first of the second connector if there are two
 of 8."""
 FLASH_PORTS = ("flash__cs_n", "flash__sclk", "flash__mosi", "flash__miso")
-"""In the order of `Target.flash`."""
+"""Names in the order of `Target.flash`."""
 SAID = {
     "clk": "the board's oscillator",
     "led": "lamp: a frame was broken",

@@ -1,5 +1,5 @@
-"""Which taxels are stuck, silent or saturated (docs/specification.md, section 10): a branch beside the front
-of the chain."""
+"""Fault detector: stuck, silent or saturated taxels (docs/specification.md, section 10). It is a branch
+beside the front of the chain."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring

@@ -10,8 +10,8 @@ from eskin.rtl.common.layouts import sample_layout
 
 
 class FrameDoor(wiring.Component):
-    """With ``every``: forwards the first of every ``scan_every`` frames, and drops the others; without: hands
-    on all.
+    """With ``every`` it forwards the first of every ``scan_every`` frames and drops the others; without it
+    forwards all.
 
     A reset begins a recording. Frames are counted at their first beat; beats before a frame are forwarded.
 

@@ -52,7 +52,7 @@ TEACHING = {"teach": 1, "forget": 1, "label": 7, "option": 1, "loaded": 1, "lock
 
 
 FedBy = Literal["cpu", "sensor"]
-"""Who sends frames to an accelerator behind a bus shell."""
+"""Sender of the frames of an accelerator behind a bus shell."""
 
 
 def bus_signature() -> wiring.Signature:

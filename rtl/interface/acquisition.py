@@ -1,4 +1,5 @@
-"""From a converter's pins to frames at the declared rate, wiring only (docs/specification.md section 12)."""
+"""Acquisition: frames at the declared rate from a converter's pins, wiring only (docs/specification.md
+section 12)."""
 
 from collections.abc import Callable
 from typing import Any

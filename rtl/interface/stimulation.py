@@ -1,4 +1,5 @@
-"""From decisions or positions to the stimulator's line, wiring only (docs/specification.md section 14)."""
+"""Stimulation: the stimulator's line from decisions or positions, wiring only (docs/specification.md section
+14)."""
 
 import math
 

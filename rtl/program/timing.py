@@ -13,7 +13,7 @@ ELEMENT_OPERAND_BITS = 16
 FRAME_WAY_CYCLES = 3
 """Cycles of a frame beyond those of its taxels: the way to the windows."""
 STATE_BEATS = 3
-"""A word of the memory that a beat changes may be read again this many beats later."""
+"""Read-after-write distance of the per-taxel state memories, in beats."""
 FRAME_EXTRA_CYCLES = FRAME_WAY_CYCLES + 4
 """The way to the windows, 3 for the verdict on an onset, 1 for the read of the mean."""
 

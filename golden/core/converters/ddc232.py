@@ -32,7 +32,7 @@ QUIET_S = 10e-6
 DCLK_HZ = 16e6
 """Default data clock. This is an assumption; the tables of the data sheet could not be read."""
 WAIT_S = 1e-3
-"""After reset, after its end and after the configuration."""
+"""Wait after a reset, after its end and after the configuration."""
 WARM_UP = 4
 """Integrations that are thrown away after the configuration: the first has no length."""
 READBACK_BITS = 640
@@ -63,7 +63,7 @@ class DdcPlan(Plan):
     dvalid: int
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        """Ports of a board in wiring order, and the pin of each."""
         return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in PINS}
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
@@ -89,12 +89,12 @@ class DdcPlan(Plan):
 
     @property
     def read_cycles(self) -> int:
-        """From DVALID to the last code."""
+        """Cycles from DVALID to the last code."""
         return 2 * self.half * self.bits * len(self.places) + self.half + 6
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code, by the data sheet."""
+        """Time from the sample clock to the last code, by the data sheet."""
         return self.dvalid + self.read_cycles
 
 

@@ -133,7 +133,7 @@ class SpiPlan(Plan):
     high: int
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        """Ports of a board in wiring order, and the pin of each."""
         many = {"miso": self.lines, "cs_n": self.selects}
         functions = {"cs_n": "CS", "mosi": "data in", "miso": "data out", "sclk": "clock"}
         further = [(name, k) for name, count in many.items() for k in range(1, count)]
@@ -163,7 +163,7 @@ class SpiPlan(Plan):
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code of a frame, at most."""
+        """Most cycles from the sample clock to the last code of a frame."""
         return len(self.transfers) * (self.transfer_cycles + self.lines + 2)
 
     @property
