@@ -39,14 +39,15 @@ $(INSTALLED): requirements.lock pyproject.toml | tools
 run: $(INSTALLED)
 	$(BIN)/eskin run
 
-# Two test processes on two cores: a second thread of one takes its time from the other.
+# Two test processes on two cores: a second thread of one takes its time from the other. Who is done takes
+# tests that still wait behind the other's long ones.
 test test-all: export OMP_NUM_THREADS = 1
 
 test: $(INSTALLED) tools-test
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 test-all: $(INSTALLED) tools-test
-	$(BIN)/python -m pytest -n 2 -m "slow or not slow"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "slow or not slow"
 
 wheel-test: $(INSTALLED)
 	$(BIN)/python -m scripts.wheel_test

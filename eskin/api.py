@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from eskin.choose.cost import Prefer
 from eskin.data import load_recordings
 from eskin.estimator import Estimator, probabilities
 from eskin.golden.core import AcceleratorConfig, InputError, Record, array_of
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings, check_fit, for_model
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import (
     FloatModel,
@@ -577,8 +578,10 @@ class Model(Estimator):
         names, frames = self.config.network.class_names, self._of_table(frames)
         if isinstance(frames, Recordings):
             unlabelled = replace(frames, labels=np.zeros(len(frames), dtype=np.int64), class_names=names)
-            check_fit(unlabelled, self.config)  # what to predict need not be of the model's classes
-            return frames
+            fitting = for_model(unlabelled, self.config, warnings.warn)
+            return replace(
+                fitting, labels=frames.labels, class_names=frames.class_names
+            )  # maybe not the model's
         if self.config.is_image:
             try:
                 images = np.array(frames)

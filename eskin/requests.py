@@ -22,6 +22,8 @@ CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four",
 FORMATS = ("feature_bits", "gate_bits", "table_entries")
 """What ``quantise --formats`` sets."""
 SEED_MAX = 2**31 - 1
+STRESS = "off"
+"""Whether `train` and `run` judge candidates under disturbance where nothing was said."""
 DATA = (
     "An .npz archive, a folder of .csv, .parquet, .lvm or .png files or logs (one sub-folder a class), a long "
     ".csv or .parquet table, a .mat or .h5 file, or the word synthetic."
@@ -167,6 +169,14 @@ class Chosen(Grouped, OnFrontEnd):
             metavar="BOARD",
         ),
     ] = None
+    stress: Annotated[
+        str,
+        option(
+            "Candidates are judged on disturbed recordings, too: on, off, or a JSON file of failure modes and their "
+            "weights.",
+            metavar="on|off|FILE",
+        ),
+    ] = STRESS
 
 
 # ---------------------------------------------------------------------- recordings

@@ -11,9 +11,9 @@ from amaranth.utils import ceil_log2
 
 
 class OpenMemory(Elaboratable):
-    """What the blocks use of a memory, with two freedoms of the real one: first contents are arbitrary, and
-    so is a word that is read in the cycle that writes it (rtl/common/collisions.py). A proof that holds for
-    it holds for the real memory.
+    """The ports of a memory that the blocks use, with two freedoms of the real one: first contents are
+    arbitrary, and so is a word that is read in the cycle that writes it (rtl/common/collisions.py). A proof
+    that holds for it holds for the real memory.
 
     Attributes
     ----------
@@ -42,11 +42,11 @@ class OpenMemory(Elaboratable):
         return port
 
     def read_port(self):
-        """As of the real memory: a cycle late, only with ``en``."""
+        """Read port as of the real memory: a cycle late, only with ``en``."""
         return self._port(self.reads, "read")
 
     def write_port(self):
-        """As of the real memory, without granularity."""
+        """Write port as of the real memory, without granularity."""
         return self._port(self.writes, "write")
 
     def elaborate(self, platform):

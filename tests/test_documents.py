@@ -259,6 +259,7 @@ def test_every_page_is_in_the_navigation_once():
     assert sorted(listed) == sorted((ROOT / "docs").glob("*.md"))
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_site_is_built_and_fetches_nothing(tmp_path):
     shutil.rmtree(ROOT / "build" / "docs_source", ignore_errors=True)  # as on a fresh clone

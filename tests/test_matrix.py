@@ -206,6 +206,10 @@ MISSED = {"run": "FAILED", "stability": "FAILED"}
 """Rows that check something which a tiny model may miss, and what is said then; they end with 1."""
 
 
+TOOLS = ("build", "energy", "asic")
+"""Rows that run synthesis for a minute; tests of their own run the tools on designs of a moment."""
+
+
 def archives(folder: Path) -> None:
     """data.npz, twelve touches of four taxels by three persons, and images.npz, 24 images of 8 x 8."""
     rng, frame, taxel = np.random.default_rng(0), np.arange(48)[:, None], np.arange(4)
@@ -436,13 +440,13 @@ def cells() -> list[Any]:
         for row, (command, _) in reversed(ROWS.items())
         if {"{model}", "{result}"} & {*command.split()}
     }
-    quick = {(row, kind) for row in ROWS for kind in ROWS[row][1]} | {
-        (row, "chosen") for row in verbs.values()
-    }
+    chosen = {(row, "chosen") for row in verbs.values()}
+    quick = {(row, kind) for row in ROWS for kind in ROWS[row][1]}
+    quick |= {cell for cell in chosen if cell[0] not in TOOLS}
     return [
         pytest.param(*cell, id=" ".join(cell), marks=() if cell in quick else pytest.mark.slow)
         for cell in itertools.product(ROWS, KINDS)
-        if cell in quick or cell[1] != "chosen"
+        if cell in chosen or cell[1] != "chosen"
     ]
 
 

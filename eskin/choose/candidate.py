@@ -1,8 +1,9 @@
 """Candidates, how they were judged, and the one rule by which one of them is taken.
 
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
-by its decisions on recordings that it has not seen. **The rule** (`choose`): of those that are level with the
-best the cheapest. Level is what `eskin.training.level` says;
+by its decisions on recordings that it has not seen, sound ones and, where there is a `Stress`, disturbed ones:
+its score is the mean of both accuracies. **The rule** (`choose`): of those that are level with the
+best score the cheapest. Level is what `eskin.training.level` says;
 what is cheap says `eskin.choose.cost.Market`. The rule serves front ends alone, which are judged with a
 linear network that is solved in closed form (`eskin.choose.front_ends`), whole networks
 (`eskin.choose.networks`), and both again inside the training part of every fold.
@@ -13,13 +14,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
 from eskin.choose.cost import Market
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model import with_network
+from eskin.golden.model import IntegerModel, with_network
 from eskin.training.crossval import FoldDecisions
 from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import Recipe
@@ -60,18 +62,41 @@ class Candidate:
         }
 
 
+class Stress(Protocol):
+    """Disturbances that networks are judged under (`eskin.study.stability.panel.Panel`)."""
+
+    def wrong(self, config: AcceleratorConfig, model: IntegerModel, test: np.ndarray) -> np.ndarray:
+        """(cases, tests) 1 where a network is wrong, NaN where a recording is not disturbed."""
+
+    def stressed(self, config: AcceleratorConfig, wrong: np.ndarray) -> np.ndarray:
+        """(recordings) the share of disturbances under which each was decided rightly, NaN: not disturbed."""
+
+    def figures(self, config: AcceleratorConfig, wrong: np.ndarray, accuracy: float) -> list[Record]:
+        """{mode, figure, bound, held} of each mode."""
+
+    def false_onsets(self, config: AcceleratorConfig) -> float:
+        """Sum over modes of the shares of recordings in which the gate opens when it must not."""
+
+    @property
+    def brief(self) -> Stress:
+        """The same on fewer recordings."""
+
+
 @dataclass(frozen=True, eq=False)
 class Judged:
     """A candidate and its decisions on recordings that it has not seen.
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
-    recordings without a touch or a completed window. runs: what each network decided, seed by seed.
+    recordings without a touch or a completed window. runs: what each network decided, seed by seed. stress,
+    wrong (cases, recordings): the disturbances, and the share of networks that were wrong under each.
     """
 
     candidate: Candidate
     correct: np.ndarray
     missed: int = 0
     runs: tuple[FoldDecisions, ...] = ()
+    stress: Stress | None = None
+    wrong: np.ndarray | None = None
 
     @property
     def config(self) -> AcceleratorConfig:
@@ -89,21 +114,76 @@ class Judged:
         count = len(self.correct)
         return max(float(self.correct.std(ddof=1) / np.sqrt(count)), least_error(count)) if count > 1 else 0.0
 
+    @cached_property
+    def stressed(self) -> np.ndarray | None:
+        """(recordings) the share of disturbances under which each was decided correctly; NaN: not disturbed."""
+        if self.stress is None or self.wrong is None:
+            return None
+        return self.stress.stressed(self.config, self.wrong)
+
+    @property
+    def stressed_accuracy(self) -> float | None:
+        """The mean of it."""
+        return None if self.stressed is None else float(np.nanmean(self.stressed))
+
+    @cached_property
+    def scores(self) -> np.ndarray:
+        """(recordings) what the rule compares: the mean of sound and disturbed. The few that are disturbed
+        stand for all, so the mean over recordings is that of both accuracies."""
+        if self.stressed is None:
+            return self.correct
+        told = ~np.isnan(self.stressed)
+        return (self.correct + np.where(told, self.stressed, 0.0) / max(told.mean(), 1e-9)) / 2
+
+    @property
+    def score(self) -> float:
+        """Mean of accuracy and stressed accuracy."""
+        return float(self.scores.mean())
+
+    @property
+    def score_standard_error(self) -> float:
+        """Of the score, over recordings."""
+        if self.stressed is None:
+            return self.standard_error
+        told = self.stressed[~np.isnan(self.stressed)]
+        of_stressed = float(told.std(ddof=1) / np.sqrt(len(told))) if len(told) > 1 else 0.0
+        return (self.standard_error + of_stressed) / 2
+
+    @property
+    def figures(self) -> list[Record]:
+        """{mode, figure, bound, held} under each disturbance."""
+        if self.stress is None or self.wrong is None:
+            return []
+        return self.stress.figures(self.config, self.wrong, self.accuracy)
+
+    @property
+    def worst(self) -> Record | None:
+        """{mode, figure} of the mode that is furthest beyond its bound, or nearest to it."""
+        if not (figures := self.figures):
+            return None
+        row = max(figures, key=lambda row: abs(row["figure"] - row["bound"]) * (1 - 2 * row["held"]))
+        return {name: row[name] for name in ("mode", "figure")}
+
     @property
     def settled(self) -> bool:
         """So near 100 % that no other can be better by more than TIE standard errors."""
-        return self.accuracy >= 1.0 - TIE * least_error(len(self.correct))
+        return self.score >= 1.0 - TIE * least_error(len(self.correct))
 
     def joined(self, other: Judged) -> Judged:
         """With the networks of other seeds."""
         first, more = len(self.runs), len(other.runs)
-        correct = (first * self.correct + more * other.correct) / (first + more)
-        return dataclasses.replace(self, correct=correct, runs=self.runs + other.runs)
+
+        def mean(one: np.ndarray, another: np.ndarray) -> np.ndarray:
+            return (first * one + more * another) / (first + more)
+
+        wrong = None if self.wrong is None or other.wrong is None else mean(self.wrong, other.wrong)
+        correct = mean(self.correct, other.correct)
+        return dataclasses.replace(self, correct=correct, runs=self.runs + other.runs, wrong=wrong)
 
 
-def most_accurate(judged: Sequence[Judged]) -> Judged:
-    """The first of those with the highest accuracy."""
-    return max(judged, key=lambda one: one.accuracy)
+def best_of(judged: Sequence[Judged]) -> Judged:
+    """The first of those with the highest score."""
+    return max(judged, key=lambda one: one.score)
 
 
 def choose(judged: Sequence[Judged], market: Market) -> Judged:
@@ -115,7 +195,7 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
     InputError
         Nothing fits the named board.
     """
-    ordered = sorted(judged, key=lambda one: -one.accuracy)
+    ordered = sorted(judged, key=lambda one: -one.score)
     best = next((one for one in ordered if market.is_candidate(one.config)), None)
     if best is None:
         raise InputError(
@@ -123,8 +203,7 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
             "larger board"
         )
     level = sorted(
-        (one for one in judged if is_level(best.correct, one.correct)),
-        key=lambda one: market.price(one.config),
+        (one for one in judged if is_level(best.scores, one.scores)), key=lambda one: market.price(one.config)
     )
     return next((one for one in level if market.fits(one.config)), level[0])
 
@@ -135,6 +214,7 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
     row: Record = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
     if onset.onset == "baseline":
         row["onset_threshold"] = onset.onset_threshold
+    row |= {"scan_every": config.sensor.scan_every}
     row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
     row["feature_kinds"] = list(features.feature_kinds)
     if "activity" in features.feature_kinds:

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.choose.candidate import Candidate, Judged, choose, front_end_fields, screened_row
+from eskin.choose.candidate import Candidate, Judged, Stress, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
@@ -36,6 +36,7 @@ from eskin.training.crossval import (
     Piece,
     Progress,
     Terms,
+    cross_validate,
     fold_records,
     judge_pieces,
     over_folds,
@@ -49,10 +50,6 @@ from eskin.training.image_models import train_image_model
 from eskin.training.losses import Callback
 from eskin.training.splits import default_splits, held_out, split_folds
 from eskin.training.train import TrainingRequest, train
-
-LEVEL_TELLS = 0.6
-"""Share of the way from chance to 1. When the level of the first frames alone gets that far, a reason says
-so."""
 
 LEAST = {
     "energy": "takes the least energy a touch ({energy_touch_j:.3g} J)",
@@ -69,7 +66,8 @@ class Plan:
 
     config: it. reasons: in words. split, split_from: of ``choose_split``. market: what candidates cost.
     front_ends: to choose from again inside folds; None where nothing is to be judged. screened: the front ends
-    judged, best first; none where it was asked for. facts: of the judging, for training.json. guessed: too few recordings to choose on.
+    judged, best first; none where it was asked for. facts: of the judging, for training.json. guessed: too few
+    recordings to choose on. doubts: about the recordings, of the judging.
     """
 
     config: AcceleratorConfig
@@ -81,11 +79,13 @@ class Plan:
     screened: tuple[Judged, ...] = ()
     facts: Record = dataclasses.field(default_factory=dict)
     guessed: bool = False
+    doubts: tuple[Record, ...] = ()
 
-    @property
-    def listed(self) -> Listed:
+    def listed(self, stress: Stress | None) -> Listed:
         """Front ends that networks are tried on."""
-        return listed(self.screened, self.market) if self.screened else Listed.alone(self.config)
+        if not self.screened or self.front_ends is None:
+            return Listed.alone(self.config)
+        return listed(self.screened, self.market, self.front_ends.screen, stress)
 
     def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
         """``front_end`` of training.json: chosen and rivals (best first), each as ``screened_row`` gives it;
@@ -97,7 +97,16 @@ class Plan:
         if not self.screened:
             return None
         taken = taken or self.config
-        rows = {one.candidate.front_end: screened_row(one, self.screened[0]) for one in self.screened}
+        judged = {one.candidate.front_end: one for one in self.screened}
+        if taken not in judged and self.front_ends:  # what disturbances asked for
+            screen = self.front_ends.screen
+            parts = split_folds(screen.recordings, self.split, self.facts["folds"], None)
+            judged[taken] = screen.judged(taken, parts)
+        rows = {
+            config: screened_row(one, self.screened[0])
+            | {"energy_touch_j": self.market.cost_of(one.config).energy_touch_j}
+            for config, one in judged.items()
+        }
         rivals = [row for config, row in rows.items() if config != taken]
         return {"chosen": rows[taken], "rivals": rivals, **self.facts}
 
@@ -221,17 +230,14 @@ def choose_front_end(
         f"({split_from}), on {len(judged_on)} recordings: {words}, {chosen.accuracy:.1%}"
         f"{'' if best is chosen else level}",
     ]
-    config = chosen.candidate.front_end
-    classes = len(recordings.class_names)
-    if alone - 1 / classes > LEVEL_TELLS * (1 - 1 / classes):
-        fix = "if so, take the level off (--config with rest 'initial')"
-        if config.rest_level.rest != "none":
-            fix = "the front end takes the level off, but not what else a session leaves: record classes in turn"
-        reasons.append(
-            f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each class "
-            f"was recorded in a session of its own that may be the session; {fix}"
-        )
-    return Plan(config, reasons, split, split_from, market, front_ends, tuple(screened), facts)
+    config, classes, found = chosen.candidate.front_end, len(recordings.class_names), list[Record]()
+    if alone - 1 / classes > doubts.LEVEL_TELLS * (1 - 1 / classes):
+        without = [one.accuracy for one in screened if one.config.rest_level.rest != "none"]
+        found += doubts.level_tells(frames, alone, max(without, default=None), split)
+    found += doubts.still_climbing([(one.config, one.correct) for one in screened])
+    return Plan(
+        config, reasons, split, split_from, market, front_ends, tuple(screened), facts, doubts=tuple(found)
+    )
 
 
 def _level_alone(recordings: Recordings, folds: Sequence[np.ndarray]) -> tuple[float, int]:
@@ -261,21 +267,28 @@ def choose_inside(
 ) -> list[Candidate]:
     """What is chosen on each of ``parts`` (recordings) alone."""
     recordings, choices, held = terms.recordings, [], []
+    effort = effort.under_stress if terms.stress else effort
     for part in parts:
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
-            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
+            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market, terms.stress)
         choices.append(network_choice(front_ends, wish, plan.market, effort))
         held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
     return [candidate for candidate, _ in side_by_side(choices, held, terms)]
 
 
-def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
+def search_inside(
+    front_ends: FrontEnds,
+    part: np.ndarray,
+    groups: Sequence[str],
+    market: Market,
+    stress: Stress | None = None,
+) -> Listed:
     """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
         judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market, brief=True), market)
+        return listed(search(judge, market, brief=True), market, front_ends.screen, stress)
 
 
 def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:
@@ -290,7 +303,8 @@ def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record
     begin, recordings, seeds = time.perf_counter(), terms.recordings, list(map(int, terms.seeds))
     tests = split_folds(recordings, list(split), terms.folds, None)
     parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-    chosen = choose_inside(plan, terms, wish, parts)
+    brief = dataclasses.replace(terms, stress=terms.stress and terms.stress.brief)
+    chosen = choose_inside(plan, brief, wish, parts)
     pieces = [
         Piece(candidate.config, candidate.recipe, part, test, copy)
         for copy in range(len(seeds))
@@ -325,6 +339,12 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
         **one.candidate.network,
         "accuracy": one.accuracy,
         "standard_error": one.standard_error,
+        "score": one.score,
+        "score_standard_error": one.score_standard_error,
+        "stressed_accuracy": one.stressed_accuracy,
+        "worst": one.worst,
+        "stress": one.figures,
+        "robust": one.candidate.recipe.robust,
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
         **market.row(one.runs[0].config),
@@ -373,6 +393,7 @@ def train_chosen(
     progress: Progress | None = None,
     callback: Callback | None = None,
     of_images: Record | None = None,
+    stress: Stress | None = None,
 ) -> Record:
     """Choose what was not asked for, train it, and write the model folder.
 
@@ -386,6 +407,8 @@ def train_chosen(
         What ``configure`` gave for these recordings, when it is at hand.
     seeds:
         Networks of each fold; None: 3, and 1 of images, which take minutes each.
+    stress:
+        Disturbances that candidates are judged under; None: none.
     of_images:
         ``keep`` and ``workers`` of `eskin.training.image_models.train_image_model`; of recordings they
         say nothing.
@@ -395,7 +418,8 @@ def train_chosen(
 
     All else as for ``eskin.training.train.train``, whose record it returns, with ``front_end`` (where
     it was chosen), ``candidates`` (where the network was), ``reasons``, ``baselines`` (a linear classifier on
-    the same features, for each split), ``doubts`` (records of `eskin.choose.doubts`) and ``warnings`` (their
+    the same features, for each split), ``same_groups`` (single recordings left out; None: so are those of
+    cross_validation), ``doubts`` (records of `eskin.choose.doubts`) and ``warnings`` (their
     sentences).
 
     Raises
@@ -432,16 +456,21 @@ def train_chosen(
         seeds=range(seed, seed + (seeds or 3)),
         folds=folds,
         progress=progress,
+        stress=stress if wish.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
+    effort = Effort(seeds=len(terms.seeds))
+    effort = effort.under_stress if terms.stress else effort
     choice = network_choice(
-        plan.listed if folds else Listed.alone(plan.config), wish, market, Effort(seeds=len(terms.seeds))
+        plan.listed(terms.stress) if folds else Listed.alone(plan.config), wish, market, effort
     )
     ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
     judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}
     whole = taken in judged and len(judged[taken]["seeds"]) == len(terms.seeds)
     rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, market) for one in tried]
-    notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows)]}
+    touches = terms.datasets.of(taken.config, taken.recipe).touches
+    ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
+    notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows), *ended]}
     if plan.screened:
         notes["front_end"] = plan.record(taken.front_end)
     if rows:
@@ -466,7 +495,7 @@ def train_chosen(
         datasets=terms.datasets,
         progress=progress,
         callback=callback,
-        notes=lambda record: notes | _compared(record, plan, terms, wish, taken),
+        notes=lambda record: notes | _compared(record, plan, terms, wish, taken, rows),
     )
 
 
@@ -488,15 +517,48 @@ def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
     return reasons
 
 
-def _compared(record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate) -> Record:
+def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list[str]:
+    """A sentence about recordings that end before the last window."""
+    if not count:
+        return []
+    return [
+        f"{count} of {recordings} recordings end before the last window, {config.touch_s:.3g} s after the first begins, "
+        "and are decided on the windows that they hold"
+    ]
+
+
+def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
+    """What to expect of new recordings of groups that are known: the network taken with single recordings
+    left out, one seed. None without groups, or with too few recordings of a class."""
+    if not terms.groups or not terms.folds:
+        return None
+    try:
+        (single,) = cross_validate(
+            terms.recordings,
+            taken.config,
+            [[]],
+            terms.seeds[:1],
+            folds=terms.folds,
+            recipe=taken.recipe,
+            datasets=terms.datasets,
+            progress=terms.called("single recordings left out"),
+        )
+    except InputError:
+        return None
+    return {name: single[name] for name in ("float_accuracy", "integer_accuracy", "folds")}
+
+
+def _compared(
+    record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate, rows: Sequence[Record]
+) -> Record:
     """What training.json says beside ``train``'s record. A linear classifier on the same integer features and
     folds stands beside every split; each split gets its ``unseen`` figure, where something was chosen."""
     recordings, config = terms.recordings, taken.config
     splits = [split["groups"] for split in record["cross_validation"]]
     baselines = linear_yardsticks(recordings, config, splits, terms.folds)
-    found: list[Record] = []
+    found = list(plan.doubts)
     for split in record["cross_validation"]:
-        found += doubts.below_baselines(split, baselines, taken.network, chosen=wish.open)
+        found += doubts.below_baselines(split, baselines, rows if wish.open else None)
         found += doubts.lost_classes(split, recordings.class_names)
         if plan.screened or wish.open:
             split["nested"] = None
@@ -512,7 +574,12 @@ def _compared(record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candi
     found += doubts.missed_onsets(record["touched"], record["recordings"])
     groups = record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"]
     found += doubts.look_alike(recordings, groups, terms.folds)
-    return {"baselines": baselines, "doubts": found, "warnings": doubts.sentences(found)}
+    return {
+        "baselines": baselines,
+        "same_groups": _same_groups(terms, taken),
+        "doubts": found,
+        "warnings": doubts.sentences(found),
+    }
 
 
 def _train_on_images(

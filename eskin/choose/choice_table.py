@@ -26,8 +26,9 @@ def _windows(row: Record) -> str:
     activity = (
         f" (|{row['activity_rule']}| of {row['activity_block']} frames)" if "activity_rule" in row else ""
     )
-    kinds = "+".join(row["feature_kinds"])
-    return f"{row['steps']} windows of {row['window']} every {row['hop']}, {kinds}{activity}"
+    kinds, every = "+".join(row["feature_kinds"]), row.get("scan_every", 1)
+    scans = "" if every == 1 else f", one frame in {every} scanned"
+    return f"{row['steps']} windows of {row['window']} every {row['hop']}{scans}, {kinds}{activity}"
 
 
 def front_end_brief(row: Record) -> str:
@@ -37,10 +38,13 @@ def front_end_brief(row: Record) -> str:
 
 def windows_brief(row: Record) -> str:
     """The same for a narrow column: ``10 x 192/96 m+a`` is 10 windows of 192 frames every 96, mean and
-    activity."""
+    activity; ``1/4`` before them: one frame in four is scanned."""
     fields = row["front_end"]
     kinds = "+".join(kind[0] for kind in fields["feature_kinds"])
-    return f"{fields['steps']} x {fields['window']}/{fields['hop']} {kinds}"
+    every = fields.get("scan_every", 1)
+    return (
+        f"{fields['steps']} x {fields['window']}/{fields['hop']}{'' if every == 1 else f' 1/{every}'} {kinds}"
+    )
 
 
 def front_end_table(record: Record) -> list[Record]:
@@ -48,7 +52,13 @@ def front_end_table(record: Record) -> list[Record]:
     scale and set of windows."""
     chosen, rivals = record["chosen"], record["rivals"]
     shown = [chosen]
-    for keys in (("rest", "onset"), ("feature_kinds",), ("feature_scale",), ("hop", "steps")):
+    for keys in (
+        ("rest", "onset"),
+        ("feature_kinds",),
+        ("feature_scale",),
+        ("scan_every",),
+        ("hop", "steps"),
+    ):
         seen = {str([chosen[key] for key in keys])}
         for row in rivals:
             value = str([row[key] for key in keys])

@@ -12,8 +12,9 @@ import numpy as np
 
 from eskin.choose.choice_table import left_out, unseen
 from eskin.choose.yardsticks import neighbours_alike
-from eskin.golden.core import Record
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
+from eskin.training.level import is_level
 
 MOST_MISSED = 0.02
 """Share of recordings without an onset that goes without a word."""
@@ -21,8 +22,21 @@ MOST_MISSED = 0.02
 SIZES = (4, 8, 12, 16, 24, 32)
 """Hidden units that are advised."""
 
+LEVEL_TELLS = 0.6
+"""Share of the way from chance to 1 that first frames alone may tell the class without a word."""
+
 LOST = 0.005
 """Accuracy that integers may lose without a word."""
+
+
+SHORTER, CLIMBS = 0.75, 2.0
+"""Share of the longest windows, and standard errors that front ends within it lie behind the best, where
+accuracy still climbs with the time."""
+
+
+SESSIONS = (
+    "record every class in several sessions, name these in an array of the archive and give it with --group"
+)
 
 
 def percent(share: float) -> str:
@@ -45,44 +59,55 @@ def sentences(found: Sequence[Mapping[str, Any]]) -> list[str]:
 def below_baselines(
     split: Mapping[str, Any],
     baselines: Sequence[Mapping[str, Any]],
-    network: Mapping[str, Any],
-    *,
-    chosen: bool,
+    candidates: Sequence[Mapping[str, Any]] | None,
 ) -> list[Record]:
-    """A doubt where the best baseline of a split's groups is more than its standard error above the
-    network.
+    """A doubt where the best baseline of a split's groups is above the network, by more than its standard
+    error where hardware could hold it, else by more than two.
 
     Parameters
     ----------
     split:
         A record of the cross-validation.
-    network:
-        Its cell and hidden units: the advice is the next larger one.
-    chosen:
-        The network was chosen among several sizes.
+    candidates:
+        Those that the network was chosen from; None: it was not chosen. No advice contradicts them.
     """
-    cell, hidden = network["cell"], network["hidden"]
     rivals = [row for row in baselines if list(row["groups"]) == list(split["groups"])]
     if not rivals:
         return []
     best = max(rivals, key=lambda row: row["accuracy"])
     short = best["accuracy"] - split["integer_accuracy"]
-    if short <= best["standard_error"]:
+    if short <= best["standard_error"] * (1 if best["hardware"] else 2):
         return []
-    if best.get("whole"):
-        fix = "look at onset and windows with 'eskin inspect', or give a front end of your own with --config"
-    else:
-        sizes = [size for size in SIZES if size > (hidden if cell != "linear" else 0)]
-        larger = f"try --cell {'gru' if cell == 'linear' else cell} --hidden {sizes[0]}" if sizes else ""
-        if best.get("hardware", True):
-            fix = larger or "record more" if chosen else "try --cell auto"
-        else:
-            fix = f"no hardware for it here; {larger or 'no larger network is there'}"
+    larger = _larger(candidates or [])
+    fix = "try --cell auto" if candidates is None else larger or "no network that was judged does better"
+    if not best["hardware"]:
+        fix = f"no hardware for it here; {fix}"
     text = (
         f"the {best['name']} decides {percent(best['accuracy'])} rightly and the network "
-        f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less: {fix}"
+        f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less{_by_which(best)}: {fix}"
     )
     return [doubt("below_baselines", text, split)]
+
+
+def _larger(candidates: Sequence[Mapping[str, Any]]) -> str:
+    """The advice to take more units: where the largest network that was judged was the best."""
+    if not candidates:
+        return ""
+    best = max(candidates, key=lambda row: row["accuracy"])
+    larger = [size for size in SIZES if size > best["hidden"]]
+    if not best["hidden"] or not larger or best["hidden"] < max(row["hidden"] for row in candidates):
+        return ""
+    return f"try --cell {best['cell']} --hidden {larger[0]}"
+
+
+def _by_which(row: Mapping[str, Any]) -> str:
+    """By which of its statistics a baseline is better, where that was looked at."""
+    if "without" not in row:
+        return ""
+    most = min(row["without"], key=row["without"].get)
+    if row["accuracy"] - row["without"][most] <= row["standard_error"]:
+        return f" (by none of {', '.join(row['without'])} alone: it is as good without any one of them)"
+    return f" (most by {most}: without it {percent(row['without'][most])})"
 
 
 def by_choice(split: Mapping[str, Any]) -> list[Record]:
@@ -92,8 +117,9 @@ def by_choice(split: Mapping[str, Any]) -> list[Record]:
         return []
     text = (
         f"the network taken decides {percent(split['integer_accuracy'])} rightly on the folds it was chosen "
-        f"on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: expect "
-        "less than the first, or record more"
+        f"on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: a new "
+        f"{' and '.join(split['groups']) or 'recording'} lies between the two; more of them to learn from bring "
+        "both together"
     )
     return [doubt("by_choice", text, split)]
 
@@ -120,29 +146,80 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
         "gates": "--formats gate_bits=14",
     }
     fix = fixes.get(stage, "--state-bits 16")
-    return [
-        doubt(
-            "lost_in_integers",
-            f"the integer network decides {percent(split['integer_accuracy'])} rightly and the float one "
-            f"{percent(split['float_accuracy'])}: most is lost in the {stage}; try 'eskin quantise MODEL {fix}'",
-            split,
-        )
-        for split in map(unseen, map(dict, splits))
-        if split["float_accuracy"] - split["integer_accuracy"] > LOST and stage
-    ]
+    alike = evaluated["agreement"] >= 1 - LOST  # what the network taken does not lose, no bit brings back
+    found = []
+    for split, judged in ((split, unseen(split)) for split in splits):
+        lost, own = (one["float_accuracy"] - one["integer_accuracy"] for one in (judged, split))
+        if lost > LOST and stage and not (alike and own <= LOST):
+            text = (
+                f"the integer network decides {percent(judged['integer_accuracy'])} rightly and the float one "
+                f"{percent(judged['float_accuracy'])}: most is lost in the {stage}; try 'eskin quantise MODEL {fix}'"
+            )
+            found.append(doubt("lost_in_integers", text, judged))
+    return found
 
 
-def leaks(recordings: int, accuracy: float, limit: float) -> list[Record]:
-    """A doubt where a network knows the class of recordings whose touch was taken out: ``accuracy`` above
-    ``limit``."""
+def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> list[Record]:
+    """A doubt where a network knows the class of recordings whose touch was taken out, or of which only the
+    first ``frames`` are left: ``accuracy`` above ``limit``."""
     if accuracy <= limit:
         return []
+    if frames:
+        text = (
+            f"the network decides {percent(accuracy)} of {recordings} recordings rightly by their first "
+            f"{frames} frames, repeated: where each class was recorded in a session of its own, this is the "
+            f"session and not the touch; {SESSIONS}"
+        )
+        return [doubt("leaks", text)]
     text = (
         f"the network decides {percent(accuracy)} of {recordings} recordings rightly whose touch was taken out: "
         "it knows the class from the rest level, the onset's time or the length, so record the classes in turn, "
         "under one condition"
     )
     return [doubt("leaks", text)]
+
+
+def level_tells(frames: int, share: float, without: float | None, groups: Sequence[str]) -> list[Record]:
+    """The doubt where the level of the first ``frames`` tells the class of a ``share`` of the recordings.
+
+    Parameters
+    ----------
+    without:
+        Accuracy of the best front end that takes the level off; None: none was judged.
+    groups:
+        What was left out.
+    """
+    group = " and ".join(groups)
+    left = f"leaving out {group}, " if groups else ""
+    text = f"{left}the level of the first {frames} frames alone tells the class of {percent(share)}"
+    if without is not None:
+        text += f" (a front end that takes this level off decides {percent(without)} rightly)"
+    text += ": where each class was recorded in a session of its own, this is the session and not the touch; "
+    return [doubt("level_tells", text + (f"record every class at every {group}" if groups else SESSIONS))]
+
+
+def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Record]:
+    """A doubt where only the longest of the front ends ``screened`` (configuration, correct; best first) are
+    level with the best: a longer touch may be decided better.
+
+    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best. Those that
+    scan less often than it do not count: their rest level takes longer, so they may begin later.
+    """
+    best, correct = screened[0]
+    screened = [row for row in screened if row[0].sensor.scan_every <= best.sensor.scan_every]
+    longest = max(config.touch_s for config, _ in screened)
+    brief = [(config, row) for config, row in screened if config.touch_s <= SHORTER * longest]
+    if best.touch_s <= SHORTER * longest or not brief:
+        return []
+    shorter, most = max(brief, key=lambda pair: pair[1].mean())
+    if is_level(correct, most, CLIMBS):
+        return []
+    long_s, short_s = (config.touch_s for config in (best, shorter))
+    text = (
+        f"accuracy still climbs where recordings end: {percent(correct.mean())} on {long_s:.3g} s of the touch, "
+        f"{percent(most.mean())} on {short_s:.3g} s; record longer touches"
+    )
+    return [doubt("still_climbing", text)]
 
 
 def missed_onsets(touched: int, count: int) -> list[Record]:

@@ -4,14 +4,16 @@ Candidates come from the recordings (`eskin.training.derive` measures noise, sig
 presets of the same sensor. Each is judged by a linear classifier on the features that the INTEGER front end
 gives, normaliser included, on recordings that the classifier has not seen:
 
-- *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once. The
-  penalty of a fold is the one of PENALTIES that does best on the OTHER folds. The normaliser's mean and scale
-  come from all recordings looked at; they know no label.
+- *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once, and the
+  linear discriminants of its values. The penalty of a fold is the one of PENALTIES that does best on the
+  OTHER folds. The normaliser's mean and scale come from all recordings looked at; they know no label. Where
+  recordings end before the last window, others are cut short too and learnt from beside the whole ones.
 - *missed touches*: a recording without an onset, or without a completed window, counts as wrong.
 
 `search` goes by coordinates: every gate with two sets of windows on means, those that are not far behind with
 all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again around the best;
-then, from the one that the rule takes, cheaper neighbours as long as the rule takes one of them. A network may
+then the best with fewer scans; then, from the one that the rule takes, cheaper neighbours as long as the rule takes one
+of them. A network may
 need more than that classifier saw, or less: `listed` are the front ends that networks are tried on.
 """
 
@@ -26,7 +28,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
+from eskin.choose.candidate import Candidate, Judged, Stress, best_of, choose
 from eskin.choose.cost import Market
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
@@ -44,6 +46,7 @@ from eskin.training.derive import (
     settling_frames,
 )
 from eskin.training.level import is_level
+from eskin.training.linear_fit import cut_short, discriminants
 
 PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
 """Ridge penalties, as shares of the mean squared length of a touch's feature vector."""
@@ -52,7 +55,7 @@ SURVIVORS, FAR_BEHIND = 3, 3.0
 """Pairs of gate and windows on which kinds of feature are tried; standard errors behind the best from which a
 gate is not tried with further windows."""
 
-DESCENT = 12
+DESCENT = 16
 """Cheaper neighbours that are judged at most."""
 
 RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
@@ -69,12 +72,18 @@ INSIDE_ON = 400
 MEASURED_ON = 64
 """Recordings from which noise, signal and clip are measured."""
 
+ENDS, LONGER = (0.05, 0.25, 0.5, 0.9), 1.1
+"""Quantiles of the touches' lengths at which windows may end, each so many times the one before at least."""
+
+LENGTH_TELLS = 0.1
+"""How far above chance the number of completed windows may tell the class."""
+
 KEPT_BYTES = 3 << 28
 """Touches of gates that are kept for other windows on them."""
 
-Decide = Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int], np.ndarray]
-"""Of features (n, features), labels (n), folds (rows each) and the number of classes the class (n) that each
-row is given when its fold is left out."""
+Decide = Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int, np.ndarray], np.ndarray]
+"""Of features (n, features), labels (n), folds (rows each), the number of classes and the recording (n) that
+each row comes from: the class (n) that each row is given when the recordings of its fold are left out."""
 
 
 # ---------------------------------------------------------------------- the classifier
@@ -84,33 +93,46 @@ def gram_of(x: np.ndarray) -> np.ndarray:
     return x @ x.T + 9.0
 
 
+def others(owner: np.ndarray, fold: np.ndarray) -> np.ndarray:
+    """Rows whose ``owner`` has none of the rows ``fold``."""
+    return np.flatnonzero(~np.isin(owner, owner[fold]))
+
+
 def ridge_decisions(
-    gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int
+    gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int, owner: np.ndarray
 ) -> np.ndarray:
     """The class (n) that ridge regression gives each row of ``gram`` (n, n, of ``gram_of``) when the fold it
-    lies in is left out, as the module describes it. Every row lies in one of ``folds``."""
-    n = len(labels)
+    lies in is left out, as the module describes it. Rows that lie in none of ``folds`` are learnt from, and
+    get no class (-1)."""
+    n, judged = len(labels), np.concatenate(folds)
     targets = np.eye(classes)[labels]
     unit = float(np.trace(gram)) / n
-    decided = np.zeros((len(PENALTIES), n), dtype=np.int64)
+    decided = np.full((len(PENALTIES), n), -1, dtype=np.int64)
     for fold in folds:
-        train = np.setdiff1d(np.arange(n), fold)
+        train = others(owner, fold)
         within, across = gram[np.ix_(train, train)], gram[np.ix_(fold, train)]
         for row, penalty in enumerate(PENALTIES if len(train) else ()):
             penalised = within + penalty * unit * np.eye(len(train))
             weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
-            decided[row, fold] = (across @ weights).argmax(axis=1)
-    right = decided == labels
-    chosen = np.empty_like(labels)
+            turn, bias = discriminants(within @ weights, targets[train])
+            decided[row, fold] = (across @ weights @ turn + bias).argmax(axis=1)
+    right = (decided == labels) & np.isin(np.arange(n), judged)
+    chosen = np.full_like(labels, -1)
     for fold in folds:
         # the penalty of a fold by the other folds alone: its own rows must not choose it
         chosen[fold] = decided[(right.sum(axis=1) - right[:, fold].sum(axis=1)).argmax(), fold]
     return chosen
 
 
-def blocked_ridge(x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int) -> np.ndarray:
-    """``ridge_decisions`` on features: a `Decide`."""
-    return ridge_decisions(gram_of(x), labels, folds, classes)
+def blocked_ridge(
+    x: np.ndarray,
+    labels: np.ndarray,
+    folds: Sequence[np.ndarray],
+    classes: int,
+    owner: np.ndarray | None = None,
+) -> np.ndarray:
+    """``ridge_decisions`` on features: a `Decide`. owner: None: every row is a recording."""
+    return ridge_decisions(gram_of(x), labels, folds, classes, np.arange(len(x)) if owner is None else owner)
 
 
 def decided_correctly(
@@ -120,13 +142,15 @@ def decided_correctly(
     decide: Callable[[np.ndarray, list[np.ndarray]], np.ndarray],
 ) -> np.ndarray:
     """(n) bool: which of n recordings ``decide(labels of the touched, their folds)`` gives their label; those
-    that are not ``touched`` (ascending) count as wrong."""
+    that are not ``touched`` count as wrong. A recording is touched at the first place that names it; further
+    places are copies of it, cut short."""
+    recordings, first = np.unique(touched, return_index=True)
     place = np.full(len(labels), -1)
-    place[touched] = np.arange(len(touched))
+    place[recordings] = first
     correct = np.zeros(len(labels), dtype=bool)
-    if len(touched) >= 2:
+    if len(recordings) >= 2:
         parts = [part for part in (place[fold][place[fold] >= 0] for fold in folds) if len(part)]
-        correct[touched] = decide(labels[touched], parts) == labels[touched]
+        correct[recordings] = decide(labels[touched], parts)[first] == labels[recordings]
     return correct
 
 
@@ -165,6 +189,7 @@ class Screen:
     def __init__(self, recordings: Recordings) -> None:
         self.recordings = recordings
         self._touches: dict[AcceleratorConfig, FirstTouches] = {}
+        self._quarters: dict[AcceleratorConfig, np.ndarray] = {}
 
     def touches(self, config: AcceleratorConfig) -> FirstTouches:
         """First touches of the candidate's rest level and gate, long enough for any windows."""
@@ -177,7 +202,8 @@ class Screen:
         if touches is None or touches.reach < config.last_frame:
             touches = first_touches(plain, self.recordings)
             if len(touches):
-                touches = touches.within(max(self._common_length(touches), config.last_frame))
+                longest = self.ends(touches, config.sensor.scan_every)[-1]
+                touches = touches.within(max(longest, config.last_frame))
         for idle in self._touches.values():
             idle.forget()
         self._touches[plain] = touches  # the oldest goes first; it is found again where it is asked for
@@ -188,20 +214,41 @@ class Screen:
             del self._touches[next(iter(self._touches))]
         return touches
 
-    def _common_length(self, touches: FirstTouches) -> int:
-        """Frames after the onset that 95 % of the recordings have: windows reach no further."""
-        lengths = self.recordings.lengths[touches.recording] - touches.onset_frame
-        return int(np.quantile(lengths, 0.05, method="lower"))
+    def ends(self, touches: FirstTouches, scan_every: int = 1) -> list[int]:
+        """Frames after the onset at which windows may end, ascending: what 95, 75, 50 and 10 % of the
+        recordings have."""
+        lengths = -(-self.recordings.lengths[touches.recording] // scan_every) - touches.onset_frame
+        ends: list[int] = []
+        for end in np.quantile(lengths, ENDS, method="lower"):
+            if not ends or end >= LONGER * ends[-1]:
+                ends.append(int(end))
+        return ends
+
+    def length_tells(self, config: AcceleratorConfig, rows: np.ndarray) -> bool:
+        """Of windows that `gates` gave: how many of them the recordings ``rows`` complete, in quarters, tells
+        the class. A network would learn when recordings were stopped; each is decided by the others."""
+        if config not in self._quarters:
+            return False
+        quarters, labels = self._quarters[config][rows], self.recordings.labels[rows]
+        table = np.zeros((quarters.max(initial=0) + 1, len(self.recordings.class_names)), dtype=int)
+        np.add.at(table, (quarters, labels), 1)
+        others = table[quarters]
+        others[np.arange(len(rows)), labels] -= 1
+        told = float((others.argmax(axis=1) == labels).mean())
+        return told > table.sum(axis=0).max() / len(rows) + LENGTH_TELLS
 
     def features(self, config: AcceleratorConfig) -> tuple[np.ndarray, np.ndarray]:
-        """(recordings with a completed window, their features); none where features hardly move: no
-        normaliser makes anything of them."""
+        """(recordings with a completed window, their features), and behind these some once more, cut short;
+        none where features hardly move: no normaliser makes anything of them."""
         config = config.replace(feature_shift=(), aligned_means=False)  # what the network's arithmetic adds
         touches = cut_windows(config, self.touches(config))
         rows = np.flatnonzero(touches.completed > 0)
         if len(rows):
             try:
-                return touches.recording[rows], integer_features(config, touches)[rows]
+                x = integer_features(config, touches)[rows]
+                again, ends = cut_short(touches.completed[rows], config.windows.steps)
+                held = np.arange(x.shape[1]) // config.inputs < ends[:, None]
+                return touches.recording[rows][np.r_[: len(rows), again]], np.r_[x, x[again] * held]
             except InputError:
                 pass
         return np.zeros(0, dtype=np.int64), np.zeros((0, 1))
@@ -213,13 +260,13 @@ class Screen:
         touched, x = self.features(config)
         classes, labels = len(self.recordings.class_names), self.recordings.labels
         correct = decided_correctly(
-            touched, labels, folds, lambda known, parts: decide(x, known, parts, classes)
+            touched, labels, folds, lambda known, parts: decide(x, known, parts, classes, touched)
         )
-        return Judged(Candidate.screened(config), correct, len(labels) - len(touched))
+        return Judged(Candidate.screened(config), correct, len(labels) - len(np.unique(touched)))
 
     def gates(self, base: Record, progress: Callable[[int, int], None]) -> list[list[AcceleratorConfig]]:
-        """Candidates with means alone: of each gate all windows, the longest touch and the usual pace first;
-        then a preset each. No label is looked at."""
+        """Candidates with means alone: of each gate all windows, those of the longest touch that nearly all
+        recordings hold and of the usual pace first; then a preset each. No label is looked at."""
         recordings, by_gate = self.recordings, list[list[AcceleratorConfig]]()
         rules = gates(recordings.subset(recordings.evenly(MEASURED_ON)), base)
         for number, gate in enumerate(rules):
@@ -227,9 +274,13 @@ class Screen:
             single = for_recordings(AcceleratorConfig(), recordings, **base, **gate, hop=1, window=2, steps=1)
             touches = self.touches(single)
             if len(touches) >= 2:
-                length, at_once = self._common_length(touches), gate["onset"] == "immediate"
-                sets = window_sets(length, recordings.sample_rate_hz, at_once)
+                ends, at_once = self.ends(touches), gate["onset"] == "immediate"
+                sets = window_sets(ends, recordings.sample_rate_hz, at_once)
                 by_gate.append([single.replace(**windows) for windows in sets])
+                held = np.zeros(len(recordings), dtype=np.int64)
+                held[touches.recording] = recordings.lengths[touches.recording] - touches.onset_frame
+                for config in (config for config in by_gate[-1] if config.last_frame > ends[0]):
+                    self._quarters[config] = 4 * np.minimum(held, config.last_frame) // config.last_frame
         names = [name for name in CONVERTERS if fits_sensor(PRESETS[name], recordings)]
         return by_gate + [[for_recordings(PRESETS[name], recordings, name=name)] for name in names]
 
@@ -276,8 +327,8 @@ class FrontEnds:
         return self.inside[np.isin(self.looked_at[self.inside], numbers)]
 
     def gram(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(places in ``rows`` of recordings with a completed window, their ``gram_of``). What parts need of
-        it is kept."""
+        """(places in ``rows`` of recordings with a completed window, their ``gram_of``), as `Screen.features`
+        has them. What parts need of it is kept."""
         touched, gram = self._grams.get(config, (None, None))
         if touched is None or gram is None or len(rows) > len(self.inside):
             touched, x = self.screen.features(config)
@@ -295,18 +346,19 @@ class Judge:
     def __init__(
         self, front_ends: FrontEnds, rows: np.ndarray, folds: Sequence[np.ndarray], talks: bool = False
     ) -> None:
-        self.front_ends, self._rows, self._folds = front_ends, rows, folds
+        self.front_ends, self.rows, self._folds = front_ends, rows, folds
         self._labels = front_ends.recordings.labels[rows]
         self._talks = talks
         self.judged: dict[AcceleratorConfig, Judged] = {}
 
     def __call__(self, config: AcceleratorConfig) -> Judged:
         if config not in self.judged:
-            touched, gram = self.front_ends.gram(config, self._rows)
+            touched, gram = self.front_ends.gram(config, self.rows)
             classes = len(self.front_ends.recordings.class_names)
-            decide = lambda labels, folds: ridge_decisions(gram, labels, folds, classes)
+            decide = lambda labels, folds: ridge_decisions(gram, labels, folds, classes, touched)
             correct = decided_correctly(touched, self._labels, self._folds, decide)
-            self.judged[config] = Judged(Candidate.screened(config), correct, len(correct) - len(touched))
+            missed = len(correct) - len(np.unique(touched))
+            self.judged[config] = Judged(Candidate.screened(config), correct, missed)
             if self._talks:
                 done = len(self.judged)
                 self.front_ends.progress("front ends judged", done, max(80, done))
@@ -326,10 +378,14 @@ def _how_many(recordings: Recordings) -> int:
 # ---------------------------------------------------------------------- the search
 def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
     """The front ends judged, best first, by the coordinates that the module describes; ``brief``: of every
-    gate three sets of windows, and nothing behind the kinds of feature."""
-    by_gate, screen = judge.front_ends.by_gate, judge.front_ends.screen
+    gate three sets of windows, and behind the kinds of feature fewer scans alone."""
+    screen = judge.front_ends.screen
+    by_gate = [
+        [config for config in configs if not screen.length_tells(config, judge.rows)]
+        for configs in judge.front_ends.by_gate
+    ]
     if brief:
-        by_gate = [list(dict.fromkeys([*configs[:2], configs[-1]])) for configs in by_gate]
+        by_gate = [list(dict.fromkeys([*configs[:2], *_longer(configs), configs[-1]])) for configs in by_gate]
     first = judge.all(config for configs in by_gate for config in configs[:2])
     close = [
         configs
@@ -340,12 +396,14 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
     for one in means[:SURVIVORS]:
         config = one.candidate.front_end
         judge.all(features(config, screen.knee(config)))
-    if brief:
-        return judge.all(list(judge.judged))
-    judge.all(_around(most_accurate(list(judge.judged.values())).candidate.front_end, by_gate))
-    budget = DESCENT
-    while True:
-        at = choose(list(judge.judged.values()), market).candidate
+    if not brief:
+        judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
+    judged = list(judge.judged.values())
+    for one in dict.fromkeys([choose(judged, market), *[best_of(judged)] * (not brief)]):
+        judge.all(_fewer_scans(one.candidate.front_end, by_gate))
+    budget, judged = DESCENT, judge.all(list(judge.judged))
+    while not brief:
+        at = choose(judged, market).candidate
         price = market.price(at.config)
         cheaper = [
             config
@@ -354,8 +412,10 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
         ][:budget]
         budget -= len(cheaper)
         judge.all(cheaper)
-        if not cheaper or choose(list(judge.judged.values()), market).candidate == at:
-            return judge.all(list(judge.judged))
+        judged = judge.all(list(judge.judged))
+        if not cheaper or choose(judged, market).candidate == at:
+            break
+    return judged
 
 
 @dataclass(frozen=True)
@@ -363,12 +423,14 @@ class Listed:
     """Front ends that networks are tried on.
 
     taken: the one that the rule takes. smaller: it, the most accurate one, and those that the rule takes of
-    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates.
+    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates. sturdier: of the
+    others what `sturdier` makes of them, where networks are judged under disturbance.
     """
 
     taken: AcceleratorConfig
     smaller: tuple[AcceleratorConfig, ...]
     rivals: tuple[AcceleratorConfig, ...] = ()
+    sturdier: tuple[AcceleratorConfig, ...] = ()
 
     @classmethod
     def alone(cls, config: AcceleratorConfig) -> Listed:
@@ -378,17 +440,19 @@ class Listed:
     @property
     def for_recurrent(self) -> list[AcceleratorConfig]:
         """TRIED_RECURRENT at most, the one taken first."""
-        order = (self.taken, self.smaller[0], *self.rivals, *self.smaller)
+        order = self.sturdier or (self.taken, self.smaller[0], *self.rivals, *self.smaller)
         return list(dict.fromkeys(order))[:TRIED_RECURRENT]
 
 
-def listed(judged: Sequence[Judged], market: Market) -> Listed:
-    """The front ends to try networks on; none is HOPELESS.
+def listed(
+    judged: Sequence[Judged], market: Market, screen: Screen | None = None, stress: Stress | None = None
+) -> Listed:
+    """The front ends to try networks on; none is HOPELESS. screen, stress: what sturdier ones take.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
     """
-    taken, best = choose(judged, market), most_accurate(judged)
+    taken, best = choose(judged, market), best_of(judged)
     near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
     groups = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
     groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]
@@ -399,12 +463,67 @@ def listed(judged: Sequence[Judged], market: Market) -> Listed:
         if _kind_of_gate(one) != _kind_of_gate(taken):
             rivals.setdefault(_kind_of_gate(one), one.candidate.front_end)
     unique = dict.fromkeys(one.candidate.front_end for one in smaller)
-    return Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
+    found = Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
+    if screen is None or stress is None:
+        return found
+    hard = [sturdier(one, screen, stress.false_onsets) or one for one in found.for_recurrent]
+    return dataclasses.replace(found, sturdier=tuple(dict.fromkeys(hard)))
 
 
 def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:
     config = one.candidate.front_end
     return "preset" if config.name in PRESETS else (config.rest_level.rest, config.opens_at_once)
+
+
+def _longer(configs: Sequence[AcceleratorConfig]) -> list[AcceleratorConfig]:
+    """Those of a gate with all steps that end after the first."""
+    return [one for one in configs if one.windows.steps == STEPS and one.last_frame > configs[0].last_frame]
+
+
+GATES = ((1, 1, 1.0), (3, 4, 1.0), (5, 6, 1.0), (3, 4, 1.5), (5, 6, 1.5), (5, 6, 2.0), (5, 6, 3.0))
+"""Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
+the rule's mean for four judged frames."""
+
+CLIPPED, CLIP_OVER = 0.01, 1.2
+"""A sturdier clip is so many times what this share of a touch's samples is beyond."""
+
+
+def sturdier(
+    config: AcceleratorConfig, screen: Screen, false_onsets: Callable[[AcceleratorConfig], float]
+) -> AcceleratorConfig | None:
+    """``config`` with a tracked rest level, the first of GATES that a disturbance before the touch does not open
+    (else the one that it opens least), and a clip near the largest deviations; where it opens at once with a
+    level that is taken off. None: it is that already, or no accelerator has it. No label is looked at."""
+    if config.onset_rule.onset == "band":
+        return None
+    settle = config.rest_level.rest_frames or settling_frames(config.sensor.sample_rate_hz)
+    rest = "initial" if config.opens_at_once else "tracked"
+    level = _valid(config, rest=rest, rest_frames=settle)
+    if level is None or not len(touches := screen.touches(level)):
+        return None
+    touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
+    clip = int(np.ceil(CLIP_OVER * np.quantile(np.concatenate(touched), 1 - CLIPPED)))
+    clip = min(max(clip, 1), config.rest_level.clip or 65535)
+    rule = config.onset_rule
+    gates: list[Record] = [{}]
+    if not config.opens_at_once:
+        gates = [
+            dict(onset_hits=hits, onset_span=span, onset_threshold=max(1, round(over * rule.onset_threshold)))
+            for hits, span, over in GATES
+        ]
+    tried = [
+        one
+        for gate in gates
+        if (one := _valid(level, clip=max(clip, 2 * gate.get("onset_threshold", 0)), **gate))
+    ]
+    best, least = None, np.inf
+    for one in tried:
+        opened = 0.0 if config.opens_at_once else false_onsets(one)
+        if opened < least:
+            best, least = one, opened
+        if not least:
+            break
+    return None if best is None or best == config.replace(name=best.name) else best
 
 
 def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> Iterator[AcceleratorConfig]:
@@ -422,9 +541,9 @@ def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> 
 
 
 def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
-    """Neighbours with fewer kinds, two thirds of the windows, windows of two thirds the length."""
+    """Neighbours with half the scans, fewer kinds, two thirds of the windows, windows of two thirds the length."""
     windows, kinds = at.windows, at.features.feature_kinds
-    tried: list[AcceleratorConfig | None] = []
+    tried = [_scanning_half(at)]
     if len(kinds) > 1:
         tried += [_valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
     if windows.window_mode == "free":
@@ -433,6 +552,57 @@ def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
         tried.append(_valid(at, steps=max(2 * windows.steps // 3, 1)))
         tried.append(_valid(at, hop=shorter, window=2 * shorter, activity_block=block))
     return filter(None, tried)
+
+
+def _scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
+    """``at`` with half the scans: what counts frames keeps its time. A rest level for an onset is the mean of as many
+    frames as before, since their noise stays. None where a hop or a block does not divide, or windows do not run on
+    from hop to hop."""
+    windows, features, rule, rest = at.windows, at.features, at.onset_rule, at.rest_level
+    if windows.window_mode != "free" or windows.hop % 2 or at.faults.fault_frames == 2:
+        return None
+    hop, block = windows.hop // 2, features.activity_block
+    if block > 1:
+        block = block_of(hop) if block % 2 else block // 2
+    return _valid(
+        at,
+        scan_every=2 * at.sensor.scan_every,
+        rest_frames=-(-rest.rest_frames // 2) if at.opens_at_once else rest.rest_frames,
+        onset_mean_frames=max(rule.onset_mean_frames // 2, 1),
+        onset_check_frames=max(rule.onset_check_frames // 2, 1),
+        rearm_frames=-(-rule.rearm_frames // 2),
+        fault_frames=at.faults.fault_frames // 2,
+        hop=hop,
+        window=2 * hop,
+        activity_block=block,
+        # sums of half the frames
+        compand_knee=max(features.compand_knee - 1, 0),
+        integral_knee=max(features.integral_knee - 1, 0),
+    )
+
+
+def _fewer_scans(
+    best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]
+) -> Iterator[AcceleratorConfig]:
+    """The best at every ``scan_every``, also with hops of whole eighths. Means of fewer frames are noisier and a single
+    frame weighs more in them: so with every threshold of gates of its kind, and with deviations clipped at twice that."""
+    rests, onset, hop = best.rest_level, best.onset_rule.onset, best.windows.hop
+    rules = [(best.onset_rule.onset_threshold, rests.clip)]
+    if onset == "baseline":
+        alike = [
+            configs[0].onset_rule.onset_threshold
+            for configs in by_gate
+            if (configs[0].rest_level.rest, configs[0].onset_rule.onset) == (rests.rest, onset)
+        ]
+        thresholds = dict.fromkeys([best.onset_rule.onset_threshold, *alike])
+        rules = [(threshold, clip) for threshold in thresholds for clip in (rests.clip, 2 * threshold)]
+    for whole in dict.fromkeys((hop, max(hop - hop % 8, 1))):
+        block = block_of(whole) if best.features.activity_block > 1 else 1
+        windows = dict(hop=whole, window=2 * whole, activity_block=block) if whole != hop else {}
+        for threshold, clip in rules:
+            at = _valid(best, onset_threshold=threshold, clip=min(clip, 65535), **windows)
+            while at and (at := _scanning_half(at)):
+                yield at
 
 
 def _same_gate(one: AcceleratorConfig, other: AcceleratorConfig) -> bool:
@@ -466,25 +636,29 @@ def gates(recordings: Recordings, base: Record) -> list[Record]:
     return candidates
 
 
-def window_sets(available: int, rate: float, at_once: bool) -> list[dict[str, int]]:
-    """Hop, window and steps: 20 and 10 windows over all, half and a quarter of the ``available`` frames, and
-    at the usual pace (48 ms after an onset, 200 ms where the gate opens at once). The first two are the
-    longest touch and the usual pace."""
+def window_sets(ends: Sequence[int], rate: float, at_once: bool) -> list[dict[str, int]]:
+    """Hop, window and steps: 20 and 10 windows over all, half and a quarter of the frames ``ends[0]``, over
+    all of each other of ``ends``, and at the usual pace (48 ms after an onset, 200 ms where the gate opens at
+    once). The first two are all of ``ends[0]`` and the usual pace."""
+    common, *longer = ends
     pace = max(round((0.2 if at_once else 0.048) * rate), 4)
-    hops = [(available // (STEPS + 1), STEPS), (min(pace, available // (STEPS + 1)), STEPS)]
+    fit = -(-common // (STEPS + 1))
+    tried = [(common, fit, STEPS), (common, min(pace, fit), STEPS)]
     for steps in (STEPS, STEPS // 2):
-        fit = available // (steps + 1)
-        hops += [(fit, steps), (fit // 2, steps), (fit // 4, steps), (min(pace, fit), steps)]
+        tried += [(end, -(-end // (steps + 1)), steps) for end in longer]
+        fit = -(-common // (steps + 1))
+        tried += [(common, hop, steps) for hop in (fit, fit // 2, fit // 4, min(pace, fit))]
     sets = []
-    for hop, steps in hops:
+    for available, hop, steps in tried:
         hop = int(np.clip(hop, 1, 65535))
-        hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)  # blocks of activity divide a hop
+        # blocks of activity divide a hop; up, and so fewer windows, because down they would not reach the end
+        hop += -hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)
         if available < 2 * hop:
             continue
         steps = max(1, min(steps, available // hop - 1))
         sets.append(dict(hop=hop, window=2 * hop, steps=steps))
     if not sets:
-        sets = [dict(hop=1, window=2, steps=max(1, min(STEPS, available - 1)))]
+        sets = [dict(hop=1, window=2, steps=max(1, min(STEPS, common - 1)))]
     return [windows for index, windows in enumerate(sets) if windows not in sets[:index]]
 
 

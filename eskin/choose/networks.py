@@ -25,12 +25,12 @@ from typing import Any
 
 import numpy as np
 
-from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
+from eskin.choose.candidate import Candidate, Judged, best_of, choose
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
 from eskin.golden.model import with_network
-from eskin.training.crossval import Piece, Terms, judge_pieces, share_right
+from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 
 AUTO = "auto"
@@ -46,6 +46,9 @@ WEAK_PENALTY = 10.0
 where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving forces out; 0.1 is behind on
 both, 100 level."""
 
+STURDY, ROBUST = "sturdy", "robust"
+"""Fits that are tried where candidates are judged under disturbance: of linear cells, and of recurrent ones."""
+
 SQUARES: Record = {"name": "least squares", "squares": True}
 FITS: dict[str, Record] = {
     "linear": {},
@@ -53,6 +56,7 @@ FITS: dict[str, Record] = {
     "weak penalty": {"name": "weak penalty", "penalty": WEAK_PENALTY, **AS_RECORDED},
     "least squares": SQUARES,
     "least squares, not augmented": {**SQUARES, "name": "least squares, not augmented", **AS_RECORDED},
+    STURDY: {**SQUARES, "name": STURDY, "sturdy": 1e-2, **AS_RECORDED},
 }
 """How fits of a linear cell differ from the configuration's recipe, in the order of preference."""
 ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squares"}
@@ -63,19 +67,26 @@ ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squar
 class Effort:
     """How much is tried.
 
-    fits, units: of linear cells and of GRUs. share: of a recurrent network's updates one part in so many.
+    fits, units: of linear cells and of GRUs. robust: units of GRUs that are trained with failing taxels.
+    share: of a recurrent network's updates one part in so many.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
     candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
     standard error.
     """
 
-    fits: tuple[str, ...] = tuple(FITS)
+    fits: tuple[str, ...] = tuple(fit for fit in FITS if fit != STURDY)
     units: tuple[int, ...] = GRU_UNITS
+    robust: tuple[int, ...] = ()
     share: int = 1
     probe: int = 12
     probe_share: int = 2
     seeds: int = 1
     brief: bool = False
+
+    @property
+    def under_stress(self) -> Effort:
+        """With what is judged under disturbance only."""
+        return dataclasses.replace(self, fits=(*self.fits, STURDY), robust=self.units[1:])
 
 
 INSIDE = Effort(
@@ -112,6 +123,12 @@ class Wish:
         """
         config = self.network(on, cell, hidden)
         recipe = choose_recipe(config, self.protocol)
+        if fit == ROBUST:
+            return Candidate(
+                on,
+                config,
+                dataclasses.replace(choose_recipe(config, ROBUST), name=ROBUST, updates=recipe.updates),
+            )
         fit = fit if recipe.augments else ALIKE.get(fit, fit)
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)
 
@@ -194,11 +211,11 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
         tried.extend(outcomes)
         return outcomes
 
-    def best_of(probes: Sequence[Candidate]) -> Generator[Round, list[Judged], Candidate]:
+    def best_probe(probes: Sequence[Candidate]) -> Generator[Round, list[Judged], Candidate]:
         # the best, not the cheapest that is level: with few updates short touches look better than they are
         outcomes = yield from asked(probes, effort.probe_share)
         outcomes.sort(key=lambda one: market.price(one.config))
-        return most_accurate(outcomes).candidate
+        return best_of(outcomes).candidate
 
     cell, hidden = ("gru", effort.probe) if wish.open else (None, None)
     probes = usable(wish.possible(on, cell, hidden) for on in front_ends.for_recurrent)
@@ -211,20 +228,22 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
             )
         if len(probes) < 2 or not probes[0].config.recurrent:
             return probes[0], []
-        return (yield from best_of(probes)), []
+        return (yield from best_probe(probes)), []
     cheapest, *others = front_ends.smaller
     fits = {fit: wish.possible(cheapest, "linear", None, fit) for fit in effort.fits}
     first = yield from judged(fits.values())
     if first and not any(one.settled for one in first):
-        best = most_accurate(first).candidate
+        best = best_of(first).candidate
         fit = next(fit for fit, candidate in fits.items() if candidate == best)
-        yield from judged(wish.possible(on, "linear", None, fit) for on in others)
+        yield from judged(wish.possible(on, "linear", None, fit) for on in (*others, *front_ends.sturdier))
     on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
-        on = (yield from best_of(probes)).front_end
+        on = (yield from best_probe(probes)).front_end
     units = yield from judged(wish.possible(on, "gru", count) for count in effort.units)
-    if len(units) > 1 and goes_on(tried):
-        yield from judged([wish.possible(on, "gru", LARGER_UNITS)])
+    robust = yield from judged(wish.possible(on, "gru", count, ROBUST) for count in effort.robust)
+    if len(units) > 1 and goes_on(tried if not robust else [*tried[: -len(robust)], *robust]):
+        fit = ROBUST if robust and best_of(robust).score > best_of(units).score else ""
+        yield from judged([wish.possible(on, "gru", LARGER_UNITS, fit)])
     if not tried:
         board = f" and the board {market.board}" if market.named else ""
         raise InputError(
@@ -232,11 +251,11 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
             "with --cell and --hidden"
         )
     if effort.seeds > 1:
-        most = most_accurate(tried).accuracy
+        most = best_of(tried).score
         near = [
             one
             for one in tried
-            if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not beaten(one.candidate)
+            if most - one.score <= OUT_OF_REACH * one.score_standard_error and not beaten(one.candidate)
         ]
         more = yield Round([one.candidate for one in near], effort.share, other_seeds=True)
         further = {one.candidate: one for one in more}
@@ -248,9 +267,9 @@ def goes_on(tried: Sequence[Judged]) -> bool:
     """GRU 12, the last of ``tried``, is not level: below the best, or still better than GRU 8, by more than a
     standard error."""
     *_, eight, twelve = tried
-    best = most_accurate(tried)
-    below = best.accuracy - twelve.accuracy > best.standard_error
-    rising = twelve.accuracy - eight.accuracy > max(eight.standard_error, twelve.standard_error)
+    best = best_of(tried)
+    below = best.score - twelve.score > best.score_standard_error
+    rising = twelve.score - eight.score > max(eight.score_standard_error, twelve.score_standard_error)
     return below or rising
 
 
@@ -288,10 +307,9 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
             for number in numbers
             for test in parts[number].tests
         ]
+        called = terms.called(candidate.network["cell"])
         try:
-            runs = judge_pieces(
-                terms.datasets, pieces, int(seeds[0]), terms.called(candidate.network["cell"])
-            )
+            trained = train_pieces(terms.datasets, pieces, int(seeds[0]), called)
         except InputError:
             if candidate.config.recurrent:
                 raise
@@ -300,11 +318,31 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
         owners = [number for _ in seeds for number in numbers for _ in parts[number].tests]
         for at, number in enumerate(owners):
             of_number[number].append(at)
+        runs = [network.decided() for network in trained]
         for number, places in of_number.items():
-            own = [runs[at] for at in places]
+            own, rows = [runs[at] for at in places], parts[number].rows
             right = share_right(terms.recordings.labels, [pieces[at].test for at in places], own)
-            answers[number].append(Judged(candidate, right[parts[number].rows], runs=tuple(own)))
+            wrong = _wrong(candidate, [trained[at] for at in places], terms)
+            one = Judged(candidate, right[rows], runs=tuple(own), stress=terms.stress)
+            answers[number].append(dataclasses.replace(one, wrong=None if wrong is None else wrong[:, rows]))
     return answers
+
+
+def _wrong(candidate: Candidate, networks: Sequence[Trained], terms: Terms) -> np.ndarray | None:
+    """(cases, recordings) the share of the networks that were wrong under each disturbance, of those that had
+    not seen the recording."""
+    if terms.stress is None:
+        return None
+    tests = [network.piece.test for network in networks]
+    told = [
+        terms.stress.wrong(candidate.config, network.integer, test)
+        for network, test in zip(networks, tests, strict=True)
+    ]
+    total, judged = np.zeros((len(told[0]), len(terms.recordings))), np.zeros(len(terms.recordings))
+    for wrong, test in zip(told, tests, strict=True):
+        total[:, test] += wrong
+        judged[test] += 1
+    return total / np.maximum(judged, 1)
 
 
 def shortened(candidate: Candidate, share: int) -> Recipe:

@@ -6,15 +6,17 @@ end, or without this network.
 - an RBF-SVM on the same features: no hardware for it here, so a gap to it is what a larger model might bring;
 - the linear classifier on whole recordings, cut in PARTS equal parts: mean, deviation and change of every
   taxel in each. It knows no onset, no window and no fixed point, and sees the whole recording: a gap to it is
-  what the front end loses.
+  what the front end loses;
+- an RBF-SVM and a random forest on `statistics` of whole recordings: what a competent person tries first.
 """
 
 import itertools
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
-from eskin.choose.front_ends import Screen, blocked_ridge
+from eskin.choose.front_ends import Decide, Screen, blocked_ridge, others
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
 from eskin.training.fit import one_thread
@@ -27,52 +29,93 @@ PENALTY = 10.0
 """Inverse penalty of the RBF-SVM; its width is scikit-learn's ``scale``."""
 
 
-def raw_features(recordings: Recordings) -> np.ndarray:
-    """(recordings, 3 x PARTS x taxels): mean, standard deviation and mean absolute change of each taxel in
-    each part, each column of mean 0 and deviation 1 over the recordings. Parts of recordings shorter than
-    PARTS frames share frames."""
+BANDS = 8
+"""Equal bands of frequency, from above 0 to half of the rate."""
+
+TREES = 100
+"""Of a random forest."""
+
+JUDGED_ON = 1000
+"""Recordings that forests and support vectors on statistics are judged on at most."""
+
+
+def statistics(recordings: Recordings) -> dict[str, np.ndarray]:
+    """What a competent person would compute of whole recordings and of PARTS equal parts of each, a table
+    (recordings, columns) a statistic.
+
+    mean, spread (standard deviation) and activity (mean absolute change) of every taxel in the whole and in
+    each part; first minus last: the mean of the first part less that of the last; spectrum: the logarithm of
+    the energy in BANDS of each taxel. Parts of recordings shorter than PARTS frames share frames.
+    """
     rows = []
     for number in range(len(recordings)):
         samples = recordings.recording(number).astype(np.float64)
         edges = np.linspace(0, len(samples), PARTS + 1).astype(int)
         parts = [samples[min(a, len(samples) - 1) : max(b, a + 1)] for a, b in itertools.pairwise(edges)]
+        parts = [*parts, samples]
+        mean = [part.mean(axis=0) for part in parts]
         change = [np.abs(np.diff(part, axis=0)).sum(axis=0) / len(part) for part in parts]
-        rows.append(
-            np.concatenate(
-                [part.mean(axis=0) for part in parts] + [part.std(axis=0) for part in parts] + change
-            )
-        )
-    features = np.array(rows)
+        energy = np.abs(np.fft.rfft(samples - mean[-1], axis=0)[1:]) ** 2
+        bands = [band.sum(axis=0) for band in np.array_split(energy, BANDS)]
+        spectrum = np.log(np.array(bands) + 1.0)  # of codes: less than one is nothing
+        rows.append((mean, [part.std(axis=0) for part in parts], change, mean[0] - mean[-2], spectrum))
+    tables = zip(*rows, strict=True)
+    return {
+        name: np.array(table).reshape(len(rows), -1) for name, table in zip(STATISTICS, tables, strict=True)
+    }
+
+
+STATISTICS = ("mean", "spread", "activity", "first minus last", "spectrum")
+"""In the order of `statistics`."""
+
+
+def scaled(features: np.ndarray) -> np.ndarray:
+    """Each column with mean 0 and deviation 1 over the recordings."""
     deviation = features.std(axis=0)
     return (features - features.mean(axis=0)) / np.where(deviation > 0, deviation, 1.0)
 
 
-class SupportVectors:
-    """Support vectors with a radial basis function, one against one, in the place of ``blocked_ridge``;
-    multiplies: of a decision, mean over the fits so far."""
+def raw_features(recordings: Recordings) -> np.ndarray:
+    """(recordings, 3 x PARTS x taxels): mean, spread and activity of each part, `scaled`."""
+    tables = statistics(recordings)
+    own = PARTS * recordings.taxels
+    return scaled(np.concatenate([tables[name][:, :own] for name in STATISTICS[:3]], axis=1))
 
-    def __init__(self) -> None:
-        self._multiplies: list[int] = []
 
-    @property
-    def multiplies(self) -> int:
-        return round(float(np.mean(self._multiplies or [0])))
+def by_folds(model: Callable[[], Any]) -> Decide:
+    """Fits of ``model`` in the place of ``blocked_ridge``."""
 
-    def __call__(
-        self, x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int
+    def decide(
+        x: np.ndarray,
+        labels: np.ndarray,
+        folds: Sequence[np.ndarray],
+        classes: int,
+        owner: np.ndarray | None = None,
     ) -> np.ndarray:
-        from sklearn.svm import SVC
-
-        decided = np.empty(len(x), dtype=np.int64)
+        decided = np.full(len(x), -1)
         for fold in folds:
-            train = np.setdiff1d(np.arange(len(x)), fold)
-            if len(np.unique(labels[train])) < 2:
-                decided[fold] = labels[train][0] if len(train) else -1
-                continue
-            model = SVC(C=PENALTY).fit(x[train], labels[train])
-            decided[fold] = model.predict(x[fold])
-            self._multiplies.append(len(model.support_) * (x.shape[1] + classes))
+            train = others(np.arange(len(x)) if owner is None else owner, fold)
+            if len(np.unique(labels[train])) > 1:
+                decided[fold] = model().fit(x[train], labels[train]).predict(x[fold])
+            elif len(train):
+                decided[fold] = labels[train][0]
         return decided
+
+    return decide
+
+
+def support_vectors() -> Any:
+    """With a radial basis function, one against one."""
+    from sklearn.svm import SVC
+
+    return SVC(C=PENALTY)
+
+
+def forest() -> Any:
+    """A random forest, the same every time."""
+    from sklearn.ensemble import RandomForestClassifier
+
+    return RandomForestClassifier(TREES, random_state=0, n_jobs=-1)
 
 
 def linear_yardsticks(
@@ -95,30 +138,53 @@ def yardsticks(
     config: AcceleratorConfig,
     groups: Sequence[str],
     folds: int,
+    accuracy: float = 1.0,
     progress: Callable[[str, int, int], None] = lambda task, done, total: None,
 ) -> list[Record]:
-    """What RBF-SVM and whole recordings reach when ``groups`` are left out.
+    """What others reach when ``groups`` are left out: support vectors on the network's features, and on whole
+    recordings a linear classifier, support vectors and a random forest.
+
+    Parameters
+    ----------
+    accuracy:
+        The network's. Where the best of the last two is more than two standard errors better, it is fitted
+        again without each of STATISTICS.
 
     Returns
     -------
-    {name, groups, accuracy, standard_error (over recordings), multiplies (of a touch), hardware (False), whole
-    (it sees whole recordings)} each.
+    {name, groups, accuracy, standard_error (over recordings), multiplies (of a touch; 0: compares), hardware
+    (False), whole (it sees whole recordings)} each; without: {statistic: accuracy}, where it was fitted again.
     """
-    parts = split_folds(recordings, groups, folds, None)
-    vectors = SupportVectors()
-    by_vectors = Screen(recordings).judged(config, parts, vectors).correct
-    progress("judged", 1, 2)
-    x, classes = raw_features(recordings), len(recordings.class_names)
-    whole = blocked_ridge(x, recordings.labels, [part for part in parts if len(part)], classes)
-    progress("judged", 2, 2)
-    correct, multiplies = whole == recordings.labels, x.shape[1] * classes
-    return [
-        _row("RBF-SVM on the same features", groups, by_vectors, vectors.multiplies),
-        _row("linear classifier on whole recordings", groups, correct, multiplies) | {"whole": True},
-    ]
+    parts, classes = split_folds(recordings, groups, folds, None), len(recordings.class_names)
+    name = "RBF-SVM on the same features"
+    rows = [_row(name, groups, Screen(recordings).judged(config, parts, by_folds(support_vectors)).correct)]
+    progress(name, 1, 4)
+    x, parts = raw_features(recordings), [part for part in parts if len(part)]
+    name = "linear classifier on whole recordings"
+    correct = blocked_ridge(x, recordings.labels, parts, classes) == recordings.labels
+    rows.append(_row(name, groups, correct) | {"multiplies": x.shape[1] * classes, "whole": True})
+    progress(name, 2, 4)
+
+    few = recordings.subset(recordings.evenly(JUDGED_ON))
+    tables, parts = statistics(few), [part for part in split_folds(few, groups, folds, None) if len(part)]
+
+    def judged(decide: Decide, names: Sequence[str]) -> np.ndarray:
+        x = scaled(np.concatenate([tables[name] for name in names], axis=1))
+        return decide(x, few.labels, parts, classes, np.arange(len(x))) == few.labels
+
+    kinds = {"RBF-SVM": by_folds(support_vectors), "random forest": by_folds(forest)}
+    for number, (name, decide) in enumerate(kinds.items()):
+        name = f"{name} on statistics of whole recordings"
+        rows.append(_row(name, groups, judged(decide, STATISTICS)) | {"whole": True})
+        progress(name, 3 + number, 4)
+    best, decide = max(zip(rows[2:], kinds.values(), strict=True), key=lambda pair: pair[0]["accuracy"])
+    if best["accuracy"] - accuracy > 2 * best["standard_error"]:
+        rest = {left: [name for name in STATISTICS if name != left] for left in STATISTICS}
+        best["without"] = {left: float(judged(decide, names).mean()) for left, names in rest.items()}
+    return rows
 
 
-def _row(name: str, groups: Sequence[str], correct: np.ndarray, multiplies: int) -> Record:
+def _row(name: str, groups: Sequence[str], correct: np.ndarray, multiplies: int = 0) -> Record:
     return {
         "name": name,
         "groups": list(groups),

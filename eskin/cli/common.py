@@ -222,16 +222,9 @@ def integer_model(folder: Path):
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said."""
     from eskin.data import load_recordings
-    from eskin.golden.data import check_fit, rescaled
+    from eskin.golden.data import for_model
 
-    loaded = load_recordings(data, config=config)
-    recordings = rescaled(loaded, config)
-    for note in recordings.notes[len(loaded.notes) :]:
-        warn(f"recordings '{data}': {note}")
-    if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
-        recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
-    check_fit(recordings, config)
-    return recordings
+    return for_model(load_recordings(data, config=config), config, warn)
 
 
 def how_many(text: str) -> int | None:

@@ -39,7 +39,7 @@ def inspect(asked: InspectRequest) -> Record:
 def convert(asked: ConvertRequest) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
     from eskin.data import Reading, image_size, load_recordings, resized
-    from eskin.golden.data import check_fit, rescaled, save_archive
+    from eskin.golden.data import for_model, save_archive
 
     if asked.out.suffix != ".npz":
         raise InputError(f"--out {asked.out}: is no archive's name; end it in .npz")
@@ -73,9 +73,7 @@ def convert(asked: ConvertRequest) -> None:
                 f"--like {asked.like}: its samples are in {unit}, those of '{asked.source}' in {recordings.unit}; bring them to one "
                 "unit"
             )
-        recordings = recordings.of_classes(model.network.class_names, f"--like {asked.like}")
-        recordings = rescaled(recordings, model)
-        check_fit(recordings, model)
+        recordings = for_model(recordings, model)
     if asked.size is not None:
         recordings = resized(recordings, *image_size(asked.size))
     save_archive(recordings, asked.out)
@@ -96,6 +94,7 @@ def _sensor_of(like: Path) -> tuple[AcceleratorConfig, tuple[str, ...], str]:
     if of.image_shape:
         raise InputError(f"--like {like}: holds images, which have no scale; leave it out")
     sensor: Record = {
+        "name": f"--like {like}",
         "taxels": of.taxels,
         "sample_rate_hz": of.sample_rate_hz,
         "sample_bits": of.sample_bits,

@@ -26,6 +26,7 @@ def run(asked: RunRequest) -> Record:
         seeds=asked.seeds,
         prefer=asked.prefer,
         fits=asked.fits,
+        stress=asked.stress,
         test=asked.test,
         name=asked.name,
         console=messages,

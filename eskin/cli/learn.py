@@ -33,6 +33,7 @@ def train(asked: TrainRequest) -> None:
     from eskin.choose.networks import check_units
     from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
+    from eskin.study.stability.panel import panel_of
     from eskin.training.image_models import KEPT
     from eskin.training.splits import check_split
     from eskin.verbs.cost import market
@@ -66,6 +67,7 @@ def train(asked: TrainRequest) -> None:
             protocol=asked.protocol,
             progress=report,
             of_images={"keep": Memo(KEPT)},
+            stress=panel_of(recordings, asked.stress),
         )
     show("train", **record, network_name=network_name, windows_brief=windows_brief, out=asked.out)
 
@@ -112,7 +114,6 @@ def enrol(asked: EnrolRequest) -> Record:
             f"eskin enrol, {'MODEL' if asked.model is None else 'option --out'}: is missing; or judge enrolment "
             "with --evaluate"
         )
-    from eskin.data import load_recordings
     from eskin.golden.model import check_model_target, load_config
     from eskin.teach.enrol import enrol as train_on
 
@@ -127,7 +128,7 @@ def enrol(asked: EnrolRequest) -> Record:
                     f"eskin enrol --teach, option {name}: is for what is trained, and --teach trains nothing; "
                     "leave it out"
                 )
-        result = teach_folder(asked.model, load_recordings(asked.teach, config=config_of_model), asked.out)
+        result = teach_folder(asked.model, recordings_for(asked.teach, config_of_model), asked.out)
         show("teach", **result, out=asked.out)
         return result
     if asked.data is None:
@@ -135,7 +136,7 @@ def enrol(asked: EnrolRequest) -> Record:
             "eskin enrol, option --data: is missing; name a few touches of each class, or --teach FEW for a "
             "model that is taught"
         )
-    few = load_recordings(asked.data, config=config_of_model)
+    few = recordings_for(asked.data, config_of_model)
     old = None if asked.with_ is None else recordings_for(asked.with_, config_of_model)
     with progress_bars() as report:
         result = train_on(

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,15 @@ import numpy as np
 
 from eskin.data.meaning import CLASS, whole
 from eskin.data.table import TIME, Reading, Refuse, Table, table_of
+from eskin.golden.core import Arrays
 from eskin.golden.data.recordings import check_offsets, natural
 
 SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
 LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
 CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
 """What an array may be called, in the order of preference."""
+Names = tuple[str, ...]
+Facts = dict[str, Any]
 
 
 @dataclass
@@ -29,8 +31,8 @@ class Group:
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     groups: dict[str, Group] = field(default_factory=dict)
-    attributes: dict[str, Any] = field(default_factory=dict)
-    of_arrays: dict[str, dict[str, Any]] = field(default_factory=dict)
+    attributes: Facts = field(default_factory=dict)
+    of_arrays: dict[str, Facts] = field(default_factory=dict)
 
     def take(self, name: str, array: np.ndarray) -> None:
         """An array under its name; a single value is an attribute, too, and fields are a group."""
@@ -67,7 +69,7 @@ def tables_of(
     alone:
         The file is the whole source, no recording of a folder by class.
     from_one:
-        Labels that are numbers from 1 to less than the number of class names count from 1, as in MATLAB.
+        Labels that are numbers count the class names from 1, as in MATLAB.
 
     Raises
     ------
@@ -76,18 +78,16 @@ def tables_of(
     """
     found = _Arrays(root, path, reading, refuse)
     named = reading.samples or next((name for name in SAMPLES if name in root.arrays), "")
-    array = root.arrays.get(named)
-    label = next((name for name in LABELS if name in root.arrays), "")
-    if array is not None and (alone or array.dtype == object or array.ndim == 3):
-        tables = found.of_one_array(named, reading.label or label, from_one)
+    label = reading.label or next((name for name in LABELS if name in root.arrays), "")
+    for above, group in root.below():
+        if above and _plain(above[:-1]) == reading.label:
+            fields = ", ".join((*group.arrays, *group.groups))
+            why = f"--class {reading.label}: is a group or struct with the fields {fields}"
+            refuse(f"{why}; name one of them, as in {reading.label}.label")
+    if alone and named in root.arrays:
+        tables = found.of_one_array(named, label, from_one)
     else:
-        for above, group in root.below():
-            if above and _plain(above[:-1]) == reading.label:
-                fields = ", ".join((*group.arrays, *group.groups))
-                why = f"--class {reading.label}: is a group or struct with the fields {fields}"
-                refuse(f"{why}; name one of them, as in {reading.label}.label")
-        beside = label and alone and array is None
-        tables = [] if beside else [*found.of_group(root, (), {})]
+        tables = [] if alone and label in root.arrays else [*found.of_group(root, (), {})]
     if not tables:
         asked = f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) a recording)"
         if reading.samples:
@@ -110,102 +110,94 @@ class _Arrays:
     reading: Reading
     refuse: Refuse
 
-    def table(self, part: np.ndarray, where: str, above: tuple[str, ...], attributes: dict[str, Any],
-              clocks: Mapping[str, np.ndarray] = {}, **more: Any) -> Table:  # fmt: skip
+    def table(self, part: np.ndarray, where: str, above: Names, attributes: Facts,
+              clock: tuple[str, np.ndarray] | None = None, **more: Any) -> Table:  # fmt: skip
         """A table of an array (frames, taxels), and of its clock, if it has one, behind them."""
         import pandas as pd
 
         frame = pd.DataFrame(part.reshape(len(part), -1))
         taxels = frame.shape[1]
-        units: tuple[str, ...] = ()
-        for name, clock in clocks.items():
-            frame[taxels] = clock
+        units: Names = ()
+        if clock is not None:
+            name, frame[taxels] = clock
             of_name = TIME.match(name)
             units = (*[""] * taxels, (of_name and of_name[1]) or ("s" if name.lower() == "seconds" else ""))
         frame.index += 1
         return Table(frame, (), (f"'{self.path}', {where}",), paths=(above,), attributes=(attributes,),
-                     units=units, clock=taxels if clocks else None, row_is="row", **more)  # fmt: skip
+                     units=units, clock=taxels if clock else None, row_is="row", **more)  # fmt: skip
 
     # ------------------------------------------------------------------ an array of all recordings
     def of_one_array(self, name: str, label: str, from_one: bool) -> list[Table]:
         """Samples as cells of (frames, taxels), as (recordings, frames, taxels), or one after the other with
         offsets; labels; class names. Every other array of one value a recording is an attribute."""
-        arrays, refuse = self.root.arrays, self.refuse
+        arrays, parts = self.root.arrays, self.parts(self.root.arrays[name], name)
         if label not in arrays:
             asked = f"--class {label}: is no array" if label else "has no array of classes (labels, label, y)"
-            refuse(f"{asked}; it has {self.root.listed()}: name it with --class")
-        parts, note = self.parts(arrays[name], name)
-        vectors: dict[str, Any] = {each: _vector(array) for each, array in arrays.items()}
-        values = vectors[label]
-        if values is None or len(values) != len(parts):
-            why = f"has shape {arrays[label].shape}; give one value for each of the {len(parts)} recordings"
-            refuse(why, label)
-        if values.dtype.kind == "f":
-            refuse("holds something else than whole numbers or names", label)
-        named = next((each for each in CLASS_NAMES if each in arrays), "")
-        names: Any = vectors[named] if named else ()
-        if names is None:
-            refuse("is no list of text", named)
-        counted = ""
-        if values.dtype.kind != "U" and not named:
-            values = [f"class{each}" for each in values]
-        elif values.dtype.kind != "U":
-            low, high, count = values.min(), values.max(), len(names)
-            first = int(low >= 1 and high <= count and (from_one or high == count))
-            if low < first or high >= count + first:
-                refuse(f"runs from {low} to {high} and there are {count} class names", label)
-            counted, values = f"classes are numbered from {first}", names[values - first]
+            self.refuse(f"{asked}; it has {self.root.listed()}: name it with --class")
+        vectors = {each: _vector(array) for each, array in arrays.items() if each != name}
         own = {
             each: vector
             for each, vector in vectors.items()
-            if vector is not None and len(vector) == len(parts) > 1 and each not in (name, label, named)
+            if vector is not None and len(vector) == len(parts)
         }
+        if label not in own or own[label].dtype.kind == "f":
+            why = f"has shape {arrays[label].shape}; give one name or whole number for each of the {len(parts)} recordings"
+            self.refuse(why, label)
+        values, names = own.pop(label), np.zeros(0, dtype=np.str_)
+        notes = [f"array {name} holds {len(parts)} recordings, array {label} their classes"]
+        named = next((each for each in CLASS_NAMES if each in arrays), "")
+        if named:
+            texts = vectors[named]
+            if texts is None or texts.dtype.kind != "U":
+                self.refuse("is no list of text", named)
+            names = texts
+        if named and values.dtype.kind != "U":
+            last = len(names) - 1 + from_one
+            if values.min() < from_one or values.max() > last:
+                why = f"runs from {values.min()} to {values.max()} and there are {len(names)} class names"
+                self.refuse(f"{why}, numbered {int(from_one)} to {last}", label)
+            values = names[values - from_one]
+            notes.append(f"classes are numbered from {int(from_one)}")
         shared = {**self.root.attributes, **self.root.of_arrays.get(name, {})}
-        notes = (f"array {name} holds {len(parts)} recordings, array {label} their classes", note, counted)
-        more: dict[str, Any] = {"notes": tuple(filter(None, notes)), "class_names": tuple(names)}
+        if len(parts) == 1:
+            own = {}
+        own.pop(named, None)
         tables = []
         for number, part in enumerate(parts):
             attributes = {**shared, **{each: vector[number].item() for each, vector in own.items()}}
             attributes |= {self.reading.label or "class": str(values[number])}
             where = f"array {name}, recording {number + 1}"
-            tables.append(self.table(part, where, (), attributes, **more))
+            tables.append(
+                self.table(part, where, (), attributes, notes=tuple(notes), class_names=tuple(names))
+            )
         return tables
 
-    def parts(self, samples: np.ndarray, name: str) -> tuple[list[np.ndarray], str]:
-        """The recordings, numbers (frames, taxels) each, and a note."""
-        refuse, offsets = self.refuse, self.root.arrays.get("offsets")
-        if samples.dtype == object:
-            parts = [np.asarray(cell) for cell in samples.reshape(-1)]
-            for number, part in enumerate(parts, 1):
-                if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
-                    why = f"cell {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)"
-                    refuse(why, name)
-            rows, columns = ({part.shape[axis] for part in parts} for axis in (0, 1))
-            if len(rows) == 1 and len(columns) > 1 and min(columns) > max(rows):
-                return [part.T for part in parts], "cells stand as (taxels, frames) and were turned"
-            for number, part in enumerate(parts, 1):
-                if part.shape[1] != parts[0].shape[1]:
-                    counts = f"{part.shape[1]} columns where cell 1 has {parts[0].shape[1]}"
-                    refuse(f"cell {number} has {counts}; taxels are columns in all", name)
-            return parts, ""
-        if samples.dtype.kind not in "fiu" or samples.ndim not in (2, 3) or not samples.size:
-            why = f"holds {samples.dtype} of shape {samples.shape}"
-            refuse(
-                f"{why}; give a cell array of (frames, taxels), or numbers (recordings, frames, taxels)", name
+    def parts(self, samples: np.ndarray, name: str) -> list[np.ndarray]:
+        """The recordings, numbers (frames, taxels) each."""
+        offsets = _vector(self.root.arrays.get("offsets", np.array(None)))
+        if samples.dtype == object or samples.ndim == 3:
+            parts = [
+                np.asarray(part) for part in (samples.reshape(-1) if samples.dtype == object else samples)
+            ]
+        elif samples.ndim == 2 and offsets is not None:
+            check_offsets(offsets, len(samples), lambda array, why: self.refuse(why, array))
+            parts = np.split(samples, offsets[1:-1])
+        else:
+            why = f"holds {samples.dtype} of shape {samples.shape}; give a cell array of (frames, taxels), numbers (recordings"
+            self.refuse(
+                f"{why}, frames, taxels), or one table and an array offsets that says where recordings begin",
+                name,
             )
-        if samples.ndim == 3:
-            return [*samples], f"array {name} was taken as (recordings, frames, taxels)"
-        if offsets is None:
-            why = "is one table and there is no array offsets that says where recordings begin"
-            refuse(f"{why}; add it, or give every recording a cell or dataset of its own", name)
-        bounds: Any = _vector(offsets)
-        if bounds is None:
-            refuse("must be whole numbers", "offsets")
-        check_offsets(bounds, len(samples), lambda array, why: refuse(why, array))
-        return [samples[first:end] for first, end in pairwise(bounds)], ""
+        for number, part in enumerate(parts, 1):
+            if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
+                why = (
+                    f"recording {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)"
+                )
+                self.refuse(why, name)
+        return parts
 
     # ------------------------------------------------------------------ an array a recording
-    def of_group(self, group: Group, above: tuple[str, ...], known: dict[str, Any]) -> Iterator[Table]:
+    def of_group(self, group: Group, above: Names, known: Facts) -> Iterator[Table]:
         """Every table (frames, taxels) of a group and below as a recording, with the attributes of all above
         it; a clock beside it is its time. Vectors of one length, where there is no table, are one's columns."""
         import pandas as pd
@@ -223,11 +215,11 @@ class _Arrays:
         }
         chosen = [name for name in arrays if TIME.match(name) or self.asked("/".join((*above, name)))]
         tables = {name: arrays[name] for name in chosen if name not in vectors and arrays[name].ndim == 2}
-        clocks = self.clock(tables, vectors, group, above) if tables else {}
+        clock = self.clock(tables, vectors, group, above) if tables else None
         for name, array in tables.items():
             path = (*above, name)
             own = known | group.of_arrays.get(name, {})
-            yield self.table(array, f"dataset {'/'.join(path)}", path, own, clocks)
+            yield self.table(array, f"dataset {'/'.join(path)}", path, own, clock)
         columns = {name: vectors[name] for name in chosen if name in vectors}
         alike = len(set(map(len, columns.values()))) == 1
         if not tables and alike and not all(map(TIME.match, columns)):
@@ -245,20 +237,19 @@ class _Arrays:
         ends = (plain, full, plain.rpartition("/")[2])
         return any(fnmatchcase(each, asked) for each in ends) or f"/{asked}/" in f"/{plain}/"
 
-    def clock(self, tables: dict[str, np.ndarray], vectors: dict[str, np.ndarray], group: Group,
-              above: tuple[str, ...]) -> dict[str, np.ndarray]:  # fmt: skip
+    def clock(self, tables: Arrays, vectors: Arrays, group: Group,
+              above: Names) -> tuple[str, np.ndarray] | None:  # fmt: skip
         """The time of a group's tables, where a vector is called like it. Several sensors are refused: tables
         of one length that are not called alike, or a vector beside a table that is no clock."""
         lengths, widths = ({array.shape[axis] for array in tables.values()} for axis in (0, 1))
-        alike = len({re.sub(r"\d+", "#", name) for name in tables}) == 1
         of_class = {*CLASS, str(self.reading.label).lower()}
         described = all(of_class & {*map(str.lower, group.of_arrays.get(name, ()))} for name in tables)
+        alike = len({re.sub(r"\d+", "#", name) for name in tables}) == 1 and len(above) < 2
         clocks = [name for name in vectors if TIME.match(name)]
         beside = [name for name, vector in vectors.items() if name not in clocks and len(vector) in lengths
                   and (vector != vector[0]).any()]  # fmt: skip
-        at_once = len(lengths) == 1 and not described and (not alike or len(above) > 1)
-        several = len(tables) > 1 and "*" not in (self.reading.samples or "")
-        several = several and bool(clocks or len(widths) > 1 or at_once)
+        at_once = clocks or len(widths) > 1 or (len(lengths) == 1 and not described and not alike)
+        several = len(tables) > 1 and at_once and "*" not in (self.reading.samples or "")
         where, listed = f"group {'/'.join(above) or '/'} holds", group.listed()
         if several or (beside and self.reading.samples is None):
             why = f"{where} several arrays where one is a recording: {listed}; name that of the samples with --samples"
@@ -266,7 +257,7 @@ class _Arrays:
         fitting = [name for name in clocks if {len(vectors[name])} == lengths]
         if clocks and not fitting:
             self.refuse(f"{where} a time of another length than the samples: {listed}; write it again")
-        return {name: vectors[name] for name in fitting[:1]}
+        return (fitting[0], vectors[fitting[0]]) if fitting else None
 
 
 def _plain(path: str) -> str:

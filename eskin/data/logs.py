@@ -8,13 +8,11 @@ clock: the log's, unless ``Reading.clock`` is header.
 
 from __future__ import annotations
 
-import bz2
 import json
 import re
-import sqlite3
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -75,24 +73,22 @@ def read_log(path: Path, reading: Reading) -> Table:
     topic = _topic(log, reading, refuse)
     stamps, messages = _read(log, topic, f"topic {topic}", refuse)
     rows, times = _frames(messages, topic, refuse), _clock(stamps, topic, reading, refuse)
-    labels = None
-    if reading.labels is not None:
-        labels = _intervals(reading.labels, times)
-    elif reading.label is not None:
-        labels = _marks(log, reading, refuse)
     frame = pd.DataFrame(rows, columns=[f"t{column}" for column in range(rows.shape[1])])
     frame.insert(0, "time", (times - times[0]) / 1e9)
-    if labels is not None:
-        number = np.searchsorted(labels["start"], times, side="right") - 1
-        ends, names = labels["end"].to_numpy(), labels["class"].astype(str).to_numpy()
-        inside = (number >= 0) & (times < ends[number]) & (names[number] != "")
-        empty = np.setdiff1d(np.arange(len(labels)), number[inside])
-        if not inside.any() or (len(empty) and reading.labels is not None):
-            which = ""
-            if len(empty):
-                row = labels.iloc[empty[0]]
-                which = f" of '{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
-            refuse(f"no frame lies in the label{which}; give seconds from its first frame, or of its clock")
+    if reading.labels is not None or reading.label is not None:
+        asked = reading.labels is not None
+        labels = _intervals(reading.labels, times) if reading.labels else _marks(log, reading, refuse)
+        spans = pd.IntervalIndex.from_arrays(labels["start"], labels["end"], closed="left")
+        number = spans.get_indexer(times)
+        inside = number >= 0
+        empty = labels[~labels.index.isin(number)]
+        if not inside.any() or (asked and len(empty)):
+            which = [
+                f" of '{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
+                for _, row in empty.iterrows()
+            ]
+            where = f"no frame lies in the label{''.join(which[:1])}"
+            refuse(f"{where}; give seconds from its first frame, or of its clock")
         told = labels.drop(columns=["start", "end"]).iloc[number[inside]].reset_index(drop=True)
         told.insert(0, "recording", number[inside])
         frame = pd.concat([told, frame[inside].reset_index(drop=True)], axis=1)
@@ -184,8 +180,9 @@ def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
     if "None" in texts:
         refuse(f"--class {topic}: a message has no data, so no label; name another topic, or give --labels")
     marks = pd.DataFrame({"start": _clock(stamps, topic, reading, refuse), "class": texts})
-    marks = marks.sort_values("start", kind="stable", ignore_index=True)
-    return marks.assign(end=marks["start"].shift(-1, fill_value=np.iinfo(np.int64).max))
+    marks = marks.sort_values("start", kind="stable")
+    marks["end"] = marks["start"].shift(-1, fill_value=np.iinfo(np.int64).max)
+    return marks[(marks["class"] != "") & (marks["end"] > marks["start"])].reset_index(drop=True)
 
 
 # ---------------------------------------------------------------------- a table of times
@@ -216,57 +213,36 @@ def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
 
 # ---------------------------------------------------------------------- what a log unpacks to
 def _check_unpacked(path: Path, refuse: Refuse) -> None:
-    """Refuse a log whose chunks or messages unpack to far more than it holds, whatever they say of
-    themselves: the libraries unpack them whole."""
-    total = 0
+    """Refuse an MCAP file whose chunks unpack to far more than it holds, whatever they say of themselves (its
+    library unpacks them whole), and a bag that is packed."""
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         check_regular(file, refuse)
-        with file.open("rb") as opened:
-            for packed in _packed(file, opened):
-                while block := packed.read(1 << 20):
-                    total += len(block)
-                    check_unpacked(path, total, refuse)
+        packing = {".yaml": rb"compression_mode: *['\"]?\w", ".bag": b"compression=(bz2|lz4)"}.get(
+            file.suffix.lower()
+        )
+        if packing and re.search(packing, file.read_bytes(), re.I):
+            refuse("is packed; unpack it with ROS's own tools (rosbag decompress, ros2 bag convert)")
+        if file.suffix.lower() == ".mcap":
+            _check_chunks(file, refuse)
 
 
-def _packed(path: Path, file: Any) -> Iterator[Any]:
-    """Files of what is unpacked when a log is read: chunks of MCAP and ROS 1, messages of SQLite, and files
-    that are packed whole. What cannot be read ends it; the library says so."""
-    kind = path.suffix.lower()
-    with suppress(struct.error, sqlite3.Error):
-        if kind == ".zstd":
-            yield _unpacking("zstd", file)
-        elif kind == ".db3":
-            with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
-                for (data,) in base.execute("select data from messages"):
-                    yield _unpacking("zstd" if bytes(data[:4]) == b"\x28\xb5\x2f\xfd" else "", BytesIO(data))
-        elif kind == ".bag":
-            file.seek(13)
-            while file.tell() < path.stat().st_size:
-                head, data = (file.read(*struct.unpack("<I", file.read(4))) for _ in range(2))
-                if b"op=\x05" in head:
-                    named = re.search(b"compression=(bz2|lz4)", head)
-                    yield _unpacking(named[1].decode() if named else "", BytesIO(data))
-        elif kind == ".mcap":
-            from mcap.records import Chunk
-            from mcap.stream_reader import StreamReader
+def _check_chunks(path: Path, refuse: Refuse) -> None:
+    import lz4.frame
+    import zstandard
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
 
-            limit = MOST_BYTES // 8
-            for record in StreamReader(file, emit_chunks=True, record_size_limit=limit).records:
-                if isinstance(record, Chunk):
-                    yield _unpacking(record.compression, BytesIO(record.data))
-
-
-def _unpacking(packing: str, file: Any) -> Any:
-    """A file that unpacks another one as it is read."""
-    if packing == "zstd":
-        from zstandard import ZstdDecompressor
-
-        return ZstdDecompressor().stream_reader(file, read_across_frames=True)
-    if packing == "lz4":
-        import lz4.frame
-
-        return lz4.frame.open(file)
-    return bz2.open(file) if packing == "bz2" else file
+    total = 0
+    with path.open("rb") as file, suppress(struct.error):  # the library says what cannot be read
+        for record in StreamReader(file, emit_chunks=True, record_size_limit=MOST_BYTES // 8).records:
+            packed: Any = BytesIO(record.data if isinstance(record, Chunk) else b"")
+            if isinstance(record, Chunk) and record.compression == "zstd":
+                packed = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+            elif isinstance(record, Chunk) and record.compression == "lz4":
+                packed = lz4.frame.open(packed)
+            while block := packed.read(1 << 20):
+                total += len(block)
+                check_unpacked(path, total, refuse)
 
 
 # ---------------------------------------------------------------------- the libraries

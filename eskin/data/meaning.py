@@ -26,9 +26,7 @@ LEAST_STEPS = 16
 """From so many frames on a column's course says something about what it is."""
 
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-_RECORDING = (
-    "recording recording_id rec rec_id record series series_id sequence_id sample_id measurement id".split()
-)
+_RECORDING = "recording recording_id rec rec_id record series series_id sequence_id sample_id".split()
 CLASS = "class label labels target class_name".split()
 _CLASS_TOO = "category material object texture surface gesture".split()
 """What says the class where only one of them is there."""
@@ -83,7 +81,8 @@ def understand(
     elif scale is None and table.volts:  # codes of the thesis's converter, where it can have given them
         worth = PRESETS["thesis"].sensor.volt_per_code
         scale = worth if values.min() >= 0 and values.max() <= 65535 * worth else None
-    said = {str(each[name]) for name in found.attributes if name in UNIT for each in table.attributes}
+    names = [table.names[column] if table.names else str(column + 1) for column in taxels]
+    said = {str(value) for name in found.attributes if name in UNIT for value in found.fact(name)}
     arrays = {
         "samples": values,
         "offsets": found.offsets,
@@ -94,8 +93,9 @@ def understand(
     if of_one_file and table.class_names:
         arrays["class_names"] = np.array(table.class_names)
     if table.names:
-        arrays["channel_names"] = np.array([table.names[column] for column in taxels])
-    told = [f"{class_is}; {_listed(table, taxels)}", *notes, *table.notes, *found.notes, why]
+        arrays["channel_names"] = np.array(names)
+    listed = f"columns {', '.join(names[:12])}{', ...' * (len(names) > 12)} are the {len(names)} taxels"
+    told = [f"{class_is}; {listed}", *notes, *table.notes, *found.notes, why]
     asked = reading.scale is not None
     return recordings_of(arrays, source, groups=found.groups, scale=scale, asked=asked, notes=told)
 
@@ -196,40 +196,29 @@ class _Meaning:
         at breaks over which the clock does not run on; and the class of each. Returns what says it, in words."""
         table, label, asked = self.table, self._class(), self.reading.recording
         named = [each for each in self._named(_RECORDING) if each != label]
-        if asked is not None:
-            named = [table.find(asked, "--recording")]
-        else:  # what changes in most rows numbers them
-            most = max(len(table.lines), 4) // 2
-            named = [each for each in named if len(self._changes(each)) <= most][:1]
+        named = named[:1] if asked is None else [table.find(asked, "--recording")]
         breaks = [] if named else self._breaks()
         if not named and not breaks and isinstance(label, int) and len(table.sources) == 1:
-            words = ", ".join(_RECORDING[:4])
-            table.refuse(
-                f"has no column that says the recording of a row ({words}, ...); name it with --recording", 0
-            )
-        self.taken = [*named, *([label] if isinstance(label, int) else [])]
+            why = f"has no column that says the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
+            table.refuse(f"{why}; name it with --recording", 0)
+        self.taken = [each for each in (*named, label) if isinstance(each, int)]
+        changes = [row for column in named for row in self._changes(column).tolist()]
+        self.starts = np.array(sorted({*table.firsts, *breaks, *changes}))
         for column in self.taken:
-            table.check_filled(column)
-        parted = {*table.firsts, *breaks, *(row for column in named for row in self._changes(column))}
-        cut = sorted({*self._changes(label)} - parted) if isinstance(label, int) else []
-        self.starts = np.array(sorted({*parted, *cut}))
-        if cut:
-            what = f"changes inside recordings, {len(cut)} times, first in line {table.lines[cut[0]]}"
-            self.notes.append(f"{table.called(self.taken[-1])} {what}: they were cut there")
+            self._check_whole(column, "is the class")
         if breaks:
             self.notes.append(
                 f"{len(breaks)} recordings begin behind a blank line or a new head inside a file"
             )
         if named:
-            self.groups[asked or "recording"] = self._values(named[0])
-        if isinstance(label, int):
-            self.labels = self._values(label).astype(str)
-            by = table.called(named[0]) if named else "what blank lines part"
-            return f"{table.called(label)} is the class, {by} the recording"
-        if label is not None:
-            self.labels = self._of_attribute(label).astype(str)
+            self.groups[asked or "recording"] = self.fact(named[0])
+        if label is None:
+            return self._levels(of_one_file)
+        self.labels = self.fact(label).astype(str)
+        if isinstance(label, str):
             return f"attribute {label} is the class"
-        return self._levels(of_one_file)
+        by = table.called(named[0]) if named else "what blank lines part"
+        return f"{table.called(label)} is the class, {by} the recording"
 
     def _levels(self, of_one_file: bool) -> str:
         """As ``part``, by the first level of the paths."""
@@ -259,23 +248,19 @@ class _Meaning:
         return parting
 
     # ------------------------------------------------------------------ groups
-    def _values(self, column: int) -> np.ndarray:
-        return whole(self.table.frame[column].iloc[self.starts])
+    def fact(self, what: int | str) -> np.ndarray:
+        """(recordings) what a column or an attribute says of each."""
+        if isinstance(what, int):
+            return whole(self.table.frame[what].iloc[self.starts])
+        return whole([self.table.attributes[source][what] for source in self.sources])
 
-    def _of_attribute(self, name: str) -> np.ndarray:
-        return whole([self.table.attributes[source][name] for source in self.sources])
-
-    def _leave_out(self, called: str, why: str) -> None:
-        self.notes.append(f"{called} {why} and was left out")
-
-    def _group(self, name: str, values: np.ndarray, called: str) -> bool:
-        """Keep a group, or say why it is none."""
-        why = no_group(values, self.labels)
-        if why:
-            self._leave_out(called, why)
-        else:
-            self.groups[name] = values
-        return not why
+    def _group(self, name: str, values: np.ndarray, called: str, why: str = "") -> None:
+        """Keep a group, which ``why`` says, or leave it out, since it is none."""
+        if none := no_group(values, self.labels):
+            self.notes.append(f"{called} {none} and was left out")
+            return
+        self.groups[name] = values
+        self.notes += [f"{called} {why}"] if why else []
 
     def of_paths(self) -> None:
         """Groups that attributes tell, and names of files and of the folders between: their parts of letters
@@ -284,7 +269,7 @@ class _Meaning:
         table, sources = self.table, self.sources
         for name in self.attributes:
             if name not in (*UNIT, self.reading.label, *CLASS[:2]) and not RATE.fullmatch(name):
-                self._group(name, self._of_attribute(name), f"attribute {name}")
+                self._group(name, self.fact(name), f"attribute {name}")
         if not self.on_path:
             return
         paths = [(*path[1:-1], re.sub(r"\.\w+$", "", path[-1])) for path in table.paths]
@@ -305,7 +290,6 @@ class _Meaning:
     def taxels(self) -> list[int]:
         """The taxels. Every other column is time, a group or left out, which is said."""
         table, taxels = self.table, [*self.chosen]
-        of_groups: list[int] = []
         for column in self._named(_GROUPS) if self.chosen else table.frame:
             if column == self.time or column in self.taken:
                 continue
@@ -315,19 +299,18 @@ class _Meaning:
             elif role == "time":
                 self.time = column
             elif role == "left out":
-                self._leave_out(called, why)
+                self.notes.append(f"{called} {why} and was left out")
             elif role == "taxel":
                 taxels.append(column)
                 self.notes += [f"{called} {why}"] if why else []
-            elif why or self._is_whole(column):
-                name = table.names[column]
-                known = name.lower() in (*_RECORDING, *CLASS, *_CLASS_TOO, *_GROUPS)
-                if self._group(name.lower() if known else name, self._values(column), called):
-                    of_groups += [] if why else [column]
-                    self.notes += [] if known else [f"{called} {why}"]
+            elif not self.chosen:
+                self._check_whole(column, "is a group")
+                self._group(table.names[column], self.fact(column), called, why)
+            elif not (self._inside(column).size or table.is_missing(column).any()):
+                self._group(table.names[column], self.fact(column), called)
         if not taxels:
             table.refuse("has no column left for taxels; choose them with --columns")
-        self._check_sorted([*self.taken, *of_groups])
+        self._check_sorted([*self.taken, *self._named(_GROUPS)])
         if self.time is not None:
             self.notes.insert(0, f"{table.called(self.time)} is time")
         named = [name for name in self.groups if name not in ("source_file", "recording")]
@@ -371,33 +354,28 @@ class _Meaning:
         )  # fmt: skip
         return next((role, why) for fits, role, why in rules if fits)
 
-    def _is_whole(self, column: int) -> bool:
-        """Whether a column of groups has one value in each recording. One that has not is refused, unless
-        --columns says what the taxels are."""
+    def _inside(self, column: int) -> np.ndarray:
+        """The rows inside recordings at which a column takes another value."""
+        return np.setdiff1d(self._changes(column), self.starts)
+
+    def _check_whole(self, column: int, what: str) -> None:
+        """Refuse a column that has no value, or several in a recording."""
         table = self.table
-        inside = np.setdiff1d(self._changes(column), self.starts)
-        if self.chosen:
-            return not (len(inside) or table.is_missing(column).any())
-        if len(inside):
-            row = int(inside[0])
-            where = f"recording {table.frame[self.taken[0]].iloc[row]}" if self.taken else "a file"
-            why = f"{table.called(column)} is a group and changes inside {where}; name what a recording is with --recording"
-            table.refuse(f"{why}, or the taxels with --columns", row)
         table.check_filled(column)
-        return True
+        for row in self._inside(column).tolist():
+            where = f"recording {table.frame[self.taken[0]].iloc[row]}" if self.taken else "a file"
+            why = f"{table.called(column)} {what} and changes inside {where}; name what a recording is with --recording"
+            table.refuse(f"{why}, or the taxels with --columns", row)
 
     def _check_sorted(self, columns: Sequence[int]) -> None:
         """Refuse rows of one recording, class and groups with others between: they are not sorted."""
-        table = self.table
-        first_rows: dict[tuple[Any, ...], int] = {}
-        if "recording" not in self.groups and self.reading.recording is None:
-            return
-        cells = table.frame[columns].iloc[self.starts].astype(str).itertuples(index=False, name=None)
-        for row, key in zip(self.starts.tolist(), cells, strict=True):
-            before = first_rows.setdefault((table.source(row), *key), row)
-            if before != row:
-                why = f"recording {key[0]} of line {table.lines[before]} goes on here after another one"
-                table.refuse(f"{why}; sort the rows by recording", row)
+        if "recording" in self.groups or self.reading.recording is not None:
+            cells = self.table.frame[columns].iloc[self.starts].assign(source=self.sources)
+            again = cells.duplicated().to_numpy()
+            if again.any():
+                row = int(self.starts[np.argmax(again)])
+                why = f"recording {cells[columns[0]].iloc[np.argmax(again)]} goes on here after another one"
+                self.table.refuse(f"{why}; sort the rows by recording", row)
 
     # ------------------------------------------------------------------ rates
     def _called(self, recording: int) -> str:
@@ -418,32 +396,27 @@ class _Meaning:
 
     def rate(self, config: AcceleratorConfig | None) -> tuple[float, str]:
         """One rate for all recordings, and where it comes from, in words."""
-        table, asked = self.table, self.reading.rate_hz
-        rates: list[tuple[float, str]] = []
+        table, asked, rates = self.table, self.reading.rate_hz, [*self.rates]
         try:
             rates += [] if self.time is None else self._of_clock(self.time)
+            for name in [name for name in self.attributes if RATE.fullmatch(name)][:1]:
+                for number, value in enumerate(self.fact(name).tolist()):
+                    if isinstance(value, str) or not 0 < value < np.inf:
+                        why = f"{name} is {str(value)[:20]}; it must be one number above 0, in hertz"
+                        table.refuse(f"{why}: give --rate HZ")
+                    rates.append((float(value), f"{name} of {self._called(number)}"))
         except InputError:
             if asked is None:
                 raise
+        middle = float(f"{np.median([rate for rate, _ in rates]):.5g}") if rates else asked
         if asked is not None:
-            middle = _middle(rates) if rates else asked
-            other = abs(middle / asked - 1) > RATE_TOLERANCE
-            but = f", {asked:g} Hz; but the time columns say {middle:g} Hz" if other else ""
+            other = abs((middle or asked) / asked - 1) > RATE_TOLERANCE
+            but = f", {asked:g} Hz; but the recordings say {middle:g} Hz" if other else ""
             return asked, f"the sample rate is as asked for{but}"
-        for key in [name for name in self.attributes if RATE.fullmatch(name)][:1]:
-            values = self._of_attribute(key)
-            if values.dtype.kind not in "iuf" or not ((values > 0) & np.isfinite(values)).all():
-                table.refuse(
-                    f"{key} is {str(values[0])[:20]}; it must be one number above 0, in hertz: give --rate HZ"
-                )
-            rates += [
-                (float(value), f"{key} of {self._called(number)}") for number, value in enumerate(values)
-            ]
-        rates += self.rates
-        if not rates and config is not None:
+        if middle is None and config is not None:
             why = f"there is no time column or rate; it is taken from the configuration '{config.name}'"
             return config.sensor.sample_rate_hz, why
-        if not rates:
+        if middle is None:
             table.refuse(
                 "has no time column and does not say its rate; make an archive with eskin convert --rate HZ"
             )
@@ -451,8 +424,7 @@ class _Meaning:
         if high > (1 + RATE_TOLERANCE) * low:
             why = f"'{slow}' has {low:g} frames a second and '{fast}' {high:g}"
             table.refuse(f"{why}; give recordings of one rate, or the rate of all with --rate HZ")
-        by = "files" if self.time is None else "time columns"
-        return _middle(rates), f"the sample rate is that of the {by}"
+        return middle, f"the sample rate is that of the {'files' if self.time is None else 'time columns'}"
 
     def _own_rate(self, time: int, seconds: np.ndarray, first: int, unit: float) -> float:
         """Frames a second of a recording by its time column from row ``first`` on. unit: s; 0: not said."""
@@ -472,10 +444,6 @@ class _Meaning:
             why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"
             table.refuse(f"{why}; name its unit in the header, time_ms say, or give --rate HZ", first + 1)
         return float(f"{rate:.5g}")
-
-
-def _middle(rates: Sequence[tuple[float, str]]) -> float:
-    return float(f"{np.median([rate for rate, _ in rates]):.5g}")
 
 
 def _second(table: Table, column: int) -> float:
@@ -518,17 +486,6 @@ def _codes(cells: Any) -> np.ndarray:
     import pandas as pd
 
     return pd.factorize(cells, sort=True)[0].astype(np.float64)
-
-
-# ---------------------------------------------------------------------- words
-def _listed(table: Table, taxels: Sequence[int]) -> str:
-    """The taxels in words: names that differ by a number alone as one, all others."""
-    runs: dict[str, list[str]] = {}
-    for column in taxels:
-        name = table.names[column] if table.names else str(column + 1)
-        runs.setdefault(re.sub(r"\d+", "#", name), []).append(name)
-    named = [part for run in runs.values() for part in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)]
-    return f"columns {', '.join(named)} are the {len(taxels)} taxels"
 
 
 def whole(values: Any) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""Folders of pressure images as PNG files, a sub-folder for each class."""
+"""Pressure images as PNG files, and images of another size."""
 
 import dataclasses
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -10,75 +11,56 @@ import numpy as np
 from eskin.golden.core import InputError
 from eskin.golden.data.recordings import Recordings, recordings_of
 
-SUFFIX = ".png"
 LARGEST_SIDE = 256
 MODES = ("1", "P", "L", "LA", "RGB", "RGBA")
 """Of Pillow: 8 bits a pixel at most, or grey in colours."""
-RECORDED = (".csv", ".tsv", ".txt", ".lvm", ".parquet", ".mcap", ".db3", ".bag")
-"""Files that are recordings themselves."""
 
 
-def is_picture_folder(path: Path) -> bool:
-    """True when a sub-folder of ``path`` holds PNG files, and none a file of recordings beside which they are
-    plots."""
-    folders = [folder for folder in path.iterdir() if folder.is_dir()]
-    beside = any(file.suffix.lower() in RECORDED for folder in folders for file in folder.iterdir())
-    return not beside and any(map(_pictures, folders))
-
-
-def load_picture_folder(path: Path) -> Recordings:
-    """The images of a folder: class names are the sub-folders' names, in order of the alphabet, and so are
-    the files of each.
+def load_pictures(source: Path, files: Sequence[Path]) -> Recordings:
+    """The images of a folder with a sub-folder a class.
 
     Raises
     ------
     InputError
-        A file is no image, has colours or more than 8 bits, or another size than the first; a sub-folder has
-        none.
+        A file is no image, has colours or more than 8 bits, or another size than the first.
     """
+    images: list[np.ndarray] = []
+    for file in files:
+        pixels = _pixels(file)
+        if images and pixels.shape != images[0].shape:
+            height, width = pixels.shape
+            first = "{} x {}".format(*images[0].shape)
+            _refuse(file, f"has {height} x {width} pixels and the first one {first}; bring all to one size")
+        images.append(pixels)
+    labels = np.array([file.relative_to(source).parts[0] for file in files])
+    names = np.array([file.name for file in files])
+    arrays = {"images": np.array(images), "labels": labels}
+    return recordings_of(arrays, str(source), groups={"source_file": names})
+
+
+def _pixels(file: Path) -> np.ndarray:
+    """(height, width) uint8."""
     from PIL import Image
 
-    def refuse(file: Path, why: str) -> NoReturn:
-        raise InputError(f"image '{file}': {why}")
+    try:
+        with Image.open(file) as picture:
+            mode, (width, height) = picture.mode, picture.size
+            small = max(width, height) <= LARGEST_SIDE
+            pixels = np.asarray(picture.convert("RGB") if small and mode in MODES else 0)
+    except (OSError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+        _refuse(file, f"cannot be read ({error}); save it as an 8-bit grey PNG")
+    if not small:
+        why = f"has {height} x {width} pixels, and a side at most {LARGEST_SIDE}"
+        _refuse(file, f"{why}; save it smaller")
+    if mode not in MODES:
+        _refuse(file, f"has mode {mode}; save it as an 8-bit grey PNG")
+    if (pixels != pixels[..., :1]).any():
+        _refuse(file, "has colours; pressure is one number a pixel: save it as an 8-bit grey PNG")
+    return pixels[..., 0]
 
-    classes = sorted(
-        folder for folder in path.iterdir() if folder.is_dir() and not folder.name.startswith(".")
-    )
-    images: list[np.ndarray] = []
-    labels, names = [], []
-    for label, folder in enumerate(classes):
-        files = _pictures(folder)
-        if not files:
-            refuse(folder, f"holds no {SUFFIX} file; give every class some, or take the folder away")
-        for file in files:
-            try:
-                with Image.open(file) as picture:
-                    mode, width, height = picture.mode, *picture.size
-                    small = max(width, height) <= LARGEST_SIDE
-                    pixels = np.asarray(picture.convert("RGB") if small and mode in MODES else 0)
-            except (OSError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
-                refuse(file, f"cannot be read ({error}); save it as an 8-bit grey PNG")
-            if not small:
-                why = f"has {height} x {width} pixels, and a side at most {LARGEST_SIDE}"
-                refuse(file, f"{why}; save it smaller")
-            if mode not in MODES:
-                refuse(file, f"has mode {mode}; save it as an 8-bit grey PNG")
-            if (pixels != pixels[..., :1]).any():
-                refuse(file, "has colours; pressure is one number a pixel: save it as an 8-bit grey PNG")
-            if images and pixels.shape[:2] != images[0].shape:
-                first = f"{images[0].shape[0]} x {images[0].shape[1]}"
-                refuse(
-                    file, f"has {height} x {width} pixels and the first one {first}; bring all to one size"
-                )
-            images.append(pixels[..., 0])
-            labels.append(label)
-            names.append(file.name)
-    arrays = {
-        "images": np.array(images),
-        "labels": np.array(labels),
-        "class_names": np.array([folder.name for folder in classes]),
-    }
-    return recordings_of(arrays, str(path), groups={"source_file": np.array(names)})
+
+def _refuse(file: Path, why: str) -> NoReturn:
+    raise InputError(f"image '{file}': {why}")
 
 
 def image_size(text: str) -> tuple[int, int]:
@@ -118,7 +100,3 @@ def _areas(old: int, new: int) -> np.ndarray:
     places = np.arange(old)
     overlap = np.minimum(ends[1:, None], places + 1) - np.maximum(ends[:-1, None], places)
     return np.maximum(overlap, 0) * new / old
-
-
-def _pictures(folder: Path) -> list[Path]:
-    return sorted(file for file in folder.iterdir() if file.suffix.lower() == SUFFIX and file.is_file())

@@ -51,12 +51,9 @@ class PiezoArray:
         trials: int,
         class_names: tuple[str, ...],
         source: str,
-        progress: Callable[[int, int], None] | None,
     ) -> Recordings:
         """Every person doing every class ``trials`` times, by person, trial and class; groups ``person`` and
         ``trial``. A person draws from a generator of its own.
-
-        progress: called with (persons done, persons in all).
         """
         classes = len(class_names)
         each = trials * classes  # recordings of a person
@@ -69,8 +66,6 @@ class PiezoArray:
                 trial, label = divmod(index, classes)
                 force[:, index] = person(label, trial)
             samples[number] = self._codes(force, rng)
-            if progress:
-                progress(number + 1, persons)
         order = np.arange(persons * each)
         return Recordings(
             samples=samples.reshape(-1, len(self.grid)),
@@ -92,7 +87,7 @@ class PiezoArray:
 
 
 def check_sizes(
-    scene: str, persons: int, trials: int, rows: int, columns: int, classes: int, sample_rate_hz: float
+    scene: str, persons: int, trials: int, rows: int, columns: int, sample_rate_hz: float
 ) -> None:
     """Refuse sizes that no scene has.
 
@@ -106,7 +101,6 @@ def check_sizes(
         ("trials", trials, 1, 100),
         ("rows", rows, *SIDES),
         ("columns", columns, *SIDES),
-        ("classes", classes, 2, 32),
         ("sample_rate_hz", sample_rate_hz, 100, 20000),
     ):
         if not low <= value <= high:

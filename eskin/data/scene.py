@@ -1,10 +1,7 @@
 """The scene of the presets thesis and synthetic: brush, roll and slide on an n x m piezoelectric array, with
 no more physics than separates the three.
 
-With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense. More classes
-are modality, heading and speed together, in this order: class i (from 0) is modality i mod 3, heading i / 3
-mod 4 (east, south, west, north: by columns up, rows up, columns down, rows down), speed i / 12 (medium, slow,
-fast). ``brush-east-medium`` is the first; any count takes the modalities evenly.
+With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense.
 
 Lengths are in half widths of the array (the taxel centres lie in a square of -1..1), time t in seconds.
 
@@ -36,9 +33,7 @@ trial. What tells the classes apart is the order in which a taxel is loaded: + t
 
 import dataclasses
 import math
-from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -48,10 +43,8 @@ from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.recordings import Recordings
 
 MODALITIES = ("brush", "roll", "slide")
-HEADINGS = ("east", "south", "west", "north")
-"""Names of the heading after 0, 1, 2 and 3 quarter turns; row 0 is the northern one."""
-SPEEDS = {"medium": 1.0, "slow": 1.3, "fast": 0.62}
-"""Length of a contact, relative to a medium one; with the limits of that one the bands hardly meet."""
+SCENES = {2: ("brush", "slide"), 3: MODALITIES}
+"""Classes by their number."""
 TYPICAL_VOLT = {"brush": 0.20, "roll": 0.20, "slide": 0.16}
 """Signal of a typical force on a taxel before the high-pass, volt: with these the deviation of a taxel is
 alike over the classes."""
@@ -60,34 +53,12 @@ CODES = 1 << 27
 """Samples (codes of one taxel) that a scene made from a configuration has at most: half a gigabyte."""
 
 
-class Kind(NamedTuple):
-    """What a class is: modality, quarter turns of the heading (None: either way along the trial's direction),
-    length of a contact."""
-
-    name: str
-    modality: str
-    quarter: int | None = None
-    length: float = 1.0
-
-
-def kinds(classes: int) -> tuple[Kind, ...]:
-    """The scene's classes, 2 to 32, as the module describes them."""
-    if classes <= 3:
-        return tuple(Kind(name, name) for name in (MODALITIES if classes == 3 else ("brush", "slide")))
-    speeds = list(SPEEDS)
-    chosen = [(MODALITIES[index % 3], index // 3 % 4, speeds[index // 12]) for index in range(classes)]
-    return tuple(
-        Kind(f"{modality}-{HEADINGS[quarter]}-{speed}", modality, quarter, SPEEDS[speed])
-        for modality, quarter, speed in chosen
-    )
-
-
-def scene_of(config: AcceleratorConfig, progress: Callable[[int, int], None] | None = None) -> Recordings:
+def scene_of(config: AcceleratorConfig) -> Recordings:
     """The scene that belongs to a configuration: what ``--data synthetic`` means beside ``--config`` or a
     model.
 
     It is the one whose classes the configuration names: those of `eskin.data.turns`
-    or this module's (``kinds``). Its array is the most square one of ``taxels``, no more rows
+    or this module's. Its array is the most square one of ``taxels``, no more rows
     than columns; its rate is sample_rate_hz. Persons and trials are those of the scene as long as that makes
     no more than CODES samples, else 2 trials or 1, then fewer persons, 2 at least. The presets thesis and
     synthetic give this module's default.
@@ -111,12 +82,12 @@ def scene_of(config: AcceleratorConfig, progress: Callable[[int, int], None] | N
             f"configuration '{config.name}', field taxels: is {config.sensor.taxels}; the synthetic scene "
             f"has {SIDES[0]} to {SIDES[1]} rows and as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
         )
-    names, named = tuple(kind.name for kind in kinds(config.classes)), config.network.class_names
+    named = config.network.class_names
     turning = named == turns.CLASSES
-    if not turning and named != names:
+    if not turning and named not in SCENES.values():
         raise InputError(
-            f"configuration '{config.name}', field class_names: is {', '.join(named)}; the synthetic scene of "
-            f"{config.classes} classes has {', '.join(names)}, or {', '.join(turns.CLASSES)}"
+            f"configuration '{config.name}', field class_names: is {', '.join(named)}; the synthetic scenes have "
+            f"{', or '.join(map(', '.join, (*SCENES.values(), turns.CLASSES)))}"
         )
     persons, most = (turns.PERSONS, turns.TRIALS) if turning else (PERSONS, TRIALS)
     make = turns.turn_recordings if turning else partial(synthetic_recordings, classes=config.classes)
@@ -129,7 +100,6 @@ def scene_of(config: AcceleratorConfig, progress: Callable[[int, int], None] | N
         rows=rows,
         columns=config.sensor.taxels // rows,
         sample_rate_hz=config.sensor.sample_rate_hz,
-        progress=progress,
     )
 
 
@@ -142,25 +112,21 @@ def synthetic_recordings(
     columns: int = 4,
     classes: int = 3,
     sample_rate_hz: float = 3000.0,
-    progress: Callable[[int, int], None] | None = None,
 ) -> Recordings:
     """Recordings of every person doing every class ``trials`` times: classes x persons x trials, 3 s each.
 
     Parameters
     ----------
     persons, trials:
-        People, and recordings for each person and class. Trials take the two directions in turn where a class
-        has no heading of its own.
+        People, and recordings for each person and class. Trials take the two directions in turn.
     seed:
         Everything follows from it; a person's recordings do not depend on how many persons there are.
     rows, columns:
         Taxels of the array, 2..8 each; taxel = row * columns + column.
     classes:
-        2..32: brush and slide; brush, roll and slide; or modality, heading and speed together (``kinds``).
+        2 or 3: brush and slide; brush, roll and slide.
     sample_rate_hz:
         Frames a second.
-    progress:
-        Called with (persons done, persons in all).
 
     Returns
     -------
@@ -172,20 +138,19 @@ def synthetic_recordings(
     InputError
         A count, a size or the rate is out of range.
     """
-    check_sizes("synthetic scene", persons, trials, rows, columns, classes, sample_rate_hz)
+    check_sizes("synthetic scene", persons, trials, rows, columns, sample_rate_hz)
+    if classes not in SCENES:
+        raise InputError(f"synthetic scene, classes: is {classes}; it must lie in 2..3")
     array = PiezoArray(seed, rows, columns, sample_rate_hz)
-    of_class = kinds(classes)
+    names = SCENES[classes]
 
     def person_of(rng: np.random.Generator) -> Person:
         habit = _habit(rng)
-        return lambda label, trial: _contact(of_class[label], rng, habit, trial % 2, array.grid, array.time)
+        return lambda label, trial: _contact(names[label], rng, habit, trial % 2, array.grid, array.time)
 
-    names = tuple(kind.name for kind in of_class)
-    recordings = array.recorded(person_of, persons, trials, names, "synthetic scene", progress)
-    heading = np.array([-1 if kind.quarter is None else kind.quarter % 2 for kind in of_class])
-    direction, trial = heading[recordings.labels], recordings.groups["trial"]
-    direction = np.where(direction < 0, trial % 2, direction)
-    return dataclasses.replace(recordings, groups={**recordings.groups, "direction": direction})
+    recordings = array.recorded(person_of, persons, trials, names, "synthetic scene")
+    groups = {**recordings.groups, "direction": recordings.groups["trial"] % 2}
+    return dataclasses.replace(recordings, groups=groups)
 
 
 def _habit(rng: np.random.Generator) -> dict[str, float]:
@@ -203,7 +168,7 @@ def _habit(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _contact(
-    kind: Kind,
+    modality: str,
     rng: np.random.Generator,
     habit: dict[str, float],
     direction: int,
@@ -213,13 +178,12 @@ def _contact(
     """Signal of the force on every taxel, volt before the high-pass, shape (frames, taxels): one contact as
     the module describes it.
 
-    ``direction`` counts where the class has no heading of its own; the sense is drawn then.
+    direction: 0 along the columns, 1 along the rows; the sense is drawn.
     """
-    modality = kind.modality
     start = rng.uniform(0.15, 0.55)
-    duration = np.clip(1.6 / (habit["speed"] * np.exp(rng.normal(0, 0.05))), 1.35, 1.85) * kind.length
+    duration = np.clip(1.6 / (habit["speed"] * np.exp(rng.normal(0, 0.05))), 1.35, 1.85)
     dwell = rng.uniform(0.05, 0.2)
-    quarter = direction + 2 * rng.integers(2) if kind.quarter is None else kind.quarter
+    quarter = direction + 2 * rng.integers(2)
     heading = np.pi / 2 * quarter + habit["skew"] + rng.normal(0, np.radians(3))
     reach = 1.2 + rng.normal(0, 0.05)
     width = habit["width"] * np.exp(rng.normal(0, 0.06))

@@ -131,19 +131,19 @@ class Table:
         empty = self.is_missing(column)
         if empty.any():
             row = int(np.argmax(empty))
-            cell = self.frame[column].iloc[row]
-            shown = f"'{cell}', which is no value" if str(cell) else "an empty cell"
-            self.refuse(f"{self.called(column)} holds {shown}; fill it in or remove the line", row)
+            shown = self.frame[column].iloc[row] or "an empty cell"
+            self.refuse(
+                f"{self.called(column)} holds {shown}, which is no value; fill it in or remove the line", row
+            )
 
     def source(self, row: int) -> int:
         """The number of the source of a row."""
         return int(np.searchsorted(self.firsts, row, side="right")) - 1
 
-    def refuse(self, why: str, row: int | None = None, column: int | None = None) -> NoReturn:
-        """Raise InputError about the table, or a row of it, or one of a row's cells."""
+    def refuse(self, why: str, row: int | None = None) -> NoReturn:
+        """Raise InputError about the table, or a row of it."""
         line = "" if row is None else f", {self.row_is} {self.lines[row]}"
-        where = line if column is None else f"{line}, column {column + 1}"
-        raise InputError(f"recordings {self.sources[self.source(row or 0)]}{where}: {why}")
+        raise InputError(f"recordings {self.sources[self.source(row or 0)]}{line}: {why}")
 
     def called(self, column: int) -> str:
         """A column in words."""
@@ -190,20 +190,11 @@ class Table:
         if np.isfinite(values).all():
             return values
         row, number = place_of(~np.isfinite(values))
-        column = columns[number]
-        cell = str(self.frame[column].iloc[row])[:30]
-        repair = "repair or remove the line"
-        if self.is_text(column):
-            dated = ", and the rate with --rate HZ" if re.search(r"\d[-:./]\d", cell) else ""
-            repair += f", or choose the taxels with --columns{dated}"
-        named = self.names and self.names[column]
-        kind = "no number"
-        shown = f"'{cell}'" if cell or not named else "an empty cell"
-        if NUMBER.fullmatch(cell):
-            kind, shown = "not a finite number", cell
-        if named:
-            self.refuse(f"{self.called(column)} holds {shown}, which is {kind}; {repair}", row)
-        self.refuse(f"{shown} is {kind}; {repair}", row, column)
+        column, cell = columns[number], str(self.frame[columns[number]].iloc[row])[:30]
+        kind = "not a finite number" if NUMBER.fullmatch(cell) else "no number"
+        else_ = ", or choose the taxels with --columns, and the rate with --rate HZ" * self.is_text(column)
+        why = f"holds {repr(cell) if cell else 'an empty cell'}, which is {kind}; repair or remove the line{else_}"
+        self.refuse(f"{self.called(column)} {why}", row)
 
 
 TIME = re.compile(
@@ -214,8 +205,8 @@ TIME = re.compile(
 
 
 def table_of(frame: pd.DataFrame, source: str, **more: Any) -> Table:
-    """A table of a DataFrame; an index that has a name is columns, too. ``attrs["units"]``: the unit of all,
-    or of each column by its name."""
+    """A table of a DataFrame; an index that has a name is columns, too. ``attrs["units"]``: the unit of
+    all."""
     if not len(frame) or not frame.shape[1]:
         raise InputError(f"recordings {source}: holds no row or no column; give one row a frame")
     units_of = frame.attrs.get("units", "")
@@ -224,9 +215,8 @@ def table_of(frame: pd.DataFrame, source: str, **more: Any) -> Table:
     frame = frame.set_axis(range(len(names)), axis=1).set_axis(range(1, len(frame) + 1))
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iufM")]:
         frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
-    of_all = not isinstance(units_of, Mapping)
-    units = [str(units_of if of_all else units_of.get(name, "")) for name in names]
-    return Table(frame, tuple(names), (source,), units=tuple(units) if any(units) else (), **more)
+    units = (str(units_of),) * len(names) if units_of else ()
+    return Table(frame, tuple(names), (source,), units=units, **more)
 
 
 def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:

@@ -13,7 +13,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from io import StringIO
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -211,46 +210,40 @@ class _File:
     def header(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Names and units of the columns; their lines are no rows any more."""
         first, *rest = self._cells(self.delimiter, self.rows[:3])
-        if not _is_header(first, rest[0] if rest else first):
+        numbers = [cell for cell in first if NUMBER.fullmatch(cell)]
+        counts = len(numbers) > 2 and numbers in (
+            [*map(str, range(start, start + len(numbers)))] for start in (0, 1)
+        )
+        if len(numbers) == len(first):
+            if counts:
+                self.refuse("numbers the columns or is a frame; name the columns in it", self.rows[0])
             return (), ()
-        line = self.rows.pop(0) + 1
+        pairs = zip(first, rest[0], strict=False) if rest else ()
+        below = any(not NUMBER.fullmatch(a) and NUMBER.fullmatch(b) for a, b in pairs)
+        if numbers and not counts and not (below and all(map(str.isdecimal, numbers))):
+            return (), ()  # a frame with a text in it; whole numbers may be names of taxels
+        line = self.rows.pop(0)
         if not self.rows:
-            self.refuse("holds a header and no row; leave the file out or write it again", line - 1)
-        if all(not cell or NUMBER.fullmatch(cell) for cell in first):
-            self.notes.append(f"line {line} numbers the columns and is their header")
-        # a second line belongs to the header without a number, or, where the first does not tell the columns
-        # apart, with an empty cell, which no frame has
-        apart = len(set(first)) == len(first)
-        below = len(rest) == 2 and _numeric(rest[1]) and len(rest[0]) == len(first)
-        if not below or (_numeric(rest[0]) and (apart or all(rest[0]))):
+            self.refuse("holds a header and no row; leave the file out or write it again", line)
+        if len(rest) < 2 or _numeric(rest[0]) or not _numeric(rest[1]) or len(rest[0]) != len(first):
             return tuple(first), ()
-        second = self.rows.pop(0) + 1
-        if apart and all(first):
-            return tuple(first), tuple(rest[0])
-        self.notes.append(f"lines {line} and {second} are one header")
-        for place, cell in enumerate(first):  # a blank cell means what stands left of it
-            first[place] = cell or first[max(place - 1, 0)]
-        return tuple(f"{name} {more}".strip() for name, more in zip(first, rest[0], strict=True)), ()
+        self.rows.pop(0)
+        return tuple(first), tuple(rest[0])
 
-    def commas(self) -> dict[str, Any]:
-        """What commas in numbers are, as pandas takes it.
-
-        Of a number such as 1,234 alone nobody knows; that no number contradicts one of the two readings is no
-        reason to take it.
-        """
+    def commas(self) -> dict[str, str]:
+        """What commas in numbers are, as pandas takes it. Of a number such as 1,234 alone nobody knows."""
         text = "\n".join(self.lines[row] for row in self.rows)
         text = "\n".join(re.findall(r'"[^"]*"', text)) if self.delimiter == "," else text
         found = _WITH_COMMA.findall(text)
-        if not found:
-            return {}
-        if self.heads[0].get("Decimal_Separator") == [","] or not all(map(_THOUSANDS.fullmatch, found)):
-            return {"decimal": ","}
-        if not any(number.count(",") > 1 for number in found) and not re.search(r"\d\.\d", text):
+        if (
+            found
+            and self.heads[0].get("Decimal_Separator") != [","]
+            and all(map(_THOUSANDS.fullmatch, found))
+        ):
             row = next(row for row in self.rows if found[0] in self.lines[row])
-            why = f"'{found[0]}' may be a decimal number or thousands"
-            self.refuse(f"{why}; write a decimal point, or no separator of thousands", row)
-        self.notes.append("commas in numbers separate thousands")
-        return {"thousands": ","}
+            why = f"'{found[0]}' may have a decimal comma or separators of thousands"
+            self.refuse(f"{why}; write a decimal point and no separators", row)
+        return {"decimal": ","} if found else {}
 
     def width(self, names: int) -> tuple[int, int]:
         """The cells of every row, and the most that one has: empty ones more, and in LabVIEW's form remarks
@@ -283,51 +276,33 @@ class _File:
 
 def _of_labview(table: Table, file: _File) -> Table:
     """The table of an ``.lvm`` file: column 1 is time and the others are in volt, unless the heads say more.
-    Where the time is blank it is what the heads give, X0 and Delta_X."""
+    Where the time is blank the rate is that of Delta_X."""
+    import pandas as pd
 
-    def of_heads(name: str) -> list[set[float]]:
-        """Of each segment the values of the channels."""
-        rows = [[cell.replace(",", ".") for cell in head.get(name, [])] for head in file.heads]
-        return [{float(cell) for cell in cells if NUMBER.fullmatch(cell)} for cells in rows]
-
-    frame, steps, starts = table.frame, of_heads("Delta_X"), of_heads("X0")
-    if len(set().union(*steps)) > 1:
+    cells = [cell.replace(",", ".") for head in file.heads for cell in head.get("Delta_X", [])]
+    steps = {float(step) for step in pd.to_numeric(cells, errors="coerce") if step > 0}
+    if len(steps) > 1:
         file.refuse("its channels have several Delta_X, so no common clock; write a file a rate")
-    blank = table.is_missing(0)
-    if blank.all():
+    frame, rate = table.frame, {}
+    if table.is_missing(0).all():
         frame = frame.drop(columns=0)
-        bounds = [*pairwise([0, *table.breaks, len(frame)])]
-        if all(steps) and len(steps) == len(bounds):
-            times = [
-                min(start, default=0.0) + min(step) * np.arange(last - first)
-                for start, step, (first, last) in zip(starts, steps, bounds, strict=True)
-            ]
-            frame.insert(0, 0, np.concatenate(times))
-    elif blank.any():
-        table.refuse(
-            "the time is missing; fill it in or leave the whole column blank", int(np.argmax(blank)), 0
-        )
+        rate = {"sample_rate_hz": float(f"{1 / max(steps):.6g}")} if steps else {}
+    else:
+        table.check_filled(0)
     unit = next((cell for cell in file.heads[0].get("Y_Unit_Label", []) if cell), "V")
     unit = "V" if unit.lower() in ("volts", "volt", "v") else unit
     names = table.names or ("x_value", *[""] * (table.frame.shape[1] - 1))
     units = table.units or tuple("s" if name.lower().startswith("x_value") else unit for name in names)
-    return replace(table, frame=frame, units=units, clock=0 if 0 in frame else None, volts=unit == "V")
+    return replace(
+        table,
+        frame=frame,
+        units=units,
+        clock=0 if 0 in frame else None,
+        volts=unit == "V",
+        attributes=(rate,),
+    )
 
 
 # ---------------------------------------------------------------------- cells
 def _numeric(cells: Sequence[str]) -> int:
     return sum(NUMBER.fullmatch(cell) is not None for cell in cells)
-
-
-def _is_header(first: list[str], second: list[str]) -> bool:
-    """Whether the first line names the columns: by text, or by numbers that count from 0 or 1 and do not
-    count on below; whole numbers beside text may be names of taxels."""
-    filled = [cell for cell in first if cell]
-    numbers = [cell for cell in filled if NUMBER.fullmatch(cell)]
-    count = len(numbers)
-    counts = count > 2 and numbers in ([*map(str, range(count))], [*map(str, range(1, count + 1))])
-    if len(numbers) == len(filled):
-        on = second[0].isdecimal() and first[0].isdecimal() and second[0] == str(int(first[0]) + 1)
-        return counts and not on
-    below = any(not NUMBER.fullmatch(a) and NUMBER.fullmatch(b) for a, b in zip(first, second, strict=False))
-    return not numbers or counts or (below and all(map(str.isdecimal, numbers))) or len(filled) == 1

@@ -21,8 +21,6 @@ The scene's figures were chosen so that networks of several sizes differ. Accura
 works, nothing of a sensor.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from eskin.data.piezo_array import Person, PiezoArray, bump, check_sizes, single
@@ -48,7 +46,6 @@ def turn_recordings(
     rows: int = 3,
     columns: int = 3,
     sample_rate_hz: float = 200.0,
-    progress: Callable[[int, int], None] | None = None,
 ) -> Recordings:
     """Recordings of every person doing every class ``trials`` times, 3 s each.
 
@@ -58,7 +55,7 @@ def turn_recordings(
         People, and recordings for each person and class.
     seed:
         Everything follows from it; a person's recordings do not depend on how many persons there are.
-    rows, columns, sample_rate_hz, progress:
+    rows, columns, sample_rate_hz:
         As for `eskin.data.scene.synthetic_recordings`.
 
     Returns
@@ -71,7 +68,7 @@ def turn_recordings(
     InputError
         A count, a size or the rate is out of range.
     """
-    check_sizes("synthetic scene", persons, trials, rows, columns, len(CLASSES), sample_rate_hz)
+    check_sizes("synthetic scene", persons, trials, rows, columns, sample_rate_hz)
     array = PiezoArray(seed, rows, columns, sample_rate_hz)
 
     def person_of(rng: np.random.Generator) -> Person:
@@ -83,7 +80,7 @@ def turn_recordings(
         }
         return lambda label, trial: _touch(TURNS[CLASSES[label]], rng, habit, array)
 
-    return array.recorded(person_of, persons, trials, CLASSES, "synthetic scene", progress)
+    return array.recorded(person_of, persons, trials, CLASSES, "synthetic scene")
 
 
 def _touch(turn: int, rng: np.random.Generator, habit: dict[str, float], array: PiezoArray) -> np.ndarray:

@@ -10,9 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from eskin.choose.doubts import LEVEL_TELLS
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_onsets, find_touches
+from eskin.training.derive import settling_frames
 
 MARGIN = 0.10
 """Accuracy above chance that is still no leak."""
@@ -56,11 +58,12 @@ def _judged_frames(config: AcceleratorConfig) -> int:
 @dataclasses.dataclass(frozen=True)
 class Leak:
     """accuracy: share of ``recordings`` decided as labelled without their touch. limit: chance (the share of
-    the largest class) and MARGIN."""
+    the largest class) and MARGIN. frames: all that was left of a recording; 0: its lead-in."""
 
     recordings: int
     accuracy: float
     limit: float
+    frames: int = 0
 
 
 def known_without_touch(
@@ -88,7 +91,28 @@ def known_without_touch(
     whole, onsets = recordings.subset(quiet), onsets[quiet]
     touches = find(config, without_touches(whole, config, onsets, left_in), onsets=onsets)
     decided = decide(touches) if decide else decide_touches(model, touches).decision
-    right = np.zeros(len(whole), dtype=bool)
-    right[touches.recording] = decided == whole.labels[touches.recording]
-    chance = whole.class_counts.max() / len(whole)
-    return Leak(len(whole), float(right.mean()), round(float(chance) + MARGIN, 6))
+    accuracy, chance = _known(whole, touches, decided)
+    return Leak(len(whole), accuracy, round(chance + MARGIN, 6))
+
+
+def known_from_first_frames(model: IntegerModel, recordings: Recordings) -> Leak | None:
+    """What a model whose gate opens at once knows of recordings of which only the first frames are left,
+    repeated; None where all are too short. Recordings may begin in contact, so they may tell LEVEL_TELLS of
+    the way from chance to 1."""
+    config = model.config
+    recordings = recordings.scanned(config.sensor.scan_every)
+    frames = max(settling_frames(recordings.sample_rate_hz), config.rest_level.rest_frames + 1)
+    whole = recordings.subset(np.flatnonzero(recordings.lengths > frames))
+    if not len(whole):
+        return None
+    onsets = np.full(len(whole), frames + _judged_frames(config))
+    touches = find_touches(config, without_touches(whole, config, onsets))
+    accuracy, chance = _known(whole, touches, decide_touches(model, touches).decision)
+    return Leak(len(whole), accuracy, round(chance + LEVEL_TELLS * (1 - chance), 6), frames)
+
+
+def _known(recordings: Recordings, touches: Touches, decided: np.ndarray) -> tuple[float, float]:
+    """(the share of recordings that ``decided``, of their ``touches``, is right of; chance)."""
+    right = np.zeros(len(recordings), dtype=bool)
+    right[touches.recording] = decided == recordings.labels[touches.recording]
+    return float(right.mean()), float(recordings.class_counts.max() / len(recordings))

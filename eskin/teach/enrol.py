@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings, for_model
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
@@ -270,10 +270,8 @@ def enrol(
         )
     pair, record = load_pair(model_dir), load_training(model_dir)
     config = pair.integer.config
-    few = few.of_classes(config.network.class_names, "the model")
-    for recordings in (few, old):
-        if recordings is not None:
-            check_fit(recordings, config)
+    few = for_model(few, config)
+    old = None if old is None else for_model(old, config)
     recipe = _recipe_of(record, config)
     everything = joined(few, old)
     data = find_dataset(everything, config, recipe)
@@ -396,8 +394,7 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Rec
     check_model_target(out)
     model, record = IntegerModel.load(model_dir), load_training(model_dir)
     check_teachable(model.config)
-    few = few.of_classes(model.config.network.class_names, "the model")
-    check_fit(few, model.config)
+    few = for_model(few, model.config)
     after, counts = teach_recordings(model, few)
     names = model.config.network.class_names
     result: Record = {

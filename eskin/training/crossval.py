@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -89,7 +90,8 @@ def cross_validate(
 class Terms:
     """What all networks of a choice are judged on.
 
-    groups: what is left out. seeds: of the networks of a fold.
+    groups: what is left out. seeds: of the networks of a fold. stress: disturbances that they are judged
+    under, too.
     """
 
     recordings: Recordings
@@ -98,6 +100,7 @@ class Terms:
     seeds: Sequence[int] = (0, 1, 2)
     folds: int = 5
     progress: Progress | None = None
+    stress: Any = None
 
     def called(self, name: str) -> Progress | None:
         """Its progress, that says what is worked on."""

@@ -44,6 +44,11 @@ def find_dataset(
     )
 
 
+def front_end_key(config: AcceleratorConfig) -> str:
+    """All of a configuration but its network."""
+    return json.dumps({name: value for name, value in config.to_dict().items() if name != "network"})
+
+
 class Datasets:
     """First touches of one set of recordings under the front ends that were asked for, each found once:
     networks are not looked at."""
@@ -54,8 +59,7 @@ class Datasets:
 
     def of(self, config: AcceleratorConfig, recipe: Recipe) -> Dataset:
         """What a recipe of this time warp trains on under the configuration's front end."""
-        front_end = {name: value for name, value in config.to_dict().items() if name != "network"}
-        key = json.dumps([front_end, recipe.warp])
+        key = f"{front_end_key(config)} {recipe.warp}"
         if key not in self._known:
             self._known[key] = find_dataset(self._recordings, config, recipe)
         return self._known[key]

@@ -16,7 +16,8 @@ recordings spread evenly over the classes:
 - *clip*: 1.5 times the median recording's largest deviation, twice the largest peak of a moving mean at
   least; none where nothing exceeds it, or where the gate opens at once.
 - *hop*: 48 ms (200 ms where the gate opens at once), 4 frames at least, so short that 20 windows of two hops
-  fit 95 % of the recordings after the median onset; with too few frames even for that, fewer steps.
+  fit three quarters of the recordings after the median onset (shorter ones are decided on the windows that
+  they hold); with too few frames even for that, fewer steps.
 
 Where the rule so made finds a touch in fewer than half of the recordings, the gate opens at once.
 """
@@ -181,7 +182,7 @@ def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorCon
     reasons += why
     pace_s = 0.2 if onset["onset"] == "immediate" else 0.048
     # 20 windows of two hops reach over 21 hops
-    available = int(np.quantile(sample.lengths, 0.05, method="lower")) - begin
+    available = int(np.quantile(sample.lengths, 0.25, method="lower")) - begin
     fit = available // (STEPS + 1)
     hop = int(np.clip(min(max(round(pace_s * rate), 4), fit), 1, 65535))
     steps = STEPS if fit >= 1 else max(1, available - 1)

@@ -11,7 +11,7 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import FloatModel, IntegerModel
 from eskin.training.batches import Batches
 from eskin.training.datasets import Dataset
-from eskin.training.linear_fit import fit_least_squares, fit_linear
+from eskin.training.linear_fit import cut_short, fit_least_squares, fit_linear, fit_sturdy
 from eskin.training.losses import LossCurves, Progress, Told, class_loss, descend, teacher_loss
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import IntegerNetwork, check_given, profile, quantise_model
@@ -146,13 +146,17 @@ def _fit_linear(
             # C weighs the sum of losses over touches. Touches that are drawn several times are no more data,
             # so it is scaled back.
             penalty = recipe.penalty * len(rows) / len(labels)
+            again, ends = cut_short(counts.sum(axis=1), config.windows.steps)
+            counts = np.r_[counts, np.arange(config.windows.steps) < ends[:, None]]
+            features, labels = np.r_[features, features[again]], np.r_[labels, labels[again]]
             features = features * counts[..., None]  # a step that was not recorded adds nothing
-            arrays = (
-                fit_least_squares(config, features, labels)
-                if recipe.squares
-                else fit_linear(config, features, labels, penalty)
-            )
             mu, sigma = batches.scales[0]
+            if recipe.sturdy:
+                arrays = fit_sturdy(config, features, counts, labels, (mu, sigma), recipe.sturdy)
+            elif recipe.squares:
+                arrays = fit_least_squares(config, features, labels, len(again))
+            else:
+                arrays = fit_linear(config, features, labels, penalty)
             model = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
             fitted[rows.tobytes()] = model
         models.append(model)

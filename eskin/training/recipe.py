@@ -35,7 +35,8 @@ class Recipe:
     regression on all windows of a touch (`eskin.training.linear_fit`): the inverse penalty of its
     weights on standardised inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and
     weight_limit say nothing then. squares: a linear cell is a ridge regression on the classes' indicators
-    instead, with a penalty chosen by leaving touches out. weight_limit: parameters are held within +-this (0
+    instead, with a penalty chosen by leaving touches out; sturdy: with this penalty, and with the disturbances
+    of `eskin.training.linear_fit.fit_sturdy`; 0 = neither. weight_limit: parameters are held within +-this (0
     = no limit), so that 8-bit weights need one integer bit beside the sign.
     """
 
@@ -57,6 +58,12 @@ class Recipe:
     weight_limit: float = 0.0
     penalty: float = 0.0
     squares: bool = False
+    sturdy: float = 0.0
+
+    @property
+    def robust(self) -> bool:
+        """True where it is trained under disturbance."""
+        return bool(self.sturdy or self.taxel_failure or self.channel_dropout)
 
     @property
     def augments(self) -> bool:

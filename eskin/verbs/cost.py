@@ -49,7 +49,9 @@ def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
         energy_touch_j=energy["per_touch_j"] + energy["preprocessing_per_touch_j"],
         cells=cells_of(config),
         latency_s=decision_cycles(config) / target.clock_hz,
-        touch_s=config.last_frame / config.sensor.scan_rate_hz,
+        touch_s=config.touch_s,
+        average_w=min(choice["average_w"] for choice in energy["choices"])
+        + ((energy["interface"] or {}).get("scanning_w") or 0.0),
     )
 
 

@@ -1,4 +1,4 @@
-"""Teaching: an upset of what says where a code goes is flagged, and keeps codes from being written."""
+"""Teaching: an upset of a code's address is flagged and prevents writes."""
 
 from amaranth.hdl import Cat, Module
 

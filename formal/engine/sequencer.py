@@ -66,7 +66,7 @@ class Program:
 
 def follows(m: Module, program: Program, dut: Sequencer, reset: Value | int = 0) -> SimpleNamespace:
     """Prove that the sequencer is in the slot of the program in which it should be; ``slot``: that slot's
-    number, ``restarts``: after the last the program begins anew.
+    number, ``restarts``: after the last the program restarts.
 
     The slot is what a counter says that knows nothing of words and repeats: one more with every slot that
     ends, after the last back to the program's ``again``, or to 0 where ``restart`` was high as slot

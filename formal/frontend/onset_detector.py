@@ -322,7 +322,7 @@ def _touches(m: Module, config) -> None:
 
 
 class State(enum.Enum, shape=2):
-    """Of the detector."""
+    """States of the detector."""
 
     ARMED = 0
     TOUCH = 1

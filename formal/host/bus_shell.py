@@ -1,4 +1,4 @@
-"""What a CPU asks for acts once and is answered; samples, decisions and the interrupt."""
+"""Each access of a CPU acts once and is answered: samples, decisions and the interrupt."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 

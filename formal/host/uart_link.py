@@ -18,7 +18,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
 
 
 class AnyBytes(wiring.Component):
-    """In place of the receiver: any bytes at any time."""
+    """A stand-in for the receiver: any bytes at any time."""
 
     def __init__(self, divisor: int) -> None:
         super().__init__({"rx": In(1), "data": Out(8), "valid": Out(1)})

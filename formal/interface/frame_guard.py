@@ -1,4 +1,4 @@
-"""Whole frames only: what is handed on is a good frame, once, in order; the stream rule; nothing is written
+"""Whole frames only: each frame that is forwarded is good, once, in order; the stream rule; nothing is written
 while it is read."""
 
 from amaranth.hdl import Module, Mux, Signal
@@ -50,7 +50,7 @@ def whole_frames(m: Module) -> None:
         ~dut.o.valid | (dut.o.p.first == (beats == 0)) & (dut.o.p.last == (beats == taxels - 1)),
         "first and last",
     )
-    # ---- a reference of its own: samples of this frame that came too late, and whether a frame waits to be handed on
+    # ---- a reference of its own: samples of this frame that came too late, and whether a frame waits to be forwarded
     late, owed = Signal(name="came_late"), Signal(name="owed")
     ends = taken & (beats == taxels - 1)
     good = dut.finished & ~dut.bad & ~owed & ~late

@@ -84,7 +84,7 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
             collect(inner)
 
     collect(m.submodules.dut.elaborate(None))
-    # What the classifier's own proof says of a classifier that is not busy.
+    # The classifier's own proof shows this for a classifier that is not busy.
     decider, search = dut.classifier, dut.classifier.search
     scores = (search.arriving, search.judged) if isinstance(search, SearchOnce) else (search.searching,)
     under_way = Cat(decider.o.valid, decider.tallying, decider.finished, search.found, *scores)

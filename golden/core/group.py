@@ -18,7 +18,7 @@ Real = Annotated[StrictFloat, AllowInfNan(False)]
 Code = Annotated[StrictInt, Interval(ge=0, le=65535)]
 
 Refusal = tuple[str, str]
-"""(field, why): what is wrong with a configuration."""
+"""(field, reason) of a mistake in a configuration."""
 
 
 class Group:
@@ -46,7 +46,7 @@ class Group:
         return []
 
     def refusals(self) -> Iterator[Refusal]:
-        """Where fields of this group do not fit each other."""
+        """Fields of this group that do not fit each other."""
         yield from ()
 
     def replace(self, **changes: Any) -> Self:
@@ -68,11 +68,11 @@ _WORDS = {
     "is_instance_of": "give a format, SQ(3,5) say",
     "tuple_type": "give a list",
 }
-"""What to give instead, by pydantic's name of the mistake."""
+"""Advice for each kind of mistake, by pydantic's name of it."""
 
 
 def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
-    """What to give instead of the first mistake."""
+    """Advice for the first mistake."""
     first = error.errors(include_url=False)[0]
     kind, context = first["type"], first.get("ctx", {})
     # pydantic's own words where they are plain; a location inside the field means that it is a list

@@ -1,5 +1,4 @@
-"""The groups of a configuration's fields, each checking itself; what ties groups together is checked in
-config.py.
+"""The groups of a configuration's fields. Each checks itself; config.py checks conditions between groups.
 
 Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
 """
@@ -26,7 +25,7 @@ ActivityRule = Literal["sum", "change"]
 FeatureScale = Literal["array", "taxel"]
 
 FEATURE_KINDS: tuple[str, ...] = get_args(FeatureKind)
-"""What a window says of a taxel, in the order in which features stand."""
+"""Kinds of value that a window gives per taxel, in the order of the features."""
 Cell = Literal["gru", "lstm", "linear", "image"]
 WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
@@ -38,7 +37,7 @@ Stimulator = Literal["none", "decisions", "positions"]
 
 
 def _format(allowed: Callable[[QFormat], bool], words: str) -> AfterValidator:
-    """Formats of one kind; ``words``: what to give instead of another."""
+    """Formats of one kind; ``words``: the advice for any other format."""
 
     def check(fmt: QFormat) -> QFormat:
         if not allowed(fmt):
@@ -72,12 +71,15 @@ LayerText = Annotated[StrictStr, AfterValidator(lambda text: str(parse_layer(tex
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor(Group):
-    """What delivers frames.
+    """The sensor, which delivers frames.
 
-    taxels; sample_rate_hz (frames a second of the source); scan_every: the chain takes the first of every so
-    many frames, and every other field in frames counts those that it takes; sample_bits, sample_signed (A/D code); volt_per_code (volt, 0
-    when the recordings are not voltages); masked_taxels (taxel indices, from 0, that are out of use at
-    reset).
+    - taxels: number of taxels.
+    - sample_rate_hz: frames per second of the source.
+    - scan_every: the chain takes the first of every N frames of the source; all other fields in frames count the frames
+      that it takes.
+    - sample_bits, sample_signed: format of an A/D code.
+    - volt_per_code: volt per code; 0 if the recordings are not voltages.
+    - masked_taxels: indices (from 0) of taxels that are out of use after a reset.
     """
 
     taxels: Annotated[StrictInt, Interval(ge=1, le=256)] = 16
@@ -111,11 +113,12 @@ class Sensor(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class RestLevel(Group):
-    """What deviations are counted from.
+    """The level from which deviations are counted.
 
-    rest: ``none`` (0), ``tracked`` (mean of the first rest_frames frames, then 1/16 code a frame by sign,
-    frozen during a touch) or ``initial`` (mean of the first rest_frames, then frozen). clip: codes; a
-    deviation from rest is held within +-clip, 0 = no clip.
+    - rest: ``none`` (0), ``tracked`` (the mean of the first rest_frames frames, then 1/16 code per frame towards the sample,
+      frozen during a touch) or ``initial`` (the mean of the first rest_frames frames, then frozen).
+    - rest_frames: frames of that mean.
+    - clip: codes; a deviation is clipped to +-clip. 0: no clip.
     """
 
     rest: Rest = "none"
@@ -133,13 +136,13 @@ class RestLevel(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Onset(Group):
-    """When a touch begins.
+    """The rule that detects the start of a touch.
 
-    onset: ``band`` (any taxel outside band_low..band_high, codes), ``baseline`` (every onset_check_frames
-    frames, any taxel whose mean deviation over onset_mean_frames exceeds onset_threshold codes) or
-    ``immediate`` (gate open from frame 1, one touch). rearm_frames: quiet frames before the next touch may
-    begin. onset_hits of onset_span: judged frames out of the last so many in which the rule must hold (M of
-    K); 1 of 1 = at once.
+    - onset: ``band`` (any taxel outside band_low..band_high, codes), ``baseline`` (checked every onset_check_frames frames:
+      any taxel whose mean deviation over onset_mean_frames exceeds onset_threshold codes) or ``immediate`` (open from
+      frame 1, one touch).
+    - rearm_frames: quiet frames before the next touch may start.
+    - onset_hits, onset_span: the rule must hold in onset_hits of the last onset_span checks.
     """
 
     onset: OnsetRule = "band"
@@ -175,9 +178,9 @@ class Onset(Group):
 class Faults(Group):
     """The fault detector.
 
-    fault_frames: length of the blocks in which every taxel is judged stuck, silent or saturated, and masked
-    then; 0 = no detector. fault_activity: codes; a taxel whose samples change by no more than this in a whole
-    block, added up, has failed.
+    - fault_frames: length of the blocks in which every taxel is judged stuck, silent or saturated, and then masked. 0: no
+      detector.
+    - fault_activity: codes; a taxel whose samples change by no more than this in total during a whole block has failed.
     """
 
     fault_frames: Annotated[StrictInt, Interval(ge=0, le=4096)] = 0
@@ -190,10 +193,12 @@ class Faults(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Windows(Group):
-    """Where windows lie, and how many a touch has.
+    """The position and the number of windows in a touch.
 
-    window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or
-    ``free`` (hops run from arm). hop, window: frames; steps: windows, so steps of the network, a touch.
+    - window_mode: ``touch`` (hops start pretrigger_frames before the onset, and windows end at touch_frames at the latest) or
+      ``free`` (hops run from arm).
+    - hop, window: lengths in frames.
+    - steps: windows per touch, which are steps of the network.
     """
 
     window_mode: WindowMode = "touch"
@@ -221,22 +226,20 @@ class Windows(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Features(Group):
-    """From window sums to what the network reads.
+    """The features that the network reads.
 
-    compand: ``none``, or ``log``: sums are companded before the normaliser, to log2(1 + |sum| /
-    2**compand_knee) with its sign, straight between powers of two, compand_frac fraction bits.
-
-    feature_kinds: what a window gives for each taxel, any of ``mean`` (the sum of its deviations),
-    ``activity`` (how much they move inside it) and ``integral`` (their sum since the touch's first window
-    began, companded), in this order. activity_rule: the window's sum over blocks of activity_block frames of
-    the absolute block ``sum``, or of the absolute ``change`` from the block before. integral_knee,
-    integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with integral_frac fraction
-    bits. feature_scale: a mean and scale for each kind for the whole ``array``, or for each ``taxel``.
-
-    feature_shift: bits dropped from (sum - mean) for each distinct window length and, of each, each kind of
-    feature (all kinds of the first length first); below 0 where windows have few levels: the means then have
-    as many fraction bits, and nothing is dropped. aligned_means: these bits are 0 in every mean, so that
-    hardware does without them; one shift for every length then.
+    - compand: ``none``, or ``log``: sums are companded before the normaliser to log2(1 + |sum| / 2**compand_knee) with their
+      sign, linear between powers of two, with compand_frac fraction bits.
+    - feature_kinds: the values of each taxel in a window, any of ``mean`` (sum of its deviations), ``activity`` (how much they
+      move in the window) and ``integral`` (their sum since the start of the touch's first window, companded), in this order.
+    - activity_rule: activity is the sum over blocks of activity_block frames of the absolute block ``sum``, or of the absolute
+      ``change`` from the block before.
+    - integral_knee, integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with integral_frac fraction
+      bits.
+    - feature_scale: one mean and scale per kind for the whole ``array``, or for each ``taxel``.
+    - feature_shift: bits dropped from (sum - mean), for each distinct window length and, within it, each kind. A negative
+      shift gives the means that many fraction bits and drops nothing.
+    - aligned_means: these bits are 0 in every mean, so the hardware needs no cells for them; all lengths then share one shift.
     """
 
     compand: Compand = "none"
@@ -277,14 +280,17 @@ class Features(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Network(Group):
-    """The classifier and how it decides.
+    """The classifier, and how it decides.
 
-    cell (``image``: the layers of group image); weight_sets (linear only): weights of its own for every
-    ``window``, or ``one`` set for all of them; reset (GRU only); gate_activation and hidden (gru, lstm);
-    class_names; decision: the global one by ``vote``, by the ``last`` step, or ``early``: by the first step
-    at which the last early_steps local decisions agree, each with a margin of at least early_margin (logit
-    LSBs); by the last step where that never comes; margin_threshold: a global decision of a smaller margin is
-    not confident; 0 = every one is.
+    - cell: ``image`` uses the layers of the group image.
+    - weight_sets: linear only: weights for every ``window``, or ``one`` set for all windows.
+    - reset: GRU only: the side of the reset gate.
+    - hidden, gate_activation: GRU and LSTM.
+    - class_names: names of the classes.
+    - decision: the touch's decision is the ``vote`` of all steps, that of the ``last`` step, or ``early``: that of the first step
+      at which the last early_steps local decisions agree, each with a margin of at least early_margin (logit LSBs), otherwise of
+      the last step.
+    - margin_threshold: a touch's decision with a smaller margin is flagged unsure. 0: never.
     """
 
     cell: Cell = "gru"
@@ -307,15 +313,17 @@ class Network(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadoutRule(Group):
-    """What a step is decided by; ``eskin quantise --readout`` sets it, and training asks for none of it.
+    """The rule that makes a step's decision. ``eskin quantise --readout`` sets it; training does not use it.
 
-    readout: ``dense``, the logits; or ``prototypes``, the nearest stored trajectory of the hidden state (of a
-    linear cell: of the logits); the other fields belong to it. prototypes: trajectories a class from
-    training; taught: places a class for touches that are taught in use. state_code_bits: of a stored value,
-    which is a state (a linear cell: logit) less its state_code_shift lowest bits, rounded. unknown_above: a
-    touch whose distance from the nearest, a step, is larger is unsure; 0: none is. spare_classes: so many of
-    the classes, the last ones, have no prototype of training: objects that are known once they are taught.
-    taught_shift: the distance of a taught touch counts without so many of its lowest bits, so with 1 half.
+    - readout: ``dense`` (the logits) or ``prototypes`` (the nearest stored trajectory of the hidden state; of a linear cell, of
+      the logits). The other fields belong to ``prototypes``.
+    - prototypes: trajectories per class from training.
+    - taught: slots per class for touches that are taught in use.
+    - state_code_bits, state_code_shift: a stored value is a state (linear cell: logit) without its state_code_shift lowest
+      bits, rounded to state_code_bits.
+    - unknown_above: a touch is unsure if its distance per step from the nearest prototype is larger. 0: never.
+    - spare_classes: the last N classes have no prototype from training; they are recognised once they are taught.
+    - taught_shift: the distance of a taught touch counts without its lowest N bits; 1 halves it.
     """
 
     readout: Readout = "dense"
@@ -342,14 +350,14 @@ class ReadoutRule(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Image(Group):
-    """A network for images, in place of a cell that reads windows; nothing of it is there while layers is
-    empty.
+    """A network for images instead of a cell that reads windows. It exists if layers is not empty.
 
-    height, width: pixels of an image, which comes as height frames of width samples. layers: from the image
-    on, each ``conv K N`` (kernel K x K of 1, 3 or 5, N channels, ReLU), ``pool`` (behind a convolution, 2 x
-    2) or ``dense N``; the last is ``dense`` with an output for each class. weight_formats: of each layer that
-    has weights, 4 or 8 bits; map_formats: of what each of them but the last gives, 8 bits unsigned. Both are
-    empty until the model is quantised; the last layer gives logits in ``logit_format``.
+    - height, width: pixels of an image, which arrives as height frames of width samples.
+    - layers: from the image on, each ``conv K N`` (kernel K x K of 1, 3 or 5, N channels, ReLU), ``pool`` (2 x 2, after a
+      convolution) or ``dense N``; the last is ``dense`` with one output per class.
+    - weight_formats: formats of the layers that have weights, 4 or 8 bits.
+    - map_formats: output formats of all these layers but the last, 8 bits unsigned. The last layer's logits have
+      ``logit_format``. Both lists are empty until the model is quantised.
     """
 
     height: Annotated[StrictInt, Interval(ge=0, le=256)] = 0
@@ -386,10 +394,16 @@ class Image(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Formats(Group):
-    """Number formats: weight_format (input weights), recurrent_format, dense_format, bias_format,
-    dense_bias_format, feature_format, state_format, gate_frac (gate codes are 0..2**gate_frac), logit_format,
-    table_entries (over +-8). A linear cell has of these dense_format, dense_bias_format, feature_format,
-    gate_frac (the normaliser's) and logit_format."""
+    """Number formats. ``eskin quantise`` writes them.
+
+    - weight_format, recurrent_format, dense_format: weights of inputs, of the hidden state and of the dense layer.
+    - bias_format, dense_bias_format: their biases.
+    - feature_format, state_format, logit_format: values.
+    - gate_frac: gate codes are 0..2**gate_frac.
+    - table_entries: entries of an activation table, over +-8.
+
+    A linear cell uses dense_format, dense_bias_format, feature_format, gate_frac (of the normaliser) and logit_format.
+    """
 
     weight_format: Weight = QFormat(3, 5)
     recurrent_format: Weight = QFormat(3, 5)
@@ -405,16 +419,21 @@ class Formats(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Hardware(Group):
-    """How it is built: lanes; lane_type; loadable (weights and constants written over the
-    host bus; False: ROM); clock_hz; decide_within_s (the latency budget from a window's last sample to its
-    decision; 0: one frame, of images one image); checksum (memories and registers are checked as they are
-    used, a fault raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the
-    pre-trigger ring is read and written in one cycle, as a chip's macros of one port want); one_phase (a
-    recurrent cell's rows are computed when the features are there and not partly before, which spares the
-    memory of partial sums and makes decisions later; dsp lanes always do so); clock_gate (the
-    clock stops while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights
-    in the large memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where
-    these run out)."""
+    """The hardware's structure.
+
+    - lanes, lane_type: multipliers that work in parallel, and their type.
+    - loadable: weights and constants are written over the host bus; otherwise they are ROM.
+    - clock_hz: frequency of the clock.
+    - decide_within_s: latency budget from a window's last sample to its decision; 0: one frame (images: one image).
+    - checksum: memories and registers are checked when they are used, and a fault sets a flag.
+    - watchdog: a chain that hangs returns to idle.
+    - one_port: no memory of the pre-trigger ring is read and written in the same cycle, as macros with one port require.
+    - one_phase: all rows of a recurrent cell are computed after the features arrive. This saves the memory of partial sums and
+      delays decisions; dsp lanes always work like this.
+    - clock_gate: the clock stops while nothing is under way; for chips, not with dsp lanes.
+    - spare_blocks: weights of dsp lanes lie in the large memories of an iCE40 UP5K, which saves block memories; ``eskin build``
+      sets it where block memories run out.
+    """
 
     lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
     lane_type: LaneType = "plain"
@@ -439,23 +458,19 @@ class Hardware(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Interface(Group):
-    """What hangs on the pins in front of the chain; nothing of it is built while it is ``none``.
+    """Hardware on the pins in front of the chain. With ``none`` nothing of it is built.
 
-    converter: ``none``, the name of one in golden/core/converters, or an object of its name and its own
-    fields: ``{"name": "ddc232", "bits": 16}``.
-
-    rows, columns: of the array (taxel = row x columns + column), for ``matrix``, ``mpr121`` and position.
-
-    position: tell where the array is touched; position_rest: sample of a
-    cell that nothing touches; position_threshold: codes above it that a touched cell exceeds; slide_least:
-    sixteenths of a cell from a touch's first position to its last, along the longer axis, that make it a
-    slide.
-
-    stimulator: electrodes on the skin are driven by ``decisions`` (class to electrode) or by ``positions``
-    (array to electrodes); electrodes: one of 1..24 for each class, row by row, 0 for none (empty: class k has
-    electrode k + 1); stim_amplitude, stim_delay, stim_frequency, stim_width: at reset, in the stimulator's
-    units; amplitude_limit, delay_limit, frequency_limit, width_limit: what no host can exceed; hold_s:
-    seconds that a decision or position is good for; on_limit_s: seconds that an electrode is on at most.
+    - converter: ``none``, a name from golden/core/converters, or an object of the name and its own fields:
+      ``{"name": "ddc232", "bits": 16}``.
+    - rows, columns: size of the array (taxel = row x columns + column), for ``matrix``, ``mpr121`` and position.
+    - position: compute where the array is touched. position_rest: sample of an untouched cell. position_threshold: codes above
+      it from which a cell is touched. slide_least: sixteenths of a cell between first and last position, along the longer
+      axis, from which a touch is a slide.
+    - stimulator: electrodes on the skin are driven by ``decisions`` (class to electrode) or ``positions`` (array to electrodes).
+    - electrodes: one of 1..24 for each class, row by row; 0: none. Empty: class k has electrode k + 1.
+    - stim_amplitude, stim_delay, stim_frequency, stim_width: settings after a reset, in the stimulator's units.
+    - amplitude_limit, delay_limit, frequency_limit, width_limit: limits that no host can exceed.
+    - hold_s: seconds for which a decision or position holds. on_limit_s: longest time that an electrode is on.
     """
 
     converter: Annotated[InstanceOf[Converter], BeforeValidator(converter_of)] = NoConverter()

@@ -45,7 +45,7 @@ KERNELS = (1, 3, 5)
 BIAS_BITS = 24
 """Bits of a bias: two of the host's words."""
 PIXEL_FORMAT = QFormat(0, 8, signed=False)
-"""What a network takes a pixel for: code / 256."""
+"""Format in which a network reads a pixel: code / 256."""
 LOGIT_BITS = 16
 MOST_CHANNELS = 64
 MOST_LAYERS = 16
@@ -239,7 +239,7 @@ smaller ones."""
 
 
 def network(name: str, classes: int) -> tuple[Layer, ...]:
-    """The layers of the network called ``name`` in NETWORKS, for so many classes."""
+    """Layers of the network called ``name`` in NETWORKS, for a number of classes."""
     return (*map(parse_layer, NETWORKS[name]), Dense(classes))
 
 

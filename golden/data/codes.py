@@ -1,4 +1,4 @@
-"""Samples as codes: whole numbers stay, real ones are scaled, and the scale is said and kept."""
+"""Samples as codes: whole numbers stay, real ones are scaled, and the scale is reported and kept."""
 
 import math
 from collections.abc import Sequence
@@ -8,9 +8,9 @@ import numpy as np
 from eskin.golden.core import InputError, QFormat
 
 HEADROOM = 2.0
-"""How far later recordings may exceed the largest value of those that choose the scale."""
+"""Factor by which later recordings may exceed the largest value of those that choose the scale."""
 MOST_CLIPPED = 0.01
-"""Share of a taxel's samples that a scale which was asked for may clip."""
+"""Largest share of a taxel's samples that a requested scale may clip."""
 FEW_CODES = 16
 """A taxel that moves by fewer codes, from its 1 % to its 99 % quantile, has lost its signal to the scale."""
 
@@ -22,7 +22,7 @@ def place_of(bad: np.ndarray) -> tuple[int, int]:
 
 
 def round_step(largest: float, top: int) -> float:
-    """The smallest of 1, 2 and 5 times a power of ten that brings ``largest`` to at most ``top`` codes."""
+    """The smallest of 1, 2 and 5 times a power of ten that scales ``largest`` to at most ``top`` codes."""
     # 1e-12: a step that is exact but for the last bits is not passed over; .6g drops those bits again
     exact = largest / top
     power = 10.0 ** math.floor(math.log10(exact))
@@ -63,14 +63,14 @@ def to_codes(
     values:
         (frames, taxels), finite.
     source:
-        What they are called in messages.
+        Name of the samples in messages.
     scale:
-        What one code is worth; None: whole numbers of at most 16 bits are codes already, others get a scale
+        Value of one code; None: whole numbers of at most 16 bits are codes already, others get a scale
         that leaves twice their range.
     names:
-        Of the taxels, for messages; none: their numbers.
+        Names of the taxels, for messages; none: their numbers.
     asked:
-        Somebody asked for this scale: it is refused where it clips more than MOST_CLIPPED of a taxel's samples.
+        The user requested this scale: it is refused if it clips more than MOST_CLIPPED of a taxel's samples.
 
     Returns
     -------

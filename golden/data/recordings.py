@@ -37,7 +37,8 @@ GROUP_KINDS = "iubUSf"
 """Kinds of numpy types that a group may have: numbers and text."""
 
 RESERVED = (*NOT_GROUPS, "unit", "file", "allow_pickle")
-"""Names that no group may have: an archive's own, and what ``numpy.savez_compressed`` calls its arguments."""
+"""Names that no group may have: those of an archive's own arrays, and of ``numpy.savez_compressed``'s
+arguments."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +58,11 @@ class Recordings:
     sample_rate_hz:
         Frames a second.
     groups:
-        What recordings have in common (person, trial, ...): name -> array of length recordings.
+        Groups (person, trial, ...): name -> array of length recordings.
     source:
         Where they come from, for messages and the report.
     volt_per_code:
-        What one code is worth, volt or the unit that real samples had; 0 when it is not known.
+        Value of one code, in volt or the unit of the real samples; 0 if unknown.
     unit:
         That unit, as the archive names it; "" where it does not.
     sample_bits, sample_signed:
@@ -72,9 +73,9 @@ class Recordings:
         Height and width where the recordings are still images: one recording is an image then, its rows are
         the frames, from the top.
     channel_names:
-        What the source calls its taxels; empty: nothing.
+        Names of the taxels in the source; may be empty.
     scan_every:
-        They are the first of every so many frames of the source (`scanned`).
+        N: these frames are the first of every N of the source (`scanned`).
     """
 
     samples: np.ndarray
@@ -144,7 +145,7 @@ class Recordings:
         groups:
             Name -> one value a recording.
         scale:
-            Of real samples: what one code is worth; None: chosen.
+            Value of one code of real samples; None: chosen.
 
         Raises
         ------
@@ -243,8 +244,8 @@ class Recordings:
         )
 
     def scanned(self, every: int) -> Recordings:
-        """What a chain takes that scans the first of every so many frames of the source; themselves where they are that
-        already."""
+        """The recordings as a chain sees them that takes the first of every N frames of the source; these
+        recordings themselves if they are that already."""
         step, rest = divmod(every, self.scan_every)
         if rest:
             raise InputError(
@@ -310,7 +311,7 @@ class Recordings:
 
 
 def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndarray]:
-    """The recordings in what was given: one, or several."""
+    """Recordings from an argument: one recording, or several."""
     try:
         sequence: Any = arrays
         if not hasattr(arrays, "ndim") and len(sequence) > 0 and np.ndim(sequence[0]) == 2:
@@ -343,7 +344,7 @@ def recordings_of(
     groups:
         Name -> one value a recording; None: the other arrays of that length.
     scale:
-        What one code is worth where samples are real numbers and the arrays do not say it; None: chosen
+        Value of one code where samples are real numbers and the arrays do not have it; None: chosen
         (``eskin.golden.data.codes``). asked: as `eskin.golden.data.codes.to_codes`.
     notes:
         Sentences about choices that were made before.
@@ -368,7 +369,7 @@ def recordings_of(
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
         refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
-    # a narrow integer type says the codes' format; a wide one, as of most readers, says nothing
+    # a narrow integer type is the codes' format; a wide one, which most readers give, is not
     narrow_type = samples.dtype.itemsize <= 2
     bits = 8 * samples.dtype.itemsize if narrow_type else 16
     signed = samples.dtype.kind == "i" if narrow_type else low < 0
@@ -399,7 +400,7 @@ def recordings_of(
 def _samples(
     arrays: Arrays, source: str, scale: float | None, asked: bool, refuse: Refuse
 ) -> tuple[np.ndarray, float, list[str]]:
-    """The codes, what one is worth in volt (0: not said), and sentences about a scale that was chosen."""
+    """The codes, the value of one in volt (0: unknown), and sentences about a scale that was chosen."""
     samples = arrays["samples"]
     if samples.dtype.kind not in "iuf":
         refuse(
@@ -437,7 +438,7 @@ def _samples(
 
 
 def check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
-    """Refuse offsets that do not cut so many frames into recordings."""
+    """Refuse offsets that do not divide the frames into recordings."""
     if offsets.dtype.kind not in "iu" or offsets.ndim != 1:
         refuse(
             "offsets",
@@ -466,13 +467,13 @@ def check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
 
 
 def _channel_names(arrays: Arrays, taxels: int) -> tuple[str, ...]:
-    """What the source calls its taxels; empty where it does not say it."""
+    """Names of the taxels in the source; empty if it has none."""
     named = arrays.get("channel_names", np.array(()))
     return tuple(map(str, named.tolist())) if named.shape == (taxels,) and named.dtype.kind == "U" else ()
 
 
 def _unit(arrays: Arrays) -> str:
-    """What samples are in: the text of the array unit; volt where there is none and lsb_volt is."""
+    """Unit of the samples: the text of the array unit; volt if there is only lsb_volt."""
     named = arrays.get("unit")
     if named is not None and named.size == 1 and named.dtype.kind in "US":
         return str(named.reshape(()).astype(str))
@@ -489,7 +490,7 @@ def natural(name: str) -> list:
 
 
 def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Labels, text or whole numbers, name the classes where nothing else does."""
+    """Without class names, the labels (text or whole numbers) are the names."""
     labels = arrays.get("labels")
     if labels is not None and labels.dtype.kind in "iu" and "class_names" not in arrays:
         labels = labels.astype(np.str_)
@@ -637,8 +638,8 @@ def _shown(value: np.ndarray) -> str:
 
 
 def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
-    """``recordings`` in the codes of a configuration's sensor, where both say what one is worth and these differ;
-    how much that clips stands in their notes."""
+    """``recordings`` in the codes of a configuration's sensor, if both have a value per code and these
+    differ; the share that clips is in their notes."""
     step, of_model = recordings.volt_per_code, config.sensor.volt_per_code
     if not (step and of_model) or abs(step / of_model - 1.0) <= 0.01:
         return recordings
@@ -653,6 +654,27 @@ def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
         sample_signed=config.sensor.sample_signed,
         notes=(*recordings.notes, said, *clipped_to(codes, fmt)[1]),
     )
+
+
+def for_model(
+    recordings: Recordings, config: AcceleratorConfig, say: Callable[[str], None] = lambda note: None
+) -> Recordings:
+    """``recordings`` as a model takes them: in its codes (``rescaled``) and with its classes. ``say`` is called with
+    each sentence about a change.
+
+    Raises
+    ------
+    InputError
+        As ``check_fit``; a recording is of no class of the model.
+    """
+    known = len(recordings.notes)
+    recordings = rescaled(recordings, config)
+    for note in recordings.notes[known:]:
+        say(f"recordings '{recordings.source}': {note}")
+    if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
+        recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
+    check_fit(recordings, config)
+    return recordings
 
 
 def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:

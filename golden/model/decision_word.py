@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from eskin.golden.core import AcceleratorConfig
 
 NO_DECISION = 2**32 - 1
-"""What is read while none waits."""
+"""The word that DECISION reads while no decision waits."""
 
 
 def decision_word(config: AcceleratorConfig, row: Iterable[int]) -> int:

@@ -20,7 +20,7 @@ BATCH = 64
 
 @dataclass(frozen=True)
 class ImageTrace:
-    """What a network made of n images.
+    """All values that a network computes from n images.
 
     decision (n): class. margin (n): largest minus second largest logit. logits (n, C): codes of
     ``logit_format``, or real ones. maps: number of the layer -> (n, rows, columns, channels), what it gave:
@@ -97,8 +97,8 @@ def layer_formats(config: AcceleratorConfig) -> list[tuple[Stage, QFormat, QForm
 
 
 def columns(values: np.ndarray, kernel: int) -> np.ndarray:
-    """What a kernel sees at each place of maps (n, rows, columns, channels), zeros around them: (n, rows,
-    columns, kernel x kernel x channels), row of the kernel first, then its column, then the channel."""
+    """Input of the kernel at each place of maps (n, rows, columns, channels) with zeros around them: (n,
+    rows, columns, kernel x kernel x channels); row of the kernel first, then its column, then the channel."""
     around = kernel // 2
     padded = np.pad(values, ((0, 0), (around, around), (around, around), (0, 0)))
     # n, rows, columns, channels, kernel, kernel
@@ -127,13 +127,13 @@ def accumulators(stage: Stage, values: np.ndarray, weights: np.ndarray, bias: np
 
 
 Behind = Callable[[int, np.ndarray], np.ndarray]
-"""(number of a layer among those with weights, its sums) -> what it gives."""
+"""(number of a layer among those with weights, its sums) -> its output."""
 
 
 def layer_by_layer(
     config: AcceleratorConfig, arrays: Arrays, values: np.ndarray, behind: Behind
 ) -> Iterator[np.ndarray]:
-    """What each layer gives of maps (n, height, width, 1), layer by layer."""
+    """Output of each layer for maps (n, height, width, 1)."""
     numbers = {stage.number: index for index, stage in enumerate(config.weighted_stages)}
     for stage in config.stages:
         if isinstance(stage.layer, Pool):

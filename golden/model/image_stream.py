@@ -13,7 +13,7 @@ from eskin.golden.model.stream import Decision
 
 class ImageStream:
     """`eskin.golden.model.stream.Stream` of a network for images: the first ``height`` frames after ``arm``
-    are an image, a row each; what comes behind it does nothing.
+    are an image, a row each; later frames have no effect.
 
     The local decision's stages are ``map`` (the values of all maps that are kept, one map after the other)
     and ``logit`` (C).
@@ -43,7 +43,7 @@ class ImageStream:
 
     @property
     def onset_frame(self) -> int | None:
-        """0 while rows come: an image begins at once. None before and behind."""
+        """0 while rows arrive, as an image starts at once; None before and after."""
         return 0 if 0 < self.frame < self.config.image.height else None
 
     @property

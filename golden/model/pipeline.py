@@ -27,12 +27,12 @@ Forward = Callable[[np.ndarray, Touches], tuple[np.ndarray, np.ndarray]]
 """(h' (n, K, H), logits (n, K, C)) of features (n, K, D) of touches."""
 
 Stream = tuple[np.ndarray, np.ndarray]
-"""(values, offsets): what stage s offered for recording i is ``values[offsets[i]:offsets[i+1]]``."""
+"""(values, offsets): the values of stage s for recording i are ``values[offsets[i]:offsets[i+1]]``."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """What a model made of a set of recordings; n touches of R recordings, K steps.
+    """All values that a model computes from a set of recordings; n touches of R recordings, K steps.
 
     touches: where they are, and their windowed sums. decision (R): global decision of the first touch, -1
     none. not_touched (R), bool: no onset was found. first (R): index of the first touch, -1 none. local (n,
@@ -163,8 +163,8 @@ def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray)
 def early_steps(
     config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(first step (n) at which the last ``early_steps`` local decisions agree with enough margin, 0 where
-    none; is there one (n)).
+    """(first step (n) at which the last ``early_steps`` local decisions agree with enough margin, 0 if none;
+    whether there is one (n)).
 
     Parameters
     ----------
@@ -233,11 +233,12 @@ def float_features(model: FloatModel, touches: Touches) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Decided:
-    """What a network made of n touches, K steps: features (n, K, D), hidden (n, K, H) and logits (n, K, C),
-    codes or, of a float network, real; local and margin (n, K), decision, lead and step (n): class and margin
-    of each step and of the touch (-1 and 0: none), and the step after which the touch's decision is given
-    (-1: none); unsure (n), bool: the touch's margin is too small, or its nearest prototype too far; scores
-    (n, K, C): what each step took the largest of."""
+    """All values that a network computes from n touches, K steps: features (n, K, D), hidden (n, K, H) and
+    logits (n, K, C), codes, or real numbers of a float network; local and margin (n, K), decision, lead and
+    step (n): class and margin of each step and of the touch (-1 and 0: none), and the step after which the
+    touch's decision is given (-1: none); unsure (n), bool: the touch's margin is too small, or its nearest
+    prototype too far; scores (n, K, C): per-step class scores whose largest is the decision (logits, or
+    negative prototype distances)."""
 
     features: np.ndarray
     hidden: np.ndarray
@@ -317,7 +318,7 @@ def run(
     Parameters
     ----------
     touches:
-        Those of ``find_touches(model.config, recordings)``, when they are at hand already.
+        Those of ``find_touches(model.config, recordings)``, if they are known already.
     progress:
         Called with (recordings done, recordings in all).
     readout:

@@ -1,5 +1,4 @@
-"""Where the array is touched, frame by frame, and which way a touch slid: docs/specification.md section
-13."""
+"""Position of the touch, frame by frame, and direction of a slide: docs/specification.md section 13."""
 
 from dataclasses import dataclass
 
@@ -10,14 +9,14 @@ from eskin.golden.core import AcceleratorConfig
 FRACTION = 4
 """Fraction bits of a position: sixteenths of a cell."""
 DIRECTIONS = ("none", "right", "left", "down", "up")
-"""Of a slide: x grows, x falls, y grows, y falls."""
+"""Directions of a slide: x grows, x falls, y grows, y falls."""
 
 
 @dataclass(frozen=True)
 class Position:
-    """What is told of a frame. frame: its index. x, y: centre, sixteenths of a cell, 0 = middle of column or
-    row 0. peak: index of the largest cell. ended: the frame after a touch's last; the others are then those
-    of its last. direction: of `DIRECTIONS`, with ``ended``."""
+    """Position of the touch in a frame. frame: its index. x, y: centre, sixteenths of a cell, 0 = middle of
+    column or row 0. peak: index of the largest cell. ended: the frame after a touch's last; the others are
+    then those of its last. direction: of `DIRECTIONS`, with ``ended``."""
 
     frame: int
     x: int
@@ -35,7 +34,7 @@ class PositionStream:
         self.arm()
 
     def arm(self) -> None:
-        """Begin anew."""
+        """Restart."""
         self._frame = 0
         self._first: Position | None = None
         self._last: Position | None = None

@@ -99,6 +99,7 @@ def find_touches(
     steps: int | None = None,
     onsets: np.ndarray | None = None,
     progress: Progress | None = None,
+    most: int | None = None,
 ) -> Touches:
     """Every touch of every recording, with its exact windowed sums.
 
@@ -113,6 +114,8 @@ def find_touches(
         rule is then not asked.
     progress:
         Called with (recordings done, recordings in all).
+    most:
+        Samples held at once; None: BATCH_SAMPLES.
 
     Raises
     ------
@@ -130,7 +133,7 @@ def find_touches(
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
     flagged = np.zeros((len(lengths), config.sensor.taxels), dtype=np.int64)
-    for first, last, deviations, touches, failed in scans(config, recordings, onsets):
+    for first, last, deviations, touches, failed in scans(config, recordings, onsets, most):
         flagged[first:last] = failed
         for index, onset, start in touches:
             length = int(lengths[first + index])
@@ -196,8 +199,8 @@ def compand(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
 
 
 def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.ndarray:
-    """What windows would give (as ``sums``, int64) of touches ``gain`` times as strong; held within
-    +-2**40."""
+    """Sums that the windows would have (as ``sums``, int64) if the touches were ``gain`` times as strong;
+    clipped to +-2**40."""
     scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
     features = config.features
     if "integral" not in features.feature_kinds:
@@ -221,8 +224,9 @@ def sums_alone(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
-    """What the network learns from, before mu and sigma, float64, shape of ``sums`` (..., K, D): means and
-    mean activities of a block, codes; the companded as logarithms. Masked taxels are left in."""
+    """Features before mu and sigma, from which the network learns, float64, shape of ``sums`` (..., K, D):
+    means and mean activities of a block in codes; companded ones as logarithms. Masked taxels are
+    included."""
     spans = window_spans(config, sums.shape[-2])
     units = np.array(
         [
@@ -331,8 +335,8 @@ def _columns(config: AcceleratorConfig, kind: str) -> np.ndarray:
 def window_values(
     config: AcceleratorConfig, deviations: np.ndarray, start: int, spans
 ) -> tuple[np.ndarray, int]:
-    """What every window of a touch gives of every taxel (section 2), and how many leading windows the
-    recording completes.
+    """Values of every window of a touch for every taxel (section 2), and the number of leading windows that
+    the recording completes.
 
     Parameters
     ----------
@@ -424,7 +428,7 @@ class TouchFinder:
     Parameters
     ----------
     recordings:
-        How many run side by side.
+        Number of processes.
     """
 
     def __init__(self, config: AcceleratorConfig, recordings: int = 1) -> None:
@@ -462,7 +466,7 @@ class TouchFinder:
         samples:
             (frames, recordings, taxels) int32.
         lengths:
-            (recordings) frames that each recording has in all; what is behind them is not judged. None: all
+            (recordings) frames that each recording has in all; later frames are not judged. None: all
             go on.
         forced:
             (recordings) the frame at which the rule counts as met, -1 none; None: the rule is judged.
@@ -540,7 +544,7 @@ class TouchFinder:
         deviations[begin:stop] = self._deviation(samples[begin:stop], levels)
 
     def _over(self, samples: np.ndarray, history: np.ndarray, judged: int, first: int) -> np.ndarray:
-        """(recordings, taxels), bool: what the onset rule says of each taxel at frame ``judged``."""
+        """(recordings, taxels), bool: result of the onset rule for each taxel at frame ``judged``."""
         rule = self.config.onset_rule
         if self._banded:
             frame = samples[judged - 1 - first]

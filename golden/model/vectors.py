@@ -1,4 +1,4 @@
-"""Test vectors: what goes into the accelerator and what must come out, in one file that needs no torch to
+"""Test vectors: the input of the accelerator and its expected output, in one file that needs no torch to
 read.
 
 The file is what crosses from the golden model to co-simulation and to the generated bench.
@@ -139,7 +139,7 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
     lengths:
         Frames of each recording that the chain takes; those between are random codes.
     seed:
-        Of every random draw.
+        Seed of every random draw.
     """
     rng, fmt, taxels = np.random.default_rng(seed), config.sample_format, config.sensor.taxels
     rule, hop, whole = config.onset_rule, config.windows.hop, config.last_frame

@@ -1,4 +1,4 @@
-"""To which block of the chain each cell of a flat netlist belongs: for areas and energies by block."""
+"""The block of the chain to which each cell of a flat netlist belongs: for areas and energies by block."""
 
 import re
 from collections import Counter
@@ -11,7 +11,7 @@ OTHERS, TRUNK = "others", "clock trunk"
 
 
 def blocks_of(nets: Nets) -> dict[str, str]:
-    """Block of each cell, by name: of what it drives; where nothing of that has a name, of most of its
+    """Block of each cell, by name: the block of the signal that it drives; if that has no name, of most of its
     receivers. The gate that stops the clock before all others is the trunk."""
     names: dict[int, str] = {}
     for name, net in nets.module["netnames"].items():

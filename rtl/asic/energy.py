@@ -1,5 +1,5 @@
-"""What a change of each net of a chip's netlist costs: Liberty energy of the cells, capacitance of pins and
-of a wire load.
+"""Energy of a change of each net of a chip's netlist: Liberty energy of the cells, capacitance of pins and of
+a wire load.
 
 A change of a net costs ``e = E_out + sum E_in + C V^2 / 2`` with the driver's and the receivers' internal
 energies of an edge and ``C`` = pins + wire. A clock net costs ``2 e`` for each of its cycles. Glitches cost

@@ -1,5 +1,5 @@
-"""Liberty files: what a process's cells and memory macros are, do, take and need. Read where they lie;
-nothing of them is kept.
+"""Liberty files: kinds, functions, areas and energies of a process's cells and memory macros. They are read
+in place; nothing of them is kept.
 
 The format: Liberty User Guide (Synopsys, open source). Read here: groups, simple and complex attributes; of
 tables the middle.
@@ -25,11 +25,12 @@ STATEMENT = re.compile(
     |[^\s;,]""",
     re.DOTALL | re.VERBOSE,
 )
-"""``name (arguments) {``, ``name (arguments)``, ``name : value``, ``}``, or what is none of them."""
+"""``name (arguments) {``, ``name (arguments)``, ``name : value``, ``}``, or any other text."""
 ARGUMENT = re.compile(r'"((?:[^"\\]|\\.)*)"|([^\s,"]+)', re.DOTALL)
 COMMENT = re.compile(r"/\*.*?\*/|\\\n", re.DOTALL)
 MOST_BYTES = 128 << 20
-"""Of a file's text, unpacked: ten times the largest open one. A few kB can unpack to more than any memory."""
+"""Largest unpacked text of a file: ten times the largest open one. A few kB can unpack to more than any
+memory."""
 UNITS = {"m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "": 1.0}
 
 ROLES = {
@@ -37,16 +38,16 @@ ROLES = {
     "latch": {"enable", "data_in"},
     "gate": {"clock", "enable", "output"},
 }
-"""What a cell of a kind must say of itself."""
+"""Attributes that a cell of each kind must have."""
 GATE_PINS = {
     "clock": "clock_gate_clock_pin",
     "enable": "clock_gate_enable_pin",
     "test": "clock_gate_test_pin",
     "output": "clock_gate_out_pin",
 }
-"""How the pins of a clock gate are marked, by role."""
+"""Attributes that mark the pins of a clock gate, by role."""
 ACCESSES = {"read": {"A_MEN", "!A_WEN", "A_REN"}, "write": {"A_MEN", "A_WEN", "!A_REN"}}
-"""What is high and low at a macro's clock edge, by what it does."""
+"""Levels of the pins of a macro at its clock edge (``!``: low), by access."""
 
 
 @dataclass
@@ -139,7 +140,7 @@ class WireLoad:
 
 @dataclass(frozen=True, kw_only=True)
 class Library:
-    """A file. voltage and temperature tell its corner; wire_loads: models of a net's wire by name."""
+    """A file. voltage and temperature identify its corner; wire_loads: models of a net's wire by name."""
 
     path: Path
     name: str
@@ -252,7 +253,7 @@ def _library(path: Path, top: Group) -> Library:
 
 
 def _by_name(groups: Iterable[Group], make: Callable[[Group], Any]) -> Record:
-    """What ``make`` makes of each group, by its first argument.
+    """The result of ``make`` for each group, by the group's first argument.
 
     Raises
     ------
@@ -324,7 +325,7 @@ def _number(text: str) -> float:
 
 
 def _middle(table: Group) -> float:
-    """Of a table the entry at a short edge and a small load, which most nets of a small design have."""
+    """The entry of a table at a short edge and a small load, as most nets of a small design have."""
     rows = [row for row in re.findall(r"[^\s,]+", table.attributes.get("values", "0"))]
     numbers = [_number(value) for value in rows if re.match(r"[-+.\d]", value)]
     if not numbers:

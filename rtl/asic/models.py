@@ -1,4 +1,4 @@
-"""Verilog of a process's cells from what its Liberty file says they do, for simulation: no delays, and states
+"""Verilog of a process's cells from their functions in the Liberty file, for simulation: no delays, and states
 that begin at random."""
 
 from collections.abc import Iterable

@@ -23,7 +23,7 @@ from eskin.rtl.top.clock_gate import CELL
 MEMORIES = Path(__file__).with_name("memory_map.v")
 RESETS = Path(__file__).with_name("reset_map.v")
 WORDS_OF_A_LATCH_MEMORY = 4
-"""From so many words on latches take less than flip-flops: their word that waits is shared."""
+"""Number of words from which latches take less area than flip-flops: their input word is shared."""
 
 ONE_PORT, BITS_OF_MACROS = ("pretrigger_ring", "readout.places"), 2048
 """Memories that are never read and written in one cycle, so that macros of one port hold them where they have more bits
@@ -36,8 +36,8 @@ theirs."""
 
 @dataclass(frozen=True, kw_only=True)
 class Process:
-    """What of a process the netlist is made of. flip_flop, latch, gate, high, low, buffer: cells by their
-    role; nand: two inputs, the unit of kGE; macro: of the ring, or None."""
+    """Cells of a process from which the netlist is made. flip_flop, latch, gate, high, low, buffer: cells by
+    their role; nand: two inputs, the unit of kGE; macro: of the ring, or None."""
 
     pdk: str
     library: Library
@@ -63,8 +63,8 @@ HINTS: dict[str, Record] = {
         "low": ("sky130_fd_sc_hd__conb_1", "LO"),
     },
 }
-"""What a Liberty file does not tell of a process: how its names begin, and the cells of a constant with their
-pins."""
+"""Facts about a process that its Liberty file lacks: the prefixes of its names, and the cells of a constant
+with their pins."""
 
 
 def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
@@ -144,7 +144,7 @@ class Netlist:
 
     @cached_property
     def module(self) -> Record:
-        """As Yosys' JSON."""
+        """The netlist as Yosys' JSON."""
         return json.loads((self.folder / "flat.json").read_text())["modules"][self.verilog.stem]
 
     def counted(self, process: Process) -> list[tuple[Cell, int]]:
@@ -152,20 +152,19 @@ class Netlist:
         return [(process.cells[name.lstrip("\\")], number) for name, number in self.cells.items()]
 
     def area_um2(self, process: Process) -> float:
-        """Of all cells."""
+        """Area of all cells."""
         return sum(cell.area * number for cell, number in self.counted(process))
 
 
 def synthesise(
     design, process: Process, folder: Path, *, top: str = "accelerator", delay_ps: int = 10000
 ) -> Netlist:
-    """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and what Yosys
-    says.
+    """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and Yosys' log.
 
     Parameters
     ----------
     delay_ps:
-        What the mapping to cells aims at.
+        Goal of the mapping to cells.
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = rtlil.convert(design, name=top, platform=CHIP, emit_src=False)
@@ -249,7 +248,7 @@ write_verilog -noattr -noexpr {top}.v
 
 
 def _memories(folder: Path, process: Process, top: str) -> list[Record]:
-    """What each memory of the design is made of."""
+    """The implementation of each memory of the design."""
     rows = []
     for name, cell in json.loads((folder / "memories_in.json").read_text())["modules"][top]["cells"].items():
         if cell["type"] != "$mem_v2":
@@ -283,13 +282,13 @@ def _memories(folder: Path, process: Process, top: str) -> list[Record]:
 
 
 def macros_for(macro: Cell, words: int, width: int) -> int:
-    """How many macros hold a memory, words beside each other in one of theirs where they are narrow."""
+    """Number of macros that hold a memory; narrow words lie beside each other in one word of a macro."""
     beside = 1 << (macro.bits // width).bit_length() - 1
     return -(-words // (macro.words * beside))
 
 
 def cells_map(process: Process) -> str:
-    """Techmap of latches and of the clock gates that are asked for by name."""
+    """Techmap of latches and of the clock gates that the design names."""
     gate, latch = process.gate, process.latch
     pins = gate.gate_pins
     text = "".join(

@@ -13,8 +13,8 @@ from eskin.rtl.fpga.tools import ToolError
 PERIOD_NS = 20.0
 STA_LIMIT_S = 900.0
 MACRO_DERATING = 1.6
-"""How much slower macros are taken to be at a corner that no file of theirs tells: about what the cells lose
-from typ to slow."""
+"""Factor on the delays of macros at a corner for which no file has them: about the slowdown of the cells from
+typ to slow."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ NOT_TOLD = "not told without OpenSTA: sudo apt-get install opensta"
 
 
 def has_sta() -> bool:
-    """Whether OpenSTA is installed."""
+    """True if OpenSTA is installed."""
     return shutil.which("sta") is not None
 
 

@@ -1,4 +1,4 @@
-"""What the streams between the stages of the chain carry, in the order in which a frame meets them."""
+"""Payloads of the streams between the stages of the chain, in the order in which a frame meets them."""
 
 from amaranth.hdl import Cat, Const, Mux, Value, signed, unsigned
 from amaranth.lib import data
@@ -8,7 +8,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import shape_of
 
 MARGIN_SHIFT = 2
-"""A unit of a margin in the decision word is so many bits of a logit."""
+"""Bits of a logit that are one unit of the margin in the decision word."""
 
 
 def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -17,8 +17,8 @@ def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """One deviation e on its way to the windows, as complement ~e = -e - 1, with what the detector knows of
-    its frame.
+    """One deviation e on its way to the windows, as complement ~e = -e - 1, with the detector's marks of its
+    frame.
 
     Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags are those of the
     frame, on each of its beats. ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last
@@ -46,7 +46,7 @@ def has_door(config: AcceleratorConfig) -> bool:
 
 
 def expands(config: AcceleratorConfig) -> bool:
-    """Whether windows add up anything but the deviations. Only then is there a feature expander."""
+    """True if windows add up more than the deviations. Only then is there a feature expander."""
     return config.features.feature_kinds != ("mean",)
 
 
@@ -61,9 +61,10 @@ def window_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What the windows take: ``window_layout``, whose complement has the bits of any kind of feature.
+    """Payload of the window averager's input: ``window_layout``, whose complement has the bits of any kind of
+    feature.
 
-    Of each taxel come the kinds that say something in this frame, in order: the mean in every frame,
+    Each taxel sends the kinds that have a value in this frame, in order: the mean in every frame,
     activity where a block ends (``block_last``), an integral with ``emit``. So they are the first of
     ``feature_kinds``: a window consists of whole blocks.
     """
@@ -74,7 +75,7 @@ def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def comes(kind: str, marks) -> Value:
-    """Whether a beat of ``kind`` comes in a frame with these marks of `beat_layout`."""
+    """True if a beat of ``kind`` comes in a frame with these marks of `beat_layout`."""
     return {"mean": Const(1, 1), "activity": marks.block_last, "integral": marks.emit}[kind]
 
 
@@ -82,7 +83,7 @@ def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One window sum, as complement ~d.
 
     ``kind`` is there with several kinds of feature. ``length`` is an index into ``window_lengths``; ``final``
-    marks the touch's last window. With a fault detector ``masked`` says that the taxel is out of use in the
+    marks the touch's last window. With a fault detector ``masked`` marks a taxel that is out of use in the
     window's last frame.
     """
     lengths = unsigned(max(1, ceil_log2(len(config.window_lengths))))

@@ -1,4 +1,4 @@
-"""What memories are made of, where the target matters.
+"""Implementation of memories where it depends on the target.
 
 An ECP5's block memories take half a cycle to deliver a word. An iCE40 UP5K has few block memories, and four
 large ones of 16384 words of 16 bits with a single port, which only the host can fill. A chip's memories power
@@ -18,7 +18,7 @@ alike."""
 
 
 CHIP = "chip"
-"""What ``platform`` is in the netlist of a chip."""
+"""Value of ``platform`` in the netlist of a chip."""
 
 
 def begins_as_told(platform: str | None) -> bool:
@@ -34,20 +34,20 @@ def before_an_adder(platform: str | None) -> dict[str, int | str]:
 
 
 def program_memory(platform: str | None) -> dict[str, int | str]:
-    """Attributes of a program's memory, whose words steer everything: gates where blocks are late, else what
-    Yosys likes."""
+    """Attributes of a program's memory, whose words control everything: gates where blocks are late,
+    otherwise Yosys' choice."""
     return {"ram_style": "logic"} if platform == LATE_BLOCKS else {}
 
 
 SMALL_FAMILY, LARGE_MEMORIES, LARGE_WORDS = "ice40", 4, 1 << 14
-"""The family whose part with multipliers has so many large memories of so many words."""
+"""The family whose part with multipliers has large memories: their number and words."""
 
 FEW_WORDS = 6
-"""A memory of so many words at most is made of flip-flops where block memories are short."""
+"""Largest memory, in words, that is made of flip-flops where block memories are short."""
 
 
 def short_of_blocks(config: AcceleratorConfig, platform: str | None) -> bool:
-    """Whether a design saves block memories at the cost of some logic cells.
+    """True if a design saves block memories at the cost of some logic cells.
 
     Only on an iCE40 UP5K (DSP lanes): with ``spare_blocks``, with kinds of feature beyond the mean, or with
     separate weights for every window.
@@ -64,7 +64,7 @@ def addends_memory(config: AcceleratorConfig, platform: str | None) -> dict[str,
 
 
 def lanes_in_large_memories(config: AcceleratorConfig, platform: str | None, words: int) -> int:
-    """How many lanes, from the first on, have their ``words`` weights in a large memory."""
+    """Number of lanes, from the first on, whose ``words`` weights lie in a large memory."""
     spared = short_of_blocks(config, platform) and config.hardware.loadable and words <= LARGE_WORDS
     return min(config.hardware.lanes, LARGE_MEMORIES - config.has_prototypes) if spared else 0
 

@@ -25,7 +25,7 @@ class OnePortMemory(wiring.Component):
         Bytes of ``data`` that are written, low byte first; 0: the word is read.
     data : In(16)
     word : Out(16)
-        What was read, one cycle later, until the next read; after a write nothing may rely on it.
+        The word that was read, one cycle later, until the next read; undefined after a write.
 
     Nothing may rely on a word that was not written.
     """

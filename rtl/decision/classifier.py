@@ -1,4 +1,4 @@
-"""From logits to decisions: the local one at every step, the global one at the end of a touch
+"""Classifier: the local decision at every step and the global one at the end of a touch, from the logits
 (docs/specification.md, section 7)."""
 
 from amaranth.hdl import Array, Const, Module, Signal, Value, signed

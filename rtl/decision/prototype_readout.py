@@ -21,7 +21,7 @@ from eskin.rtl.program.memory_map import prototype_words
 
 @dataclass(frozen=True)
 class _Scan:
-    """Where a walk through the memory is, and (``begins``, ``ends``, ``target``) what teaching says of it."""
+    """Position of a walk through the memory, and (``begins``, ``ends``, ``target``) the state of teaching."""
 
     teaching: Signal
     first: Signal
@@ -47,7 +47,7 @@ def _by_value(number: Value, of: Callable[[int], int]) -> Value:
 
 
 def _odd_of_next(counter: Value) -> Value:
-    """Whether an odd number of bits changes as ``counter`` goes on."""
+    """True if an odd number of bits changes when ``counter`` counts on."""
     odd: Value = Const(0, 1)
     for bit in reversed(counter):
         odd = ~(bit & odd)
@@ -55,8 +55,8 @@ def _odd_of_next(counter: Value) -> Value:
 
 
 class PrototypeReadout(wiring.Component):
-    """Distances of the touch under way from all prototypes, a code a cycle and no multiplier; writes what it
-    sees into the place of a taught touch.
+    """Distances of the current touch from all prototypes, one code per cycle and without a multiplier; writes
+    the touch into the slot of a taught one.
 
     The codes are in one memory, step by step, place by place, value by value, so that a step begins where the
     one before ended and a single counter addresses all of a touch. With places for taught touches the first
@@ -361,7 +361,7 @@ class PrototypeReadout(wiring.Component):
         return m
 
     def _slots(self) -> tuple[Signal, Value, Value, Value]:
-        """Which place of a class: its number among prototypes, or with the highest bit among taught ones. (That,
+        """Place of a class: its number among prototypes, or with the highest bit among taught ones. (That,
         the next one, whether it is the last, whether it is a taught one.)"""
         rule = self._config.readout_rule
         bits = max(1, (max(rule.prototypes, rule.taught) - 1).bit_length())
@@ -383,8 +383,8 @@ class PrototypeReadout(wiring.Component):
         registers: list,
         flags: list,
     ) -> tuple[Value, Value, Value]:
-        """Commands, and the numbers of touches taught: whether the place under way is in use, the number of the
-        class that a host asks for, whether one has another parity than was written."""
+        """Commands, and the numbers of touches taught: whether the current slot is in use, the number of the
+        requested class, whether one has another parity than was written."""
         config, rule = self._config, self._config.readout_rule
         words, places, classes = prototype_words(config), rule.taught, config.classes
         checks = config.hardware.checksum

@@ -40,7 +40,7 @@ def search_signature(config: AcceleratorConfig) -> wiring.Signature:
 
 
 class SearchTwice(wiring.Component):
-    """In few cells: two passes over stored scores.
+    """Search in few cells: two passes over stored scores.
 
     The first pass reads each score as soon as it is written and finds the largest. The second finds the
     largest of the others. ``number`` is the class that is written or asked for; ``reading`` is one cycle
@@ -114,7 +114,7 @@ class SearchTwice(wiring.Component):
 
 
 class SearchOnce(wiring.Component):
-    """In few cycles: the largest so far is held, and by how much.
+    """Search in few cycles: the largest score so far and its lead are held.
 
     ``new`` is the score of the cycle before, ``compared`` its class. ``above`` comes a cycle later: its
     distance from the largest score before it, less one. Latency: ``found`` comes 2 cycles after the last

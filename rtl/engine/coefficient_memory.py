@@ -1,4 +1,4 @@
-"""What element-wise operands are multiplied by: gates, which the step writes, and constants, which the host
+"""Second operands of element-wise products: gates, which the step writes, and constants, which the host
 loads.
 
 Gates are those of docs/specification.md, section 5.

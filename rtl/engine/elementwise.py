@@ -11,8 +11,8 @@ from eskin.rtl.program.scheduler import Schedule
 
 
 class ElementwiseUnit(wiring.Component):
-    """Around the lane of element-wise operations: chooses its operand from what the memories read, and
-    narrows its sum.
+    """Element-wise operations around their lane: chooses the operand from the memories' words, and narrows
+    the sum.
 
     ``a = S[i]``, ``T[i]``, ``S[i] - T[i]`` or the centred window sum; a sum starts from the rounding half,
     plus ``T[i]`` at product scale where asked. Result: floor shift by gate_frac (the half is in), SAT to
@@ -29,7 +29,7 @@ class ElementwiseUnit(wiring.Component):
     add : In(1)
         Load T too.
     load : Out(signed(elementwise_bits))
-        What a sum starts from; on a shared lane without the half, which comes out of the addend memory.
+        First value of a sum; on a shared lane without the half, which comes from the addend memory.
     acc : In(signed(elementwise_bits)), feature : In(1)
         A finished sum, and whether it is a feature.
     code : Out(signed)

@@ -116,7 +116,7 @@ class Engine(wiring.Component):
     decider_idle : In(1)
         Phase B of a step starts only in a cycle after one in which this was high, and the window was there.
     blank : In(1)
-        ``i`` says 0, once after a reset of both and before any window: it is kept as the word for no window.
+        Pulse after reset, before any window, while ``i`` is 0: the engine stores that word as "no window".
     started : Out(1)
         Phase B of a step starts in this cycle.
     busy : Out(1)
@@ -303,7 +303,7 @@ class Engine(wiring.Component):
         return queue, slot_read.data
 
     def _steps(self, m: Module, sequencer: Sequencer, queue: WindowQueue, released: Value) -> Signal:
-        """Begin and end of a step, with the ports that tell of them. Gives ``final``."""
+        """Start and end of a step, with the ports that report them. Returns ``final``."""
         config, word, enable = self._config, sequencer.word, sequencer.enable
         final = Signal()  # the step under way is its touch's last
         with m.If(released):
@@ -363,7 +363,7 @@ class Engine(wiring.Component):
             m.d.sync += weight_address.eq(weight_address + word.mac)
         with m.If(sequencer.ended & (final if config.sets > 1 else 1)):
             m.d.sync += weight_address.eq(0)
-        # A large memory has one port, which the host's write takes: it begins the engine anew, so the read
+        # A large memory has one port, which the host's write takes: it restarts the engine, so the read
         # that it displaces is not used.
         large = lanes_in_large_memories(config, platform, plan.weight_depth)
         port_address = Signal(range(plan.weight_depth))

@@ -13,7 +13,7 @@ from eskin.rtl.engine.sb_mac16 import DspLane
 def lane_signature(
     a_bits: int, b_bits: int, acc_bits: int, *, load_with_operands: bool, accumulates: bool = True
 ) -> wiring.Signature:
-    """What every lane type offers, seen from the lane.
+    """Interface of every lane type, seen from the lane.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def lane_signature(
     a, b : In(signed)
         Operands of the slot.
     swap : In(1)
-        The sum begins anew from ``load``.
+        The sum restarts from ``load``.
     load : In(signed(acc_bits))
     valid : In(1)
         ``acc = (load if swap else acc) + a * b``; without it no product is added. It comes `Timing.valid`

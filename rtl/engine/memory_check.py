@@ -1,4 +1,4 @@
-"""The checksum over what the engine's memories hold for ever: docs/specification.md section 11."""
+"""Checksum over the constants in the engine's memories: docs/specification.md section 11."""
 
 from functools import reduce
 from operator import xor
@@ -38,7 +38,7 @@ class MemoryCheck(wiring.Component):
     word : In(control_layout), enable : In(1)
         The slot and its end, of the sequencer.
     weights, addend, gate : In
-        What the memories read: all lanes' words side by side; the addend; the gate memory's word.
+        Words that the memories read: all lanes' words side by side; the addend; the gate memory's word.
     operand : In(16)
         The element-wise operand: in the last logit's slot made of the words that stand for 0 alone.
     blank : In(16)
@@ -71,7 +71,7 @@ class MemoryCheck(wiring.Component):
         m = Module()
         code, word = self._code, self.word
         plan, layout = code.plan, code.layout
-        # What comes in this slot was addressed in the one before.
+        # The words of this slot were addressed in the previous one.
         counts = Signal()
         weight_read = Signal()
         constant_read = Signal()

@@ -14,7 +14,7 @@ class RowChain(wiring.Component):
     tick : In(1)
         The slot ends with this cycle: what follows is done.
     swap : In(1)
-        Take the lanes' sums; the lanes take what is in their links.
+        Take the lanes' sums; the lanes take the values in their links.
     shift : In(1)
         Move on by one lane.
     acc : In(array of signed(accumulator_bits))

@@ -10,7 +10,7 @@ from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 
 
 def control_layout(code: Microcode) -> data.StructLayout:
-    """What a word says, as wide as this program needs it."""
+    """Layout of a program word, as wide as this program needs it."""
     widths = {name: max(1, max(word[name] for word in code.unrolled()).bit_length()) for name in ADDRESSES}
     return data.StructLayout(
         {name: range(1 << width) for name, width in widths.items()} | dict.fromkeys(CONTROLS, 1)
@@ -28,12 +28,12 @@ class Sequencer(wiring.Component):
     go : In(1)
         The window is there: the waiting slot may end.
     restart : In(1)
-        After the step's last slot begin with the prologue, otherwise with phase A. Looked at as the last word
-        but two ends.
+        After the step's last slot begin with the prologue, otherwise with phase A. Sampled at the end of the
+        third-last word.
     word : Out(control_layout)
         The slot's controls: valid in the cycle with ``enable``, and before it as long as the slot lasts.
     enable : Out(1)
-        The slot ends with this cycle: everything it says is done at this clock edge.
+        The slot ends with this cycle: all its actions happen at this clock edge.
     waiting : Out(1)
         Held at the ``wait`` word.
     ended : Out(1)

@@ -30,7 +30,7 @@ class WindowQueue(wiring.Component):
     waiting : Out(1)
         The buffer ``reading`` holds a window.
     length, final : Out
-        Of that window: which of the lengths it has; it is its touch's last.
+        The window's length (index), and whether it is the last of its touch.
     any, computing, open : Out(1)
         A window waits; a step is computed, from the cycle after its start; either.
     overrun : Out(1)

@@ -1,4 +1,4 @@
-"""Which block of the design a cell of the placed netlist belongs to.
+"""The block of the design to which a cell of the placed netlist belongs.
 
 Yosys optimises the whole design at once, so that a logic cell has no block by itself. A cell belongs to the
 block that drives the signal at its output, where that is a signal of the design (every flip-flop, memory and

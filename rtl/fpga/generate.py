@@ -69,9 +69,9 @@ def generate(
     Parameters
     ----------
     config:
-        Of the integer model, with the wanted ``lanes``.
+        Configuration of the integer model, with the wanted ``lanes``.
     arrays:
-        Of the integer model (docs/specification.md, section 8).
+        Arrays of the integer model (docs/specification.md, section 8).
     out:
         New folder, an empty one, or an earlier generated one, which is replaced.
     vectors:
@@ -214,8 +214,8 @@ def load_header(writes: Iterable[tuple[int, int]]) -> str:
 
 
 def c_header(config: AcceleratorConfig, registers: Iterable[Entry] | None = None) -> str:
-    """The register map as a C header: ``registers`` (default: the accelerator's own) and fields, bits, what
-    can be measured, memories."""
+    """The register map as a C header: ``registers`` (default: the accelerator's own) and fields, bits,
+    measures, memories."""
     values = {
         "flags": {"CONTROL": Control, "STATUS": Status, "FAULT": Fault, "EVENT": Event},
         "memories": ImageMemory if config.is_image else memories(config),

@@ -18,7 +18,7 @@ PACKERS = {
     "ecp5": ("ecppack", "config", "bit"),
     "gowin": ("gowin_pack", "json", "fs"),
 }
-"""Family: the tool that makes the bitstream, what it reads and writes."""
+"""Family: the tool that makes the bitstream, its input and its output."""
 
 KINDS = {
     "ICESTORM_DSP": "dsp",
@@ -55,21 +55,21 @@ RESOURCES = {
     "MULT18X18": "multipliers",
     "IOB": "pins",
 }
-"""What a part can run out of, in words."""
+"""Resources that a part can run out of, in words."""
 
 
 HOLD = "Hold/min time violation for clock"
-"""What nextpnr's log says of each path that is too short."""
+"""Line of nextpnr's log for each path that is too short."""
 
 UNUSED_LUT, FEED_THROUGH = f"{0:016b}", f"{0xFF00:016b}"
 """Contents of a LUT that is none, and of one by which nextpnr leads a carry out of its chain (in a netlist
 there are no such buffers)."""
 
 PULLED_UP = ("pins__miso", "flash__miso", "scl", "sda")
-"""Ports that nothing may drive: the pin's pull-up then tells that a converter is missing."""
+"""Ports that nothing may drive: the pin's pull-up then shows that a converter is missing."""
 
 CLOCK_MHZ = "100"
-"""Said to nextpnr, whose placement is the same whatever is said: it is as fast as the seed makes it, which
+"""Clock that nextpnr is given. Its placement does not depend on it: it is as fast as the seed makes it, which
 the caller compares."""
 
 
@@ -246,7 +246,7 @@ def _count(placed: Record, owner: dict[str, str]) -> dict[str, dict[str, int]]:
 
 
 def _path_in_words(report: Record, owner: dict[str, str]) -> str:
-    """From which block to which, through how much logic, for the slowest path between two registers."""
+    """The slowest path between two registers: its blocks, and how much logic it crosses."""
 
     def delay(path: Record) -> float:
         return sum(part["delay"] for part in path["path"])

@@ -23,7 +23,7 @@ from eskin.rtl.top.image_accelerator import make_accelerator
 
 @dataclass(frozen=True, kw_only=True)
 class Family:
-    """What distinguishes one family of parts for Yosys.
+    """Properties of one family of parts for Yosys.
 
     synth: the command. dsp: the cell with a multiplier. library: files of its cell
     models in Yosys' share folder (``+``), the first for simulation. power_on_s: seconds of reset that the
@@ -44,9 +44,9 @@ class Family:
 
 
 BLOCK_MEMORY_S = 15e-6
-"""Block memories of an iCE40 read zeros for some 3 us after configuration, by a delay of the part's own that
-nothing tells (YosysHQ/icestorm issue 76); five times as long, as amaranth's platform for these parts
-waits."""
+"""Block memories of an iCE40 read zeros for some 3 us after configuration, a delay of the part that no signal
+reports (YosysHQ/icestorm issue 76). The reset lasts five times as long, as amaranth's platform for these
+parts waits."""
 
 ICE40 = Family(
     name="ice40",
@@ -85,7 +85,7 @@ class Chain(wiring.Component):
     ----------
     readable:
         False: the bus has no read side, so that registers and counters that could only be read are not there.
-        What reads them is the link, and their cells count with it.
+        The link reads them, and their cells count with it.
     """
 
     def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True) -> None:
@@ -109,8 +109,8 @@ class Chain(wiring.Component):
 
 
 class Harness(wiring.Component):
-    """A design behind four pins, for parts that have fewer pins than it has ports: an area and timing figure
-    needs registers on both sides.
+    """A design behind four pins, for parts with fewer pins than the design has ports; a figure of area and
+    timing needs registers on both sides.
 
     Members
     -------
@@ -174,7 +174,7 @@ class PoweredOn(wiring.Component):
 
 @dataclass(frozen=True, kw_only=True)
 class Netlist:
-    """What `synthesise` wrote.
+    """Output of `synthesise`.
 
     json (for nextpnr), verilog (cells of the family, one flat module ``top``), cells: number of cells by
     type, names: the design before any optimisation, flat, by which signals of the netlist are told apart;
@@ -211,7 +211,7 @@ def synthesise(
     keep: Sequence[str] = (),
     verilog: Sequence[Path] = (),
 ) -> Netlist:
-    """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v and what Yosys says.
+    """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v and Yosys' log.
 
     Multiplier cells that the design instantiates by itself are out of Yosys' sight while products are mapped:
     its pass for inferred products merges and drops instantiated ones without a word.

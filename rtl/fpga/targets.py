@@ -128,7 +128,7 @@ _BOARDS: dict[str, Record] = {
         own_flash=False,
     ),
 }
-"""What `_target` is given of each board."""
+"""Arguments of `_target` for each board."""
 
 TARGETS = tuple(_BOARDS)
 """Names of the boards: UP5K (2), ECP5-25F, GW1NR-9C."""

@@ -23,7 +23,7 @@ TOOLS = {
 
 
 class ToolError(RuntimeError):
-    """A tool failed; the message ends with what it said."""
+    """A tool failed; the message ends with its output."""
 
 
 def need_tool(tool: str) -> None:
@@ -32,7 +32,7 @@ def need_tool(tool: str) -> None:
     Raises
     ------
     ModuleNotFoundError
-        It is not; the command line says which extra brings it.
+        If it is missing; the command line names the extra that installs it.
     """
     import_module(TOOLS[tool][0].partition(".")[0])
 

@@ -1,4 +1,4 @@
-"""What a build puts onto a board, on which pins of its part, and what is wired to them."""
+"""The contents of a board's part, the pins, and the wires between them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,9 +13,10 @@ from eskin.rtl.top.board_top import BoardTop, ClassPins, class_pin_count
 from eskin.rtl.top.skin_top import SkinTop
 
 STIMULATOR_PIN = 8
-"""Of a board's free pins: the first of the second connector, where there are two of 8."""
+"""Index of the stimulator's pin among a board's free pins: the first of the second connector if there are two
+of 8."""
 FLASH_PORTS = ("flash__cs_n", "flash__sclk", "flash__mosi", "flash__miso")
-"""In the order of `Target.flash`."""
+"""Names in the order of `Target.flash`."""
 SAID = {
     "clk": "the board's oscillator",
     "led": "lamp: a frame was broken",
@@ -26,7 +27,7 @@ SAID = {
     **dict.fromkeys(("rx", "tx"), "the board's serial port"),
     **dict.fromkeys(FLASH_PORTS, "the board's flash"),
 }
-"""What each port but the converter's is wired to."""
+"""Connection of each port except the converter's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +62,8 @@ class Wiring:
 
     @property
     def shown(self) -> ClassPins:
-        """How the class is shown: a pin for each where the board has so many, else its index as a number."""
+        """The way in which the class is shown: one pin per class if the board has enough, otherwise its index
+        as a number."""
         each = self.sensing or len(self._decisions("each")) <= len(self.target.pins)
         return "each" if each else "binary"
 
@@ -113,7 +115,7 @@ class Wiring:
         return converter_plan(self.config).wires(self.config.interface.converter.name) if self.sensing else {}
 
     def table(self) -> list[dict[str, str]]:
-        """Each pin of a board with a converter: port, the part's site, what is wired to it."""
+        """Each pin of a board with a converter: port, site of the part, and its connection."""
         wires, rows = self._wires(), []
         for port, site in self.sites().items():
             name, _, index = port.partition("[")

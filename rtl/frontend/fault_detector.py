@@ -1,5 +1,5 @@
-"""Which taxels are stuck, silent or saturated (docs/specification.md, section 10): a branch beside the front
-of the chain."""
+"""Fault detector: stuck, silent or saturated taxels (docs/specification.md, section 10). It is a branch
+beside the front of the chain."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
@@ -29,7 +29,7 @@ class FaultDetector(wiring.Component):
         A beat is taken in this cycle, of this taxel; never held up. Frames are whole: ``taxels`` beats each,
         taxel 0 first.
     complement : In(fault_bits), settling : In(1)
-        Of the beat taken last, in the cycle after and until the next one is: the lowest bits of ~sample; the
+        Values of the last beat, from the cycle after it until the next one: the lowest bits of ~sample; the
         rest level is not known yet.
     flag : Out(1)
         In the same cycles: the taxel's flag, this frame's verdict included.
@@ -92,7 +92,7 @@ class FaultDetector(wiring.Component):
         rises = complement[-1] | at_end
         taken = complement ^ (~complement[-1]).replicate(bits) | at_end.replicate(bits)  # always negative
         low, high = Cat(taken, Const(1, 1).replicate(width))[:width], Cat(taken[width:], Const(1, 1))
-        left = Signal(width + 1)  # its carry says that it is not below 0
+        left = Signal(width + 1)  # its carry shows that it is not below 0
         m.d.comb += left.eq(before.left + low + rises)
         active = ~block_first & (before.active | ~left[-1] | ~high.all())
         m.d.comb += [

@@ -1,5 +1,5 @@
-"""Of the source's frames those that the chain takes (docs/specification.md, section 2; the model drops them in
-golden/data/recordings.py and golden/model/stream.py)."""
+"""The door of the chain: of the source's frames it passes those that the chain takes (docs/specification.md,
+section 2; the model drops the others in golden/data/recordings.py and golden/model/stream.py)."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -10,10 +10,10 @@ from eskin.rtl.common.layouts import sample_layout
 
 
 class FrameDoor(wiring.Component):
-    """With ``every``: hands on the first of every ``scan_every`` frames, and takes the others without a word; without: hands
-    on all.
+    """With ``every`` it forwards the first of every ``scan_every`` frames and drops the others; without it
+    forwards all.
 
-    A reset begins a recording. Frames are counted at their first beat; what comes before one is handed on.
+    A reset begins a recording. Frames are counted at their first beat; beats before a frame are forwarded.
 
     Members
     -------

@@ -1,5 +1,5 @@
-"""What follows from the number of a frame alone, in a recording or in a touch: settling, blocks of the onset
-rule, hops, windows (docs/specification.md, section 2)."""
+"""Marks that follow from the number of a frame alone, in a recording or in a touch: settling, blocks of the
+onset rule, hops, windows (docs/specification.md, section 2)."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring

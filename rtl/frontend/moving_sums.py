@@ -27,7 +27,7 @@ class MovingSums(wiring.Component):
     coming_valid, coming_index : In
         The stage before its last holds a beat; the taxel of it.
     index, last, block_end, masked, settling, complement : In
-        Of the beat in its last stage: taxel; the frame's last; its frame ends a block; it does not count; its
+        Values of the beat in its last stage: taxel; the frame's last; its frame ends a block; it does not count; its
         rest level settles, so that it adds 0; the complement of its deviation.
     last_taken : In(1)
         The frame's last beat leaves if the verdict is there.

@@ -48,7 +48,7 @@ class Normaliser(wiring.Component):
     -----
     i : In(stream of ``sum_layout``)
     mask : In(taxels)
-        Bit k = 1: taxel k is out of use. With a fault detector each sum says that itself, and nothing reads
+        Bit k = 1: taxel k is out of use. With a fault detector each sum carries that mark itself, and nothing reads
         the port.
     load : In, only with ``config.hardware.loadable``
         ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first;
@@ -57,7 +57,7 @@ class Normaliser(wiring.Component):
     wrong : Out(1)
         With ``checksum``: the mean that was just used does not have its parity, the highest of its bits.
     blank : Out(1)
-        ``o`` says 0 in this cycle, the second after a reset: the engine keeps it as its word for no window.
+        ``o`` is 0 in this cycle, the second after a reset: the engine stores it as its word for no window.
 
     Timing
     ------
@@ -144,7 +144,7 @@ class Normaliser(wiring.Component):
         # complement of d - mean
         m.submodules.adder = adder = RegisteredAdder(config, max(sum_bits - low, width) + 1, before=1)
         difference = adder.total
-        # of the two cycles after a reset, in which no sum can come, the second says 0
+        # of the two cycles after a reset, in which no sum can come, the second gives 0
         begun = Signal()
         blanked = Signal()
         masked = Signal()
@@ -160,7 +160,7 @@ class Normaliser(wiring.Component):
         )
         with m.If(~added):
             m.d.sync += masked.eq(out_of_use | ~begun)
-        used = taken if several else taken & at_last  # the mean is read anew
+        used = taken if several else taken & at_last  # the mean is read again
         m.d.sync += [
             mean_read.eq((mean_read | self.i.valid) & ~used),
             added.eq(self.i.valid & mean_read & ~taken),

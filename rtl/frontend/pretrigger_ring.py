@@ -36,7 +36,7 @@ class PreTriggerRing(wiring.Component):
         before it, or later, as the detector gives them: a beat more would be counted as a frame too many.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
-        Its reader says ``ready`` without looking at ``valid``.
+        Its reader's ``ready`` does not depend on ``valid``.
     touch_last : In(1)
         The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in
         which the beat is taken.

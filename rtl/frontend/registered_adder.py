@@ -23,11 +23,11 @@ class RegisteredAdder(wiring.Component):
     config:
         The accelerator's configuration.
     bits:
-        Of the sum.
+        Width of the sum.
     carry:
         0 or 1.
     before:
-        How many of these adders an idle block goes to first.
+        Number of these adders that get an idle block first.
 
     Members
     -------

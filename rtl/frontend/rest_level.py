@@ -11,7 +11,7 @@ from eskin.rtl.common.collisions import NO_COLLISION
 
 
 class RestLevel(wiring.Component):
-    """Reads the level of a beat's taxel, gives the deviation, and a stage later what the level will be.
+    """Reads the level of a beat's taxel, gives the deviation, and the next level one stage later.
 
     The level has ``level_frac`` fraction bits, at least the 4 of the specification. If ``rest_frames`` is a
     power of two, the settling sum is the level: its finer bits have no effect, and the rounding half is its
@@ -24,11 +24,11 @@ class RestLevel(wiring.Component):
     coming_index : In
         Taxel of the beat that comes into the first stage.
     sample, settle_first : In
-        Of the beat there: the complement of its sample; the first frame that settles.
+        Values of the beat there: the complement of its sample; the first frame that settles.
     deviation : Out(signed)
         The complement of its deviation, 0 cycles.
     settling, settle_last, negative : In(1)
-        Of the beat in the second stage: its frame settles, for the last time; the complement of its deviation
+        Values of the beat in the second stage: its frame settles, for the last time; the complement of its deviation
         is negative.
     next : Out
         Its taxel's level after this frame, 0 cycles.
@@ -110,7 +110,7 @@ class RestLevel(wiring.Component):
         baseline = level[low:][: config.sensor.sample_bits + 4]
         if config.rest_level.rest == "tracked":
             # sign(16 sample - baseline): the sample equals the baseline's integer part, or the deviation's
-            # sign says it
+            # sign shows it
             up = self.negative & ~at_level
             hold = at_level & (baseline[:4] == 0)
             step = Cat(Const(0, low), ~hold, (~hold & ~up).replicate(len(baseline) - 1))

@@ -9,7 +9,7 @@ from eskin.rtl.common.compare import reaches
 
 
 class TouchState(wiring.Component):
-    """Goes on with every frame that leaves the detector, by what the onset rule says of it.
+    """Advances with every frame that leaves the detector, by the result of the onset rule.
 
     Members
     -------

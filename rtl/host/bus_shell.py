@@ -12,14 +12,14 @@ from eskin.rtl.host.decision_queue import DecisionQueue
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister, TeachRegister
 
 ADDRESS_BITS = 9
-"""Of a byte address."""
+"""Bits of a byte address."""
 FIRST = min(ShellRegister)
 GLOBAL_ONLY, REFUSED = 8, 31
 """Their bits of ENABLE and NEXT_TAXEL."""
 
 
 def request_signature() -> wiring.Signature:
-    """One access, seen from the bus: what is asked for holds from ``valid`` to ``done``; ``r_data`` is there
+    """One access, seen from the bus: the request holds from ``valid`` to ``done``; ``r_data`` is there
     with ``done``. ``whole``: a write has all four bytes. ``address`` is a word's."""
     asked = {"valid": 1, "write": 1, "whole": 1, "address": 7, "w_data": 32}
     return wiring.Signature({**{k: Out(v) for k, v in asked.items()}, "done": In(1), "r_data": In(32)})
@@ -89,9 +89,9 @@ class BusShell(wiring.Component):
             bus.r_stb.eq(acts & inner & reads),
             queue.clear.eq(arming),
             queue.asked.eq(acts & reads & own & (place == ShellRegister.DECISION - FIRST)),
-            queue.take.eq(request.valid),  # what is shown is so with ``done``
+            queue.take.eq(request.valid),  # the outputs are valid with ``done``
         ]
-        # in the cycle after the write the accelerator begins anew
+        # in the cycle after the write the accelerator restarts
         m.d.sync += arming.eq(bus.w_stb & (bus.addr == Register.CONTROL) & (bus.w_data & Control.ARM).any())
 
         if self._samples:
@@ -117,7 +117,7 @@ class BusShell(wiring.Component):
                 m.d.sync += [taxel.eq(Mux(frame.p.last, 0, taxel + 1)), second.eq(more)]
             with m.If(stuck):
                 m.d.sync += refusing.eq(1)
-            with m.If(stuck | ~request.valid):  # or given up
+            with m.If(stuck | ~request.valid):  # or abandoned
                 m.d.sync += second.eq(0)
             # not when a decision is read: an interrupt routine may do that, and the CPU then goes on within its frame
             asked = request.valid & done & reads & own & (place == ShellRegister.NEXT_TAXEL - FIRST)

@@ -52,7 +52,7 @@ TEACHING = {"teach": 1, "forget": 1, "label": 7, "option": 1, "loaded": 1, "lock
 
 
 FedBy = Literal["cpu", "sensor"]
-"""Who sends frames to an accelerator behind a bus shell."""
+"""Sender of the frames of an accelerator behind a bus shell."""
 
 
 def bus_signature() -> wiring.Signature:
@@ -69,7 +69,7 @@ class HostControl(wiring.Component):
     Parameters
     ----------
     fed_by:
-        Of a design behind a bus shell. A CPU's pauses are no INPUT_STALLED.
+        For a design behind a bus shell. A CPU's pauses are not INPUT_STALLED.
 
     Members
     -------
@@ -85,7 +85,7 @@ class HostControl(wiring.Component):
     finish : Out(1)
         Pulse once everything in flight has been decided after the command.
     every : Out(1), only where frames have a door
-        Of `FrameDoor`, from ``clear`` on.
+        Output of `FrameDoor`, from ``clear`` on.
     load : Out
         Memory writes. They are refused and flagged from the second cycle of an open touch on; before its
         first window is whole, nothing reads what they change.
@@ -100,7 +100,7 @@ class HostControl(wiring.Component):
     windows_open : In(1)
         A window waits or is computed.
     flags : In(taxels), raised : In(1), only with ``fault_frames``
-        Of `FaultDetector`: what the registers TAXEL_FAULTS show, while no frame is under way; a fault.
+        Outputs of `FaultDetector`: the content of the registers TAXEL_FAULTS while no frame is under way; a fault.
     slot_done, step_done : In(1)
         A slot of a step, a step ends with this cycle.
     global_taken, decider_idle : In(1)
@@ -119,7 +119,7 @@ class HostControl(wiring.Component):
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
     awake : Out(1)
-        Something is, or is asked or counted: only otherwise may the clock stop (``clock_gate``).
+        Work, an access or a count is under way; otherwise the clock may stop (``clock_gate``).
 
     Parts: `RecordingState`, `MemoryLoader` and `CycleCounter` (register ``MEASURE`` names what it counts).
     """

@@ -48,7 +48,7 @@ class DecisionQueue(wiring.Component):
     Parameters
     ----------
     depth:
-        Of `DEPTHS`; 0: the classifier's offer itself is what waits, and taking the word takes the offer.
+        One of `DEPTHS`; 0: the classifier's offer itself waits, and taking the word takes the offer.
 
     Members
     -------
@@ -56,7 +56,7 @@ class DecisionQueue(wiring.Component):
     global_only : In(1)
         Local decisions are taken and dropped.
     clear : In(1)
-        What waits is dropped, and what is taken in this cycle.
+        Drop the waiting words and the word that is taken in this cycle.
     word : Out(32), waits : Out(1)
         What ``asked`` asks for; one waits.
     global_waits : Out(1)

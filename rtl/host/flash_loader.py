@@ -32,7 +32,7 @@ class FlashLoader(wiring.Component):
     Parameters
     ----------
     number, writes:
-        Of the design (`eskin.rtl.program.flash_image`): the image must have this number and so many writes.
+        Number of the design (`eskin.rtl.program.flash_image`) and number of writes that the image must have.
     wake_cycles:
         Cycles between the commands to wake and to read, at least 1.
     offset:

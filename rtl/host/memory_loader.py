@@ -16,7 +16,7 @@ class MemoryLoader(wiring.Component):
     Members
     -------
     data : In(16)
-        What the host writes.
+        Writes of the host.
     chosen : In(1)
         ``data`` names the memory (register MEMORY_SELECT), whose first word comes next.
     written : In(1)

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 FLAG, ESCAPE = 0x7E, 0x7D
 FLIPPED_BIT = 5
-"""Of an escaped byte."""
+"""Bit of an escaped byte that is inverted."""
 FCS_START = 0xFFFF
 FCS_TAPS = 0x8408
 """CRC-16/IBM-SDLC (X-25): x^16 + x^12 + x^5 + 1, lowest bit first; starts with ones, is sent inverted, low

@@ -7,8 +7,8 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core import AcceleratorConfig
 
 QUIET_BITS = {False: 4, True: 2}
-"""Of the count of quiet cycles, without and with ``clock_gate``: the shorter it is, the sooner the clock
-stops."""
+"""Bits of the counter of quiet cycles, without and with ``clock_gate``: the shorter it is, the sooner the
+clock stops."""
 
 
 class RecordingState(wiring.Component):

@@ -10,8 +10,8 @@ from eskin.golden.core import InputError
 DIVISOR_MIN = 4
 """Clocks a bit: with fewer, one clock of doubt about the edge is more than a quarter of a bit."""
 RATE_ERROR_MAX = 0.02
-"""Of the bit rate: a sample in the middle of the stop bit, 9.5 bits after the edge, then errs by less than a
-fifth of a bit."""
+"""Highest error of the bit rate: a sample in the middle of the stop bit, 9.5 bits after the edge, then errs
+by less than a fifth of a bit."""
 
 
 def uart_divisor(clock_hz: float, baud: float) -> int:

@@ -14,10 +14,11 @@ from eskin.rtl.host.uart import UartReceiver
 from eskin.rtl.program.memory_map import TeachRegister
 
 WINDOW = 0x3C
-"""From this address of a packet on four stand for the registers of teaching, whose addresses have a bit more."""
+"""Address of a packet from which four addresses stand for the registers of teaching, whose own addresses have
+a bit more."""
 HEADER_WORDS = 2
-"""16-bit words of a packet beside its samples or its value: number and command in front, check sequence
-behind."""
+"""16-bit words of a packet besides its samples or its value: number and command before them, check sequence
+after them."""
 
 
 class UartLink(wiring.Component):
@@ -27,7 +28,7 @@ class UartLink(wiring.Component):
     A frame or write acts when its number is the one expected, so each acts once and in order however often it
     is sent; a read acts always and its answer carries the number expected next. A packet that comes while one
     is still acting (the accelerator not ready, an answer not yet sent) is dropped like a damaged one.
-    Whatever came, the next flag is a beginning again: no reset, no timer.
+    The next flag always resynchronises the receiver; no reset or timeout is needed.
 
     Parameters
     ----------

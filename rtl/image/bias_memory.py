@@ -39,7 +39,7 @@ class BiasMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        # A group of a dense layer may be narrower than the chain, which then takes words behind it too.
+        # A group of a dense layer may be narrower than the chain, which then takes the words after it too.
         depth = self._plan.addend_words + self._plan.lanes
         address = Signal(range(depth))
         parts = []

@@ -1,4 +1,4 @@
-"""The checksum over what the image engine's memories hold for ever: docs/specification.md section 11."""
+"""Checksum over the constants in the image engine's memories: docs/specification.md section 11."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
@@ -20,7 +20,7 @@ class ImageCheck(wiring.Component):
     Members
     -------
     begins : In(1)
-        An image is started: the signature begins anew.
+        An image starts: the signature restarts.
     arrives : In(1), word : In(16), checks : In(1)
         A word of the passes is there; it is a pass's check word.
     multiplies : In(1), weights : In(lanes x weight_bits), dense : In(1)

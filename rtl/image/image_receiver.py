@@ -32,7 +32,7 @@ class ImageReceiver(wiring.Component):
     open, waiting, over : Out(1)
         A pixel of the image is there, not all of them; all are, and the engine is not started; all are.
     framing_fault : Out(1)
-        Of `FrameAligner`.
+        Output of `FrameAligner`.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:

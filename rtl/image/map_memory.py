@@ -1,4 +1,4 @@
-"""Where the image engine keeps its maps: two memories of one port, read and written in turn."""
+"""Map memory of the image engine: two memories of one port, read and written in turn."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring

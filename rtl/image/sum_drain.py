@@ -1,5 +1,5 @@
-"""What becomes of the image engine's sums: narrowed one by one, the largest of a pool's window kept
-(specification, section 15)."""
+"""Output path of the image engine's sums: they are narrowed one by one, and the largest of a pool's window is
+kept (specification, section 15)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
@@ -26,11 +26,11 @@ class SumDrain(wiring.Component):
     swap : In(1), sums : In(sum_layout)
         Pulse: the lanes' sums go into the chain, and what they are.
     shift, last, pairs : In
-        Of the pass: bits that a sum is shifted right by; its results are logits; it works in pairs.
+        Properties of the pass: bits by which a sum is shifted right; its results are logits; it works in pairs.
     move : Out(1)
         The chain moves on by a lane: in as many cycles after a swap as there are lanes.
     total : In(signed(accumulator_bits))
-        What the chain gives.
+        Output of the chain.
     value : Out(struct: valid, value)
         A value of the map, three cycles after its sum was in ``total``; channel after channel.
     logit : Out(struct: valid, value)

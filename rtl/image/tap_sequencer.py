@@ -192,7 +192,7 @@ class TapSequencer(wiring.Component):
 
         # ---------------------------------------------------------------- the slot under way
         running = Signal()
-        first = Signal()  # its slot only brings the biases in
+        first = Signal()  # its slot only loads the biases
         active = Signal()
         across_left = register("across_left")
         down_left = register("down_left", 3)

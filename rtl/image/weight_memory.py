@@ -21,7 +21,7 @@ class WeightMemory(wiring.Component):
     read : In(1), dense : In(1), address : In
         A tap's weights, from the dense layers' memories or the convolutions'.
     weights : Out(array of signed(weight_bits))
-        Of a dense layer the first `ImagePlan.dense_lanes` count.
+        In a dense layer only the first `ImagePlan.dense_lanes` are used.
     load : In(1), column : In, load_dense : In(2), load_address : In(16), load_word : In(16)
         The host's writes. ``column`` selects 16 bits of the convolutions' word, ``load_dense`` the low or
         high half of the dense layers' word.

@@ -1,4 +1,5 @@
-"""From a converter's pins to frames at the declared rate, wiring only (docs/specification.md section 12)."""
+"""Acquisition: frames at the declared rate from a converter's pins, wiring only (docs/specification.md
+section 12)."""
 
 from collections.abc import Callable
 from typing import Any
@@ -28,7 +29,7 @@ COMPONENTS: dict[type, Callable[..., Any]] = {
     MatrixPlan: lambda plan, taxels: MatrixConverter(plan),
     MprPlan: lambda plan, taxels: Mpr121Converter(plan),
 }
-"""What carries a plan out, of (plan, taxels); each has the ports of
+"""Components that carry out a plan, with the arguments (plan, taxels); each has the ports of
 `eskin.rtl.interface.converter_ports.converter_ports`."""
 
 
@@ -38,7 +39,7 @@ class Acquisition(wiring.Component):
     Parameters
     ----------
     clock_hz:
-        Of the ``sync`` domain; default: the configuration's.
+        Frequency of the ``sync`` domain; default: the configuration's.
 
     Members
     -------
@@ -49,16 +50,16 @@ class Acquisition(wiring.Component):
     sampling : Out(1)
         One cycle, in which a scan begins.
     handing : Out(1)
-        A frame is being handed on.
+        A frame is being forwarded.
     broken : Out(1)
         One cycle: a frame is missing on ``o``.
     fault : Out(bits of ConverterFault)
-        What was wrong, in the cycles in which it is known.
+        Faults, in the cycles in which they are known.
     pins : Out
         The converter's.
 
     The time from the last code to the first beat is 2 cycles. A scan begins in the cycle of the sample clock
-    (`SampleClock` tells its jitter); one that is due while the scan before goes on is left out: LATE. None
+    (`SampleClock` has its jitter); one that is due while the scan before goes on is left out: LATE. None
     begins while the converter is being set up.
     """
 

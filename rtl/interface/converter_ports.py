@@ -1,4 +1,4 @@
-"""What every converter's controller has beside its pins (docs/specification.md section 12)."""
+"""Ports of every converter's controller beside its pins (docs/specification.md section 12)."""
 
 from amaranth.hdl import unsigned
 from amaranth.lib import data, wiring
@@ -16,7 +16,7 @@ def put_layout(taxels: int, code_bits: int) -> data.StructLayout:
 
 
 def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
-    """What every converter has beside its pins.
+    """Ports of every converter beside its pins.
 
     start : In(1)
         Begin a frame; only while not ``busy``.
@@ -29,7 +29,7 @@ def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
         Codes, in any order of taxels.
     finished : Out(1)
         One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong
-        with it. While ``away``: setting up has failed, and begins anew.
+        with it. While ``away``: setting up has failed and restarts.
     """
     told = {"busy": Out(1), "away": Out(1), "finished": Out(1), "fault": Out(FAULT_BITS)}
     return {"start": In(1), "put": Out(put_layout(taxels, code_bits))} | told

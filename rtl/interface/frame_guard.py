@@ -28,11 +28,11 @@ class FrameGuard(wiring.Component):
         The frame is over, and whether something was wrong with it.
     o : Out(stream of sample_layout)
     handing : Out(1)
-        A frame is being handed on.
+        A frame is being forwarded.
     late : Out(1)
-        One cycle for every sample that came while the frame before was still being handed on: it is not kept.
+        One cycle for every sample that came while the previous frame was still being forwarded; it is dropped.
     broken : Out(1)
-        One cycle: a frame has ended that will not be handed on, because it was bad or late.
+        One cycle: a frame has ended that will not be forwarded, because it was bad or late.
 
     The first beat is offered 2 cycles after ``finished``, then a beat every 2 cycles while they are taken.
     """

@@ -13,8 +13,8 @@ only one on its bus, and no chip here stretches the clock, so SCL is not listene
 
 
 class I2cOp(Enum):
-    """What the controller is asked for. A byte is 8 bits and the acknowledge: the chip's after WRITE, ours
-    after READ, none after LAST."""
+    """Commands to the controller. A byte is 8 bits and the acknowledge: the chip's after WRITE, ours after
+    READ, none after LAST."""
 
     START = 0
     STOP = 1
@@ -46,7 +46,7 @@ class I2cMaster(wiring.Component):
     done : Out(1)
         One cycle, the last of an operation: ``heard`` and ``acknowledged`` hold.
     heard : Out(8)
-        What was read.
+        Byte that was read.
     acknowledged : Out(1)
         SDA was low in the ninth bit.
     pins : Out

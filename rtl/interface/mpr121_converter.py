@@ -16,7 +16,7 @@ from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 
 @dataclass(frozen=True)
 class Step:
-    """One operation on the bus. compare: what is read must be ``byte``; keep: it is the lower (1) or upper
+    """One operation on the bus. compare: the byte read must be ``byte``; keep: it is the lower (1) or upper
     (2) byte of an electrode; pause: 1 the time after a reset, 2 that until data count."""
 
     op: I2cOp
@@ -73,7 +73,7 @@ def frame(plan: MprPlan) -> list[Step]:
 class Mpr121Converter(wiring.Component):
     """A burst from each chip, then the cells one a cycle, one frame a ``start``.
 
-    After reset, and after any fault, the chips are set up anew. No acknowledge is SILENT; a CONFIG2 that is
+    After reset, and after any fault, the chips are set up again. No acknowledge is SILENT; a CONFIG2 that is
     not as after a reset, or an ECR that is not as written, is READBACK; upper bits that are not 0 are ORDER;
     a chip whose electrodes are all 0, or electrodes that are all at full scale, are STUCK.
 
@@ -148,7 +148,7 @@ class Mpr121Converter(wiring.Component):
         )
 
         def begin(fault):
-            """The start-up, from the frame's or step's end on; with what is told of it."""
+            """The start-up after a frame or step, with its fault."""
             m.d.comb += [self.finished.eq(1), self.fault.eq(fault)]
             m.d.sync += [
                 running.eq(1),

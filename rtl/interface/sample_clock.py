@@ -1,4 +1,4 @@
-"""When frames begin: the declared rate out of the clock (docs/specification.md section 12)."""
+"""Sample clock: the declared frame rate from the clock (docs/specification.md section 12)."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring

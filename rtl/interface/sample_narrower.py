@@ -1,4 +1,5 @@
-"""From a converter's code to a sample: offset, shift, saturation (docs/specification.md section 12)."""
+"""Sample narrower: a sample from a converter's code by offset, shift, saturation (docs/specification.md
+section 12)."""
 
 from amaranth.hdl import Const, Module, Signal, signed
 from amaranth.lib import wiring

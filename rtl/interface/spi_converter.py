@@ -1,5 +1,5 @@
-"""A frame from SPI converters: every channel asked in turn, what comes back checked (docs/specification.md
-section 12)."""
+"""A frame from SPI converters: every channel is read in turn and checked (docs/specification.md section
+12)."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
@@ -43,7 +43,7 @@ class SpiConverter(wiring.Component):
         line = Signal(range(max(2, plan.lines)))
         step = Signal(range(per_select))  # of the transfers of one select
         group = Signal(range(max(2, plan.selects)))
-        handing = Signal()  # the codes of the transfer that has ended are handed on, a line a cycle
+        handing = Signal()  # the codes of the transfer that has ended are forwarded, a line a cycle
         begin = Signal()
         commands = Array([Const(command, chip.bits) for _, command in plan.transfers[:per_select]])
         m.d.comb += [master.start.eq(begin), master.select.eq(group), master.command.eq(commands[step])]
@@ -60,7 +60,7 @@ class SpiConverter(wiring.Component):
             self.put.place.eq((group * plan.lines + line) * chip.channels + channel),
         ]
 
-        # ---------------------------------------------------------------- what is wrong with it
+        # ---------------------------------------------------------------- its faults
         judged = plan.lines if chip.channels > 1 else 1
         wrong = Signal()
         low = Signal(judged, init=-1)

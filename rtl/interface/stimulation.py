@@ -1,4 +1,5 @@
-"""From decisions or positions to the stimulator's line, wiring only (docs/specification.md section 14)."""
+"""Stimulation: the stimulator's line from decisions or positions, wiring only (docs/specification.md section
+14)."""
 
 import math
 
@@ -18,7 +19,7 @@ STIMULATOR_BAUD = 115200
 
 
 def reset_settings(config: AcceleratorConfig) -> dict[str, int]:
-    """What the settings are until a host changes them."""
+    """Settings after a reset."""
     return {name: getattr(config.interface, f"stim_{name}") for name in SETTINGS}
 
 
@@ -28,7 +29,7 @@ class Stimulation(wiring.Component):
     Parameters
     ----------
     clock_hz:
-        Of the ``sync`` domain; it must make 115200 baud within 2 %.
+        Frequency of the ``sync`` domain; it must make 115200 baud within 2 %.
 
     Members
     -------

@@ -1,5 +1,5 @@
-"""Which electrode is wanted: of decisions by a table, of positions by the array's size (docs/specification.md
-section 14)."""
+"""Stimulus: the wanted electrode, for decisions by a table, for positions by the array's size
+(docs/specification.md section 14)."""
 
 from amaranth.hdl import Array, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring

@@ -1,4 +1,4 @@
-"""Where the array is touched, and which way a touch slid (docs/specification.md section 13)."""
+"""Position of the touch, and direction of a slide (docs/specification.md section 13)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring

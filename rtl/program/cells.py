@@ -1,4 +1,4 @@
-"""The cells as programs: rows on the lanes, element-wise operations, and what waits for what
+"""The cells as programs: rows on the lanes, element-wise operations, and their dependences
 (docs/specification.md, section 5)."""
 
 from collections.abc import Callable
@@ -228,7 +228,7 @@ def makers(program: CellProgram) -> dict[str, set[str]]:
     """For each state region, the blocks whose rows its new value is made from, over any number of
     element-wise operations.
 
-    What these operations read of the state memory is old.
+    These operations read old values of the state memory.
     """
     blocks = {}
     for region in {op.state for op in program.elements if op.state}:

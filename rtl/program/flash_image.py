@@ -1,4 +1,4 @@
-"""What a board's SPI flash holds of a model: the host's writes, between a head and a checksum
+"""Image of a model in a board's SPI flash: the host's writes, between a head and a checksum
 (docs/specification.md section 16).
 
 Plain Python (no Amaranth), so that command line and benches can share it.
@@ -12,10 +12,10 @@ from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.rtl.program.memory_map import load_words, load_writes, memory_words, words_per_entry
 
 FLASH_OFFSET = 1 << 20
-"""Byte of the flash at which the image begins: behind the bitstream of every board."""
+"""Byte of the flash at which the image starts: after the bitstream of every board."""
 MAGIC = int.from_bytes(b"ESK", "big")
 UNIT_BYTES = 3
-"""Of the head's two units, and of each write: register, then word."""
+"""Bytes of the two units of the head and of each write: register, then word."""
 CHECK_BYTES = 4
 
 

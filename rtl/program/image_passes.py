@@ -1,5 +1,5 @@
-"""What the image engine runs: a network's layers as passes, their words, the memories' contents, and the
-cycles (no hardware in here).
+"""Program of the image engine: a network's layers as passes, their words, the contents of the memories, and
+the cycles. No hardware.
 
 A **pass** is a convolution with the pool behind it, or a dense layer: a convolution of kernel 1 over a map of
 one place. It makes one **sum** after the other: place by place of the result map, group by group of channels
@@ -34,9 +34,9 @@ DENSE_WORD_BITS = 32
 SLOT_CYCLES = 1
 """Cycles of a slot beside its taps."""
 FETCH_CYCLES = PASS_WORDS + 3
-"""From the end of a pass, or the start of an image, until the first slot of the next begins."""
+"""Cycles from the end of a pass, or the start of an image, to the first slot of the next pass."""
 DRAIN_CYCLES = 4
-"""Beyond one a lane, from the last slot's begin until what it released is written."""
+"""Cycles beyond one per lane, from the last slot's start until its results are written."""
 
 
 class Word(IntEnum):
@@ -181,19 +181,19 @@ class Pass:
         yield Slot(begin, None, 0)
 
     def cycles(self, lanes: int) -> int:
-        """From the fetch of its words until its map is written."""
+        """Cycles from the fetch of its words until its map is written."""
         *_, last = self.slots(lanes)
         return last.begin + lanes + DRAIN_CYCLES
 
     def _walk(self, row: int, column: int, dy: int, dx: int) -> int:
-        """Cycles from a slot's begin until the addresses of the sum after it are there."""
+        """Cycles from a slot's start until the addresses of the next sum are ready."""
         skipped = self.kernel - self.inside(row, self.rows) + self.span - self.across(column)
         return 3 + dy + dx + skipped
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImagePlan:
-    """A network on so many lanes.
+    """A network on a number of lanes.
 
     Parameters
     ----------
@@ -374,13 +374,13 @@ class ImagePlan:
 
     @cached_property
     def cycles(self) -> int:
-        """From the cycle in which an image is started until the engine is done."""
+        """Cycles from the start of an image until the engine is done."""
         return sum(pass_.cycles(self.lanes) for pass_ in self.passes)
 
     @property
     def logit_cycles(self) -> int:
-        """From the cycle in which an image is started until its last logit is given: lanes without a class
-        come behind it."""
+        """Cycles from the start of an image until its last logit is given; lanes without a class follow
+        it."""
         last = self.passes[-1]
         return self.cycles - (self.lanes - (last.outputs - (last.groups - 1) * last.group))
 

@@ -1,4 +1,4 @@
-"""What the host sees: the register map of the bus, and the memory images that an integer model becomes.
+"""The host's view: the register map of the bus, and the memory images of an integer model.
 
 Plain Python (no Amaranth), so that command line, C header and benches can share it.
 """
@@ -22,7 +22,8 @@ from eskin.rtl.program.signature import check_words, parity
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 5
 READABLE_VERSIONS = (4, 5)
-"""Of maps that a host of this version works with: from version 4 on addresses up to 0x3B stay."""
+"""Versions of the map with which a host of this version works: from version 4 on addresses up to 0x3B
+stay."""
 
 
 class Bits(IntFlag):
@@ -41,15 +42,15 @@ class Control(Bits):
 
     ARM = (
         1,
-        "Begin a recording: clear ring, rest levels, sums, state, a cycle after the write; frames from then on",
+        "Start a recording: ring, rest levels, sums and state are cleared a cycle after the write; frames count from then on",
     )
-    FINISH = 2, "The recording has ended: decide an open touch as partial"
+    FINISH = 2, "End the recording: an open touch is decided as partial"
     CLEAR_FAULTS = 4, "Clear FAULTS and LONGEST"
-    EVERY = 8, "With ARM: every frame of the source comes, not only those that the chain takes"
+    EVERY = 8, "With ARM: every frame of the source arrives, and the chain drops those that it does not take"
 
 
 class Measure(IntEnum):
-    """What LONGEST is the most of since it was chosen or cleared."""
+    """Quantities whose largest value LONGEST holds since the quantity was chosen or cleared."""
 
     FRAME = 0  # from a frame's first beat offered to its last beat taken
     STEP = 1  # cycles of a step, up to its last logit
@@ -71,29 +72,26 @@ class Fault(Bits):
 
     WRITE_REFUSED = (
         1,
-        "A memory write was dropped: during a touch, or (checksum) behind the memory's last word",
+        "A memory write was dropped: during a touch, or (checksum) after the memory's last word",
     )
     INPUT_STALLED = (
         2,
-        "A frame was offered while not ready: at the sensor's pace, an overrun (not where a CPU feeds)",
+        "Frame offered while the input was not ready: an overrun at the sensor's rate (not set if a CPU feeds)",
     )
-    FRAMING = 4, "first and last did not agree with the number of taxels"
-    OVERRUN = 8, "A window was complete while both feature slots were waiting"
+    FRAMING = 4, "The marks first and last did not match the number of taxels"
+    OVERRUN = 8, "A window was complete while both feature slots were occupied"
     CHECKSUM = 16, "A word of a memory or a configuration register is wrong (checksum)"
-    WATCHDOG = 32, "The chain hung and was put back to idle (watchdog)"
+    WATCHDOG = 32, "The chain hung and was reset to idle (watchdog)"
     TAXEL = 64, "The fault detector raised a taxel's flag: TAXEL_FAULTS"
-    ADDRESS = (
-        128,
-        "A register was read or written that this design does not have: it read 0, nothing was written",
-    )
+    ADDRESS = (128, "Access to a register that this design does not have: it read 0, nothing was written")
 
 
 class Event(Bits):
-    """What a CPU behind a bus waits for."""
+    """Events for which a CPU behind a bus waits."""
 
     DECISION = 1, "A decision waits"
     GLOBAL = 2, "A global decision waits"
-    SPACE = 4, "A sample would be taken at once (never where a converter or a stream feeds)"
+    SPACE = 4, "A sample would be taken at once (never set if a converter or a stream feeds)"
     FAULT = 8, "A bit of FAULTS is set"
 
 
@@ -111,13 +109,13 @@ DECISION_FIELDS: Fields = {
 }
 """The decision word behind a bus (docs/specification.md, section 17)."""
 NO_DECISION = 0xFFFF_FFFF
-"""What DECISION reads while none waits."""
+"""The word that DECISION reads while no decision waits."""
 
 
 class Described(IntEnum):
-    """A register: its address, and what the files of a design say of it (`eskin.rtl.program.register_files`).
+    """A register: its address, and its description in the files of a design (`eskin.rtl.program.register_files`).
 
-    access: ``ro``, ``wo``, ``rw``. text: what it holds. fields: bits, or names with places; what has none is
+    access: ``ro``, ``wo``, ``rw``. text: its content. fields: bits, or names with places; without them it is
     one value. reset: None where it depends on the design. effect: of a read or a write, beside its own.
     """
 
@@ -148,36 +146,45 @@ class Register(Described):
     ID = 0x00, "ro", "Always 0xE5C1", WHOLE, ID_VALUE
     VERSION = 0x01, "ro", "Version of this map", WHOLE, VERSION_VALUE
     CONTROL = 0x02, "wo", "Each bit written as 1 is a command", Control
-    STATUS = 0x03, "ro", "What the chain is at", Status, None
+    STATUS = 0x03, "ro", "State of the chain", Status, None
     FAULTS = 0x04, "ro", "Sticky until CLEAR_FAULTS", Fault
-    LONGEST = 0x05, "ro", "The most cycles of what MEASURE names, saturating"
+    LONGEST = 0x05, "ro", "Largest number of cycles of the quantity in MEASURE, saturating"
     MEASURE = (
         0x06,
         "wo",
-        "0 a frame, 1 a step, 2 windows without a break",
+        "Quantity: 0 a frame, 1 a step, 2 consecutive windows",
         {"KIND": (0, 1)},
         0,
-        "LONGEST begins anew",
+        "LONGEST restarts",
     )
     TOUCHES = 0x07, "ro", "Touches begun since ARM, modulo 256", {"COUNT": (0, 7)}
-    MEMORY_SELECT = 0x08, "wo", "Memory to load", WHOLE, None, "Loading begins at its first word"
+    MEMORY_SELECT = 0x08, "wo", "Memory to load", WHOLE, None, "Loading starts at its first word"
     MEMORY_DATA = 0x09, "wo", "A word of the memory", WHOLE, None, "The next word goes to the next place"
-    MASK = 0x10, "wo", "16 taxels a register from here on, bit set: taxel out of use", WHOLE, None
-    TAXEL_FAULTS = 0x20, "ro", "16 taxels a register from here on, bit set: flag raised; between frames"
+    MASK = 0x10, "wo", "16 taxels per register from here on; a set bit masks the taxel", WHOLE, None
+    TAXEL_FAULTS = (
+        0x20,
+        "ro",
+        "16 taxels per register from here on; a set bit is a fault flag; read between frames",
+    )
 
 
 class InterfaceRegister(Described):
-    """Registers of what lies beside the accelerator, only where a design has it (`interface_registers`)."""
+    """Registers of position, converter and stimulator, only in designs that have these (`interface_registers`)."""
 
-    POSITION = 0x30, "ro", "Of the latest position, in sixteenths of a cell", {"X": (0, 7), "Y": (8, 15)}
+    POSITION = (
+        0x30,
+        "ro",
+        "Centre of the latest position, in sixteenths of a cell",
+        {"X": (0, 7), "Y": (8, 15)},
+    )
     POSITION_PEAK = (
         0x31,
         "ro",
-        "Of the latest position; direction 0 none, 1 right, 2 left, 3 down, 4 up",
+        "Largest cell of the latest position; direction 0 none, 1 right, 2 left, 3 down, 4 up",
         {"CELL": (0, 7), "DIRECTION": (8, 10), "ENDED": (11, 11)},
     )
     # the same before and after: the two above belong together
-    POSITIONS = 0x32, "ro", "Positions told since ARM, modulo 65536"
+    POSITIONS = 0x32, "ro", "Positions reported since ARM, modulo 65536"
     CONVERTER_FAULTS = 0x33, "ro", "Flags of the converter's faults, sticky until CLEAR_FAULTS"
     # limits of the bitstream hold whatever is written
     STIM_AMPLITUDE = 0x38, "rw", "The stimulator's amplitude; above 255: 255", WHOLE, None
@@ -187,25 +194,25 @@ class InterfaceRegister(Described):
 
 
 class TeachRegister(Described):
-    """Registers of a readout that is taught, only where a design has it (`teach_registers`)."""
+    """Registers of a taught readout, only in designs that have one (`teach_registers`)."""
 
     TEACH = (
         0x48,
         "wo",
-        "That touch is of CLASS: the one that ended last, or (NEXT) the next one, or (LOADED) the one whose codes "
-        "the host wrote",
+        "Teach CLASS with the touch that ended last, or (NEXT) with the next one, or (LOADED) with the codes "
+        "that the host wrote",
         {"CLASS": (0, 6), "NEXT": (7, 7), "LOADED": (8, 8)},
     )
     FORGET = (
         0x49,
         "wo",
-        "Forget what CLASS, or (ALL) every class was taught",
+        "Remove the taught touches of CLASS, or (ALL) of every class",
         {"CLASS": (0, 6), "ALL": (7, 7)},
     )
     TAUGHT = (
         0x4A,
         "ro",
-        "Places in use; REFUSED: a touch was not taught or nothing forgotten, since CLEAR_FAULTS; ODD: changes with "
+        "Slots in use; REFUSED: since CLEAR_FAULTS a request to teach or forget was refused; ODD: toggles with "
         "every touch taught",
         {"IN_USE": (0, 7), "REFUSED": (8, 8), "ODD": (9, 9)},
         None,
@@ -213,11 +220,11 @@ class TeachRegister(Described):
     PLACES = (
         0x4B,
         "rw",
-        "The next word of the memory PROTOTYPES, its number beside it; all ones: none, as a touch is open or it was "
-        "not chosen",
+        "The next word of the memory PROTOTYPES, with its number; all ones: none, because a touch is open or none was "
+        "chosen",
         {"WORD": (0, 8), "NUMBER": (9, 15)},
         None,
-        "Read: the word after it is the next one; written: the number of the next one",
+        "Read: the following word is next; write: sets the number of the next word",
     )
 
 
@@ -230,37 +237,37 @@ class ShellRegister(Described):
         "The next taxel; taxel 0 after ARM",
         {"TAXEL": (0, 15)},
         None,
-        "NEXT_TAXEL goes on by 1",
+        "NEXT_TAXEL advances by 1",
     )
     SAMPLE_PAIR = (
         0x41,
         "wo",
-        "The next two taxels; behind the last taxel the high half is ignored",
+        "The next two taxels; after the last taxel the high half is ignored",
         {"FIRST": (0, 15), "SECOND": (16, 31)},
         None,
-        "NEXT_TAXEL goes on by 2",
+        "NEXT_TAXEL advances by 2",
     )
     NEXT_TAXEL = (
         0x42,
         "ro",
-        "The taxel expected next; REFUSED: samples were refused, so neither that taxel nor one after it is in",
+        "The taxel expected next; REFUSED: samples were refused, so neither that taxel nor a later one has arrived",
         {"TAXEL": (0, 15), "REFUSED": (31, 31)},
         0,
-        "Samples are taken again",
+        "Samples are accepted again",
     )
     DECISION = (
         0x44,
         "ro",
-        "The oldest decision that waits; all ones: none",
+        "The oldest waiting decision; all ones: none",
         DECISION_FIELDS,
         NO_DECISION,
-        "Takes it",
+        "Removes it",
     )
-    EVENTS = 0x45, "ro", "What there is to do", Event, None
+    EVENTS = 0x45, "ro", "Pending events", Event, None
     ENABLE = (
         0x46,
         "rw",
-        "Events that raise the interrupt; GLOBAL_ONLY: local decisions are dropped",
+        "Events that raise the interrupt; GLOBAL_ONLY drops local decisions",
         {bit.name or "": (bit.bit_length() - 1,) * 2 for bit in Event} | {"GLOBAL_ONLY": (8, 8)},
     )
 
@@ -277,7 +284,7 @@ class Memory(IntEnum):
 
 
 def memories(config: AcceleratorConfig) -> list[Memory]:
-    """Those that the host loads beside the lanes' weights."""
+    """Memories that the host loads beside the lanes' weights."""
     return [memory for memory in Memory if memory != Memory.PROTOTYPES or config.has_prototypes]
 
 
@@ -422,7 +429,7 @@ def image_memories(plan: ImagePlan, arrays: Arrays) -> dict[int, list[int]]:
 
 
 def memory_name(config: AcceleratorConfig, select: int) -> str:
-    """What the files of a memory are called."""
+    """Base name of the files of a memory."""
     if config.is_image:
         return f"weights{select}" if select < plan_of(config).columns else ImageMemory(select).name.lower()
     return f"lane{select}" if select < config.hardware.lanes else Memory(select).name.lower()
@@ -515,12 +522,12 @@ def mapped(config: AcceleratorConfig) -> list[int]:
 
 
 def teach_registers(config: AcceleratorConfig) -> list[TeachRegister]:
-    """Those of `mapped` that a taught readout has."""
+    """Registers of `mapped` that a taught readout has."""
     return list(TeachRegister) if config.readout_rule.taught else []
 
 
 def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
-    """Those that the design has beside `mapped`."""
+    """Registers that the design has beside `mapped`."""
     interface, register = config.interface, InterfaceRegister
     registers = [register.POSITION, register.POSITION_PEAK, register.POSITIONS] if interface.position else []
     if interface.converter.name != "none":

@@ -1,4 +1,4 @@
-"""A scheduled step as microcode: for every slot, what each unit of the engine does in that very slot.
+"""A scheduled step as microcode: for every slot, the action of each unit of the engine.
 
 The words are time-stationary: an operation that takes several slots sets bits in several words, so nothing
 travels beside the data and the hardware needs no pipeline of control. Consecutive words that differ in a
@@ -53,7 +53,7 @@ CONTROLS = (
 - gate_write, t_write: the table's answer of this slot is written.
 - value: the finished row goes to the T memory as it is.
 - logit, ends_step: it goes to the classifier; it is the step's last.
-- element_*: the same for the element-wise lane. It starts from the rounding half, and from T where ``add``.
+- element_*: the same for the element-wise lane. The sum starts at the rounding constant, plus T with ``add``.
 - t_operand, minus: operand a is T, less T; a window sum, where one is addressed, comes on top.
 - scale: the gate memory's address is that of the scale of the window's length.
 - state_write, feature, hidden: the element-wise result is written, is a feature, is the new hidden state.
@@ -71,8 +71,8 @@ class Layout:
 
     @cached_property
     def state_bases(self) -> dict[str, int]:
-        """First address of each region of the state memory: one behind the other, so that a row may read on
-        from one to the next."""
+        """First address of each region of the state memory. Regions are adjacent, so that a row may continue
+        from one into the next."""
         bases, end = {}, 0
         for region in self.program.state_regions:
             bases[region] = end
@@ -125,13 +125,12 @@ class Layout:
 
     @property
     def state_zero(self) -> int:
-        """Address of a word of the state memory that stands for 0: the prologue writes it."""
+        """Address of the state memory's word that holds 0; the prologue writes it."""
         return self.config.inputs + (len(self.program.state_regions) - 1) * self.config.network.hidden
 
     @property
     def window_none(self) -> int:
-        """Address above the window buffers of a word that stands for 0: written after each reset of the
-        chain."""
+        """Address of a word that holds 0, above the window buffers; written after each reset of the chain."""
         return 2 << self.window_bits
 
     def state(self, region: str, index: int) -> int:
@@ -166,8 +165,8 @@ class Layout:
 
     @property
     def constants(self) -> int:
-        """Address of the constants behind the gates; on a shared lane a power of two no smaller than what
-        follows: one bit tells them."""
+        """Address of the constants after the gates; on a shared lane a power of two no smaller than the
+        address after the gates, so that one bit marks them."""
         if not self.program.gate_regions:
             return 0
         gates = len(self.program.gate_regions) << self.gate_bits
@@ -211,8 +210,8 @@ class Layout:
 
     @property
     def t_zero(self) -> int:
-        """Address of a word of the T memory that stands for 0: the prologue writes it (a program without T
-        regions has none of it)."""
+        """Address of the T memory's word that holds 0; the prologue writes it (a program without T regions
+        has none)."""
         return len(self.program.t_regions) << self.hidden_bits
 
     @property
@@ -278,7 +277,7 @@ class Microcode:
         self._always_minus_t()
 
     def _always_minus_t(self) -> None:
-        """Where every T that is read is both subtracted and added, do so in every slot: the others read a
+        """If every T that is read is both subtracted and added, do so in every slot: the others read a
         zero."""
         asks = [slot for slot in self.slots if slot.get("element_operand")]
         if any(slot.get("t_operand") for slot in asks) or any(
@@ -366,8 +365,8 @@ class Microcode:
         self._slots.set(finished, state_write=1, state_to=address, feature=0, hidden=0)
 
     def _carry_biases(self, slot: int) -> int:
-        """From ``slot`` on, copy the biases to where carried sums go on from: through the chain, or the lane;
-        the slot after that."""
+        """From ``slot`` on, copy the biases to the start of carried sums, through the chain or the lane.
+        Returns the slot after that."""
         plan, lanes = self.plan, self.plan.config.hardware.lanes
         sources = [address for address, (block, _) in enumerate(plan.bias_rows) if block.carried]
         targets = [

@@ -57,7 +57,7 @@ class Entry:
 
     @property
     def sentence(self) -> str:
-        """What it holds, and what an access does."""
+        """One sentence: the content of a register, and the effect of an access."""
         verb = {"ro": "On reading: ", "wo": "On writing: ", "rw": ""}[self.access]
         return f"{self.text}. {verb}{self.effect}." if self.effect else f"{self.text}."
 

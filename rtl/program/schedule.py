@@ -9,7 +9,7 @@ from eskin.rtl.program.scheduler import Schedule, Scheduler, groups_of
 from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, FRAME_WAY_CYCLES, logit_to_decision
 
 IMAGE_START_CYCLES = 2
-"""From the last pixel of an image to the start of the engine."""
+"""Cycles from the last pixel of an image to the start of the engine."""
 
 
 @lru_cache(maxsize=64)

@@ -15,14 +15,14 @@ WIDTH = 16
 TAPS = 0x002D
 """x^16 + x^5 + x^3 + x^2 + 1 without its highest term: primitive."""
 START = 0xFFFF
-"""What a signature begins with: memories that were never loaded do not sum up to nothing."""
+"""First value of a signature, so that memories that were never loaded do not sum up to zero."""
 
 Read = tuple[str | int, int]
 """(memory, address): a lane by its number, ``addend`` or ``gate``."""
 
 
 def advance(signature: int) -> int:
-    """The signature a slot later, before what the slot reads is added."""
+    """The signature one slot later, before the constants of that slot are added."""
     signature <<= 1
     return signature ^ (TAPS | 1 << WIDTH) if signature >> WIDTH else signature
 
@@ -49,7 +49,7 @@ def constant_addends(code: Microcode) -> set[int]:
 
 
 def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
-    """(slots before the judged one, what is read) of every constant a step adds to its signature.
+    """(slots before the judged one, source) of every constant that a step adds to its signature.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
 
 
 def spread(code: Microcode, read: Read, word: int) -> int:
-    """What a word of a memory adds to the signature in the slot in which it is there."""
+    """Contribution of a memory word to the signature in the slot in which it is read."""
     config = code.plan.config
     memory, _ = read
     if isinstance(memory, int):  # all lanes' words side by side

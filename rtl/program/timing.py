@@ -1,6 +1,6 @@
 """Cycles that follow from the configuration alone: lanes, latencies.
 
-A slot is what a word of the engine's program says: one cycle, or as long as the program waits for a window.
+A slot is the time of one program word: one cycle, or as long as the program waits for a window.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ ELEMENT_OPERAND_BITS = 16
 FRAME_WAY_CYCLES = 3
 """Cycles of a frame beyond those of its taxels: the way to the windows."""
 STATE_BEATS = 3
-"""A word of the memory that a beat changes may be read again this many beats later."""
+"""Read-after-write distance of the per-taxel state memories, in beats."""
 FRAME_EXTRA_CYCLES = FRAME_WAY_CYCLES + 4
 """The way to the windows, 3 for the verdict on an onset, 1 for the read of the mean."""
 
@@ -24,8 +24,9 @@ def logit_to_decision(config: AcceleratorConfig) -> int:
 
 
 def holds_two_largest(config: AcceleratorConfig) -> bool:
-    """Whether the two largest scores are held as they come, in more cells, or all scores are read again, in
-    classes + 1 cycles more: steps of a linear cell, and those on 4 lanes and more, are short."""
+    """True if the two largest scores are held as they come, in more cells. Otherwise all scores are read
+    again, in classes + 1 more cycles. Steps of a linear cell, and those on 4 lanes and more, are short, so
+    they hold them."""
     return not config.recurrent or config.hardware.lanes >= 4
 
 
@@ -59,9 +60,9 @@ class Timing:
         Slots lost on a lane between two dot products: the DSP block's own accumulator is loaded in place of
         an addition.
     chain:
-        One where several lanes' sums are captured and handed on one by one.
+        One where several lanes' sums are captured and forwarded one by one.
     early:
-        One where a lane is told a slot before it adds a product that it will.
+        One where a lane gets the enable of an addition one slot before it.
     """
 
     acc: int
@@ -101,12 +102,12 @@ class Timing:
 
     @property
     def added(self) -> int:
-        """Of any element's issue: the slot in which its product is added."""
+        """The slot in which the product of any element's issue is added."""
         return self.acc - 1
 
     @property
     def valid(self) -> int:
-        """The slot in which the lane is told so."""
+        """The slot in which the lane gets that enable."""
         return self.added - self.early
 
 

@@ -24,8 +24,8 @@ from eskin.rtl.top.watchdog import Watchdog
 
 
 class HostedChain(wiring.Component):
-    """Frames in, decisions out, a host bus beside it, probes, a clock that may stop: what the chains for
-    recordings and for images have in common; members as of `Accelerator`.
+    """The common part of the chains for recordings and for images: frames in, decisions out, a host bus,
+    probes, a clock that may stop; members as of `Accelerator`.
 
     probes: their names. ``wired`` of a chain is (its module, whether its next clock edge is needed).
     """
@@ -61,7 +61,7 @@ class HostedChain(wiring.Component):
         raise NotImplementedError
 
     def frames_to(self, control: HostControl) -> list:
-        """Statements that tell the control of the frames."""
+        """Statements that report the frames to the control."""
         return [
             control.beat_offered.eq(self.i.valid),
             control.frame_beat.eq(self.i.valid & self.i.ready),
@@ -78,7 +78,7 @@ class HostedChain(wiring.Component):
         ]
 
     def needed(self, m: Module, control: HostControl) -> Signal:
-        """Whether the next clock edge is needed; nobody asks where the clock never stops."""
+        """True if the next clock edge is needed; unused where the clock never stops."""
         needed = Signal()
         if self._config.hardware.clock_gate:
             due = 0 if self.watching is None else self.watching.due
@@ -110,7 +110,7 @@ class Accelerator(HostedChain):
         A frame, sum, step, decision or command is in flight.
     probe : Out
         ``sum``, ``fault`` (the sum's taxel is out of use; only with a fault detector ever valid),
-        ``feature``, ``state``, ``logit``: what each stage hands on, in the cycle it does; ``step``: engine
+        ``feature``, ``state``, ``logit``: output of each stage, in the cycle of its transfer; ``step``: engine
         cycles of a step. Left open in a real design, they cost nothing.
 
     Latency from the last taxel of a window to its decision: a few cycles of front end and

@@ -1,4 +1,4 @@
-"""What goes onto a board: accelerator, serial link, decision pins. The same on every target."""
+"""Top module of a board: accelerator, serial link, decision pins. It is the same on every target."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -19,7 +19,7 @@ BAUD = 2e6
 """16 taxels at 3 kHz need 1.14 Mbaud."""
 
 ClassPins = Literal["each", "binary"]
-"""How the class of the latest decision is shown on pins: one pin for each class, or its index as a number."""
+"""Display of the latest class on pins: one pin per class, or its index as a number."""
 
 
 def class_pin_count(config: AcceleratorConfig, class_pins: ClassPins) -> int:
@@ -46,9 +46,9 @@ class BoardTop(wiring.Component):
     images:
         As for `Accelerator`.
     clock_hz:
-        Of the ``sync`` domain; default: the configuration's.
+        Frequency of the ``sync`` domain; default: the configuration's.
     baud:
-        Of both lines.
+        Baud rate of both lines.
     class_pins:
         As of `ClassPins`.
 

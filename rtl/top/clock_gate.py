@@ -16,7 +16,8 @@ from amaranth.hdl import (
 from eskin.rtl.common.memory_style import CHIP
 
 CELL = "top_clock_gate"
-"""What each process calls its own way: CLK, CE, GCLK; CE is held while CLK is high."""
+"""The clock-gate cell, which each process names in its own way. Ports: CLK, CE, GCLK; CE is held while CLK is
+high."""
 
 
 def gated(chain: Elaboratable, needed: Value, platform: str | None) -> Module:

@@ -1,5 +1,5 @@
 """The accelerator behind a converter: pins in, decisions out (docs/specification.md section 12). Wiring, and
-what a broken frame does."""
+the effect of a broken frame."""
 
 from collections.abc import Mapping
 
@@ -19,7 +19,7 @@ from eskin.rtl.top.accelerator import Accelerator
 class Sensing(wiring.Component):
     """Acquisition -> Accelerator.
 
-    A broken frame is not handed on. The chain restarts as after an ARM command, so no decision comes from a
+    A broken frame is dropped. The chain restarts as after an ARM command, so no decision comes from a
     touch with a gap. The next good frame is the first of a new recording.
 
     Parameters
@@ -33,11 +33,11 @@ class Sensing(wiring.Component):
         As of `Acquisition`.
     o : Out(stream of decision_layout), bus : In, busy : Out(1), probe : Out
         As of `Accelerator`. The bus keeps its right of way: an ARM waits for a cycle without an access, and
-        for the frame that is being handed on.
+        for the frame that is being forwarded.
     frame : Out(struct: valid, ready, payload)
         The frames that the accelerator gets, for benches and for what else reads frames.
     fault : Out(bits of ConverterFault)
-        What was wrong, in the cycles in which it is known.
+        Faults, in the cycles in which they are known.
     broken : Out(1)
         One cycle: a frame is missing.
     sampling : Out(1)

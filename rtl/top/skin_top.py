@@ -1,5 +1,5 @@
-"""What goes onto a board with its own sensors: converter, chain, decision pins, stimulator; a link or a flash
-where asked for."""
+"""Top module of a board with its own sensors: converter, chain, decision pins, stimulator, and optionally a
+link or a flash."""
 
 from collections.abc import Mapping
 
@@ -21,7 +21,7 @@ from eskin.rtl.top.sensing import Sensing
 
 
 def refuse_standalone(config: AcceleratorConfig) -> None:
-    """Refuse (InputError) what a board without a host cannot do."""
+    """Refuse (InputError) features that a board without a host cannot have."""
     if config.interface.converter.name == "none":
         raise InputError(
             "--standalone: nothing delivers frames; add --converter NAME, or name one in the model's "
@@ -36,8 +36,7 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
 
 
 class SkinTop(wiring.Component):
-    """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`, and one of four
-    ways to get its model.
+    """`Sensing`, with `TouchPosition` and `Stimulation` as configured, and one of four ways to get its model.
 
     - In the bitstream (``loadable`` false): frames are read from reset on.
     - Out of the board's flash (`FlashLoader`): frames are read from its ``done`` on; if it fails, never.
@@ -51,9 +50,9 @@ class SkinTop(wiring.Component):
     images:
         Memory contents where the model is in the bitstream.
     clock_hz:
-        Of the ``sync`` domain.
+        Frequency of the ``sync`` domain.
     baud:
-        Of the link; None: there is none.
+        Baud rate of the link; None: no link.
     flash:
         The model comes out of the board's flash. Not together with a link.
     shell:

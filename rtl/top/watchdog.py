@@ -35,7 +35,7 @@ def longest_wait(config: AcceleratorConfig) -> int:
 
 def bound(config: AcceleratorConfig) -> int:
     """Cycles after which the watchdog acts: the power of two above ``longest_wait``, so that one bit of its
-    counter says so."""
+    counter is enough."""
     return 1 << longest_wait(config).bit_length()
 
 
@@ -49,7 +49,7 @@ class Watchdog(wiring.Component):
         the recording is being finished, or front end and classifier do not agree whether a touch is open.
     done : In(1)
         A step has ended, a decision is offered (while nobody takes it, it is not the chain that is waited
-        for), or a memory is written, which starts the engine anew.
+        for), or a memory is written, which restarts the engine.
     hung : Out(1)
         One cycle: clear the chain.
     """

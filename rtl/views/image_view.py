@@ -51,7 +51,7 @@ def cells(plan: ImagePlan) -> list[tuple[str, ...]]:
 
 
 def title(plan: ImagePlan) -> str:
-    """What is drawn."""
+    """Title of the drawing."""
     return f"an image in {plan.cycles} cycles on {plan.lanes} lanes, {plan.multiplies} multiplies"
 
 

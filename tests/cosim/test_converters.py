@@ -170,8 +170,12 @@ QUICK = CONFIG.replace(converter="ads7953", sample_rate_hz=2500.0)
 """As few cycles a frame as its scan leaves room for; one simulator serves whoever plays it."""
 
 
-def test_ads7953_from_its_pins(tmp_path):
-    result = check(QUICK, tmp_path)
+@pytest.mark.parametrize("scan_every", [1, 4])
+def test_ads7953_from_its_pins(scan_every, tmp_path):
+    """Also of a source too fast for the chip, of which it scans one frame in four."""
+    rate = {"scan_every": scan_every, "sample_rate_hz": scan_every * QUICK.sensor.sample_rate_hz}
+    result = check(QUICK.replace(**rate), tmp_path)
+    assert result["frames"] == 550
     assert result["pace"] == "declared" and result["conversion"]["jitter_cycles"] < 1
     assert (
         result["conversion"]["scan_cycles"] < 0.9 * 800 and max(result["conversion"]["feature_cycles"]) < 100

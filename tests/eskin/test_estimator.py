@@ -47,6 +47,7 @@ def test_shares_add_up_and_follow_the_decision(fitted, lists):
     assert np.allclose(votes, [[0.75, 0.25, 0], [1 / 3] * 3])
 
 
+@pytest.mark.slow
 def test_a_grid_over_a_pipeline_of_lists_here_and_in_processes(fitted, lists):
     again = pickle.loads(pickle.dumps(fitted))
     assert np.array_equal(again.predict(lists[0]), fitted.predict(lists[0]))

@@ -83,6 +83,7 @@ def test_a_worker_that_dies_is_told_in_a_sentence():
         Jobs(workers=2).results(times, {"a": "die", "b": 1}, 7)
 
 
+@pytest.mark.slow
 def test_a_worker_computes_in_one_thread():
     before = os.environ.get("OMP_NUM_THREADS")
     assert set(Jobs(workers=2).results(threads, {"a": 0, "b": 1}).values()) == {1}

@@ -42,7 +42,6 @@ CASES: dict[str, AcceleratorConfig] = {
         | dict(pretrigger_frames=2, hop=9, window=19, touch_frames=10, steps=1, rearm_frames=11),
         "no pretrigger": BAND | TOUCH | dict(pretrigger_frames=0, rearm_frames=9),
         "immediate touch": TOUCH | dict(onset="immediate", pretrigger_frames=0, taxels=5),
-        "band clipped": BAND | TOUCH | dict(clip=90, taxels=5),
         "band initial": BAND | FREE | dict(rest="initial", rest_frames=3, clip=77),
         "band tracked": BAND | FREE | dict(rest="tracked", rest_frames=32, sample_signed=True),
         "synthetic": TRACKED | TOUCH | dict(taxels=5, rest_frames=6),

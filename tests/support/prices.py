@@ -14,7 +14,8 @@ def cost_by_size(config: AcceleratorConfig) -> Cost:
         energy_touch_j=1e-9 * work,
         cells=config.multiplies,
         latency_s=1e-6 * config.classes,
-        touch_s=config.last_frame / config.sensor.sample_rate_hz,
+        touch_s=config.touch_s,
+        average_w=1e-6 * config.sensor.scan_rate_hz,
     )
 
 

@@ -71,10 +71,7 @@ def play(
     """
     clock = config.hardware.clock_hz
     parameters = converter_parameters(config) | {"TAXELS": config.sensor.taxels, "CLASSES": config.classes}
-    parameters |= {
-        "PERIOD": round(clock / config.sensor.sample_rate_hz),
-        "CLOCKS_PER_BIT": round(clock / BAUD),
-    }
+    parameters |= {"PERIOD": round(clock / config.sensor.scan_rate_hz), "CLOCKS_PER_BIT": round(clock / BAUD)}
     parameters |= {"HOST_CLOCKS": host_clocks} if host else {}
     models, options = converter_model(config)
     macros = ["-DFLASH"] * (flash is not None) + ["-DHOST"] * (host is not None)
@@ -119,7 +116,7 @@ def expected_electrodes(
 ) -> list[int]:
     """Electrodes (0..23) that are switched on, in their order, for golden decisions that fall due with these
     frames: each that is not the one before, where that is still held, and that lasts for a burst."""
-    one, rate = config.interface, config.sensor.sample_rate_hz
+    one, rate = config.interface, config.sensor.scan_rate_hz
     table = one.electrodes or tuple(range(1, config.classes + 1))
     events = [(frame / rate, table[row[2]]) for row, frame in zip(rows, frames, strict=True)]
     found, now, until = [], 0, -1.0

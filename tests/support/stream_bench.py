@@ -204,6 +204,15 @@ class Bench:
         return self.cycle
 
 
+def play(dut, beats, stalls=(0.0, 0.0), *, seed: int = 0, quiet: int = 80, gaps=None):
+    """(what comes out of ``dut``, the cycles in which ``beats`` were taken); ``stalls`` of sender and reader."""
+    bench = Bench(dut, seed=seed, quiet=quiet)
+    taken = bench.drive(dut.i, beats, stall=stalls[0], gaps=gaps)
+    out = bench.collect(dut.o, stall=stalls[1])
+    bench.run()
+    return out, taken
+
+
 def put(ctx, block, **values) -> None:
     """Set inputs of a block by their names."""
     for name, value in values.items():

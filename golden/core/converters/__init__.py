@@ -44,7 +44,7 @@ def converter_of(value: Any) -> Any:
 
 
 def converter_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> Any:
-    """How the configuration's converter is read at ``clock_hz``, by default the configuration's."""
+    """The plan of the configuration's converter at ``clock_hz`` (default: the configuration's clock)."""
     return config.interface.converter.plan(config, clock_hz)
 
 

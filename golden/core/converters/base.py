@@ -1,5 +1,5 @@
-"""What converters have in common: their fields, what the rest of the project asks of one, how fast its wires
-may be, how much of a frame's time a scan may take."""
+"""The common part of all converters: their fields, the interface to the rest of the project, the highest
+clock of their wires, and the share of a frame's time that a scan may take."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
 
 RESERVE = 0.1
-"""Of a frame's time that a scan leaves free: the frame is handed on then, and the last taxel still belongs to
-this frame's instant."""
+"""Share of a frame's time that a scan leaves free. The frame is forwarded in this time, and the last taxel
+still belongs to this frame's instant."""
 
 HALF_MIN = 2
 """Cycles of half a clock period at least: a data line crosses two flip-flops before it is looked at."""
 USUAL_HZ = 2e6
-"""What is taken of a faster data sheet where nothing is said: wires on a breadboard carry it."""
+"""Default serial clock of converters with a faster data sheet: wires on a breadboard carry it."""
 
 
 class ConverterFault(IntFlag):
-    """What was wrong with a frame; it is not handed on."""
+    """Reasons why a frame is wrong and is dropped."""
 
     STUCK = 1  # every code of a chip is at the same end of its range
     ORDER = 2  # another channel's number, or a bit that the data sheet fixes is wrong
@@ -45,13 +45,13 @@ def half_period(clock_hz: float, wanted_hz: float, least: int = HALF_MIN) -> int
 
 
 class Plan:
-    """How a configuration's converter is read, as everybody but its own driver sees it. Each plan has
-    ``wires`` (of a board), ``parameters`` (of the model in cosim/converters), ``scan_cycles`` and
-    ``code_bits`` too."""
+    """The way in which a configuration's converter is read, for everything but its own driver. Each plan also
+    has ``wires`` (of a board), ``parameters`` (of the model in cosim/converters), ``scan_cycles`` and
+    ``code_bits``."""
 
     chips: int = 1
     zero: int | None = None
-    """The code of sample 0, where the data sheet says one."""
+    """The code of sample 0, if the data sheet has one."""
 
     def pin_codes(self, config: AcceleratorConfig) -> int:
         """Codes of a frame at the pins."""
@@ -78,7 +78,8 @@ class Converter(Group):
 
     prefix: ClassVar[str] = "converter."
     watt: ClassVar[float | None] = None
-    """Of a chip that converts at its highest rate, by the data sheet; None: no figure at hand."""
+    """Power of a chip that converts at its highest rate, from the data sheet; None if the sheet has no
+    figure."""
     stated: ClassVar[str] = ""
     """The data sheet's words for ``watt``."""
 
@@ -97,7 +98,7 @@ class Converter(Group):
             yield "code_offset", f"is {self.code_offset}; it must be a code"
 
     def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> Any:
-        """How the chip is read at ``clock_hz``, by default the configuration's."""
+        """The plan of the chip at ``clock_hz`` (default: the configuration's clock)."""
         raise TypeError("a configuration without a converter has no plan")
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:

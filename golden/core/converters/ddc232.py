@@ -1,4 +1,4 @@
-"""The DDC232 of Texas Instruments, 32 current inputs of 20 bits: what its data sheet (SBAS331) says, and the
+"""The DDC232 of Texas Instruments, 32 current inputs of 20 bits: figures of its data sheet (SBAS331), and the
 plan for one configuration.
 
 Where the sheet's copies differ or say nothing, a field of the configuration tells it, or the slower figure is
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 CHANNELS = 32
 CLOCK_HZ = {"CK": 10e6, "C": 5e6}
-"""Of its own clock, the most, by version."""
+"""Highest frequency of the chip's own clock, by version."""
 RATE_HZ = 1 / 166.5e-6
 """Integrations a second at most."""
 QUIET_S = 10e-6
 """No data clock this long before and after an edge of CONV."""
 DCLK_HZ = 16e6
-"""Of the data clock, where nothing is said: an assumption, the sheet's tables could not be read."""
+"""Default data clock. This is an assumption; the tables of the data sheet could not be read."""
 WAIT_S = 1e-3
-"""After reset, after its end and after the configuration."""
+"""Wait after a reset, after its end and after the configuration."""
 WARM_UP = 4
 """Integrations that are thrown away after the configuration: the first has no length."""
 READBACK_BITS = 640
@@ -44,7 +44,7 @@ ZERO = {20: 0x01000, 16: 0x0100}
 
 @dataclass(frozen=True, kw_only=True)
 class DdcPlan(Plan):
-    """What the controller does at one clock.
+    """The actions of the controller at one clock frequency.
 
     configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word that is read,
     in their order; None: not wired. clk_half, half: cycles of half a period of its clock and of the data
@@ -63,11 +63,11 @@ class DdcPlan(Plan):
     dvalid: int
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        """Ports of a board in wiring order, and the pin of each."""
         return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in PINS}
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
-        """Of the model in cosim/converters; FIRST: input of taxel 0."""
+        """Parameters of the model in cosim/converters; FIRST: input of taxel 0."""
         chip, first = config.interface.converter, self.places.index(0)
         assert isinstance(chip, Ddc232)
         return {
@@ -90,12 +90,12 @@ class DdcPlan(Plan):
 
     @property
     def read_cycles(self) -> int:
-        """From DVALID to the last code."""
+        """Cycles from DVALID to the last code."""
         return 2 * self.half * self.bits * len(self.places) + self.half + 6
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code, by the data sheet."""
+        """Time from the sample clock to the last code, by the data sheet."""
         return self.dvalid + self.read_cycles
 
 

@@ -34,7 +34,7 @@ class MatrixPlan(Plan):
     port: SpiPlan
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        """Ports of a board in wiring order, and the pin of each."""
         wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
         for name, count in (("row", self.rows), ("column", self.columns)):
             bits = max(1, (count - 1).bit_length())
@@ -43,7 +43,7 @@ class MatrixPlan(Plan):
         return wires
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
-        """Of the model in cosim/converters."""
+        """Parameters of the model in cosim/converters."""
         return {"ROWS": self.rows, "COLUMNS": self.columns, "SETTLE_PS": round(1e12 * self.settle_s)}
 
     @property
@@ -53,12 +53,12 @@ class MatrixPlan(Plan):
 
     @property
     def cell_cycles(self) -> int:
-        """From one cell's address to the next one's."""
+        """Cycles from one cell's address to the next one's."""
         return self.settle + self.port.transfer_cycles + 3
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code."""
+        """Cycles from the sample clock to the last code."""
         return self.rows * self.columns * self.cell_cycles
 
 

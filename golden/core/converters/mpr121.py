@@ -1,4 +1,4 @@
-"""The MPR121, 12 capacitive electrodes on I2C: what its data sheet and application notes say, and the plan
+"""The MPR121, 12 capacitive electrodes on I2C: figures of its data sheet and application notes, and the plan
 for one configuration.
 
 Rows and columns of an array are electrodes; with one chip a place between two electrodes is their mean, with
@@ -22,13 +22,14 @@ if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
 
 ADDRESS = 0x5A
-"""Of the first chip; the second has the next."""
+"""Bus address of the first chip; the second chip has the next one."""
 I2C_HZ, LOW_S = 400e3, 1.3e-6
-"""Of the bus at most, and its clock low at least: half a bit here, so the bus has 385 kHz."""
+"""Highest frequency of the bus and shortest low time of its clock. Low takes half a bit here, so the bus runs
+at 385 kHz."""
 RESET_S, FIRST_DATA_S = 1e-3, 10e-3
-"""After the soft reset, and from the start of the electrodes to data that count."""
+"""Wait after the soft reset, and from the start of the electrodes to valid data."""
 ELECTRODES = {1: 12, 2: 22}
-"""That an array may have, by chips: two are read for 11 each."""
+"""Electrodes that an array may have, by number of chips: two chips have 11 each."""
 CODE_BITS = 10
 FILTERED, THRESHOLDS, CONFIG1, CONFIG2, ECR, SOFT_RESET = 0x04, 0x41, 0x5C, 0x5D, 0x5E, 0x80
 RESET_WORD, CONFIG2_AT_RESET, RUNNING = 0x63, 0x24, 0x8F
@@ -78,18 +79,18 @@ class MprPlan(Plan):
         return (FULL - np.maximum(rows[:, :, None], columns[:, None, :])).reshape(len(codes), -1)
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, and what each goes to."""
+        """Ports of a board, and the pin of each."""
         return {"scl": f"{chip}, SCL (pull-up)", "sda": f"{chip}, SDA (pull-up)"}
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
-        """Of the model in cosim/converters."""
+        """Parameters of the model in cosim/converters."""
         return {"CHIPS": self.chips, "ELECTRODES": self.pin_codes(config)}
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code: of each chip a message that reads 2 bytes an electrode, and
-        one that reads ECR. Around what it reads a message has a start, 3 bytes, a repeated start and a
-        stop."""
+        """Cycles from the sample clock to the last code: for each chip one message that reads 2 bytes an
+        electrode, and one that reads ECR. Besides the bytes read, a message has a start, 3 bytes, a repeated
+        start and a stop."""
         bits = sum(2 * (2 + 1 + 9 * 3) + 9 * (2 * electrodes + 1) for electrodes in self.electrodes)
         return bits * (4 * self.quarter + 1) + 60 * self.chips + self.rows * self.columns + 8
 

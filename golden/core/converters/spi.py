@@ -133,7 +133,7 @@ class SpiPlan(Plan):
     high: int
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        """Ports of a board in wiring order, and the pin of each."""
         many = {"miso": self.lines, "cs_n": self.selects}
         functions = {"cs_n": "CS", "mosi": "data in", "miso": "data out", "sclk": "clock"}
         further = [(name, k) for name, count in many.items() for k in range(1, count)]
@@ -146,7 +146,7 @@ class SpiPlan(Plan):
         return wires
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
-        """Of the model in cosim/converters."""
+        """Parameters of the model in cosim/converters."""
         fields = ("channel_bit", "delay", "code_bit", "code_bits", "tag_bit", "tag_bits", "zeros", "channels")
         values = {name.upper(): getattr(self.chip, name) for name in fields}
         return values | {
@@ -158,7 +158,7 @@ class SpiPlan(Plan):
 
     @property
     def transfer_cycles(self) -> int:
-        """From a transfer's start to that of the next, without what is between them."""
+        """Cycles from a transfer's start to the next one's, without the gap."""
         return self.lead + 2 * self.half * self.chip.bits + self.high
 
     @property
@@ -168,7 +168,7 @@ class SpiPlan(Plan):
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code of a frame, at most."""
+        """Most cycles from the sample clock to the last code of a frame."""
         return len(self.transfers) * (self.transfer_cycles + self.lines + 2)
 
     @property
@@ -178,7 +178,7 @@ class SpiPlan(Plan):
 
     @property
     def chips(self) -> int:  # type: ignore[override]
-        """Of all lines and selects."""
+        """Number of chips on all data lines and selects."""
         return self.lines * self.selects
 
 
@@ -200,11 +200,11 @@ class OnSpi(Converter):
     data_lines: Annotated[StrictInt, Ge(0)] = 0
 
     def chip(self) -> SpiChip:
-        """The chip's data sheet; each kind says its own."""
+        """The chip's data sheet; each kind defines its own."""
         raise NotImplementedError
 
     def chips(self, config: AcceleratorConfig) -> int:
-        """How many chips the taxels need."""
+        """Number of chips that the taxels need."""
         return -(-config.sensor.taxels // self.chip().channels)
 
     def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> SpiPlan:
@@ -247,7 +247,8 @@ class OnSpi(Converter):
         yield from self._too_slow(config)
 
     def _too_slow(self, config: AcceleratorConfig) -> Iterator[Refusal]:
-        """Whether a scan leaves a reserve of the frame; with the nearest that does."""
+        """The refusal of a scan that leaves too little of the frame, with the nearest plan that fits; None if
+        it fits."""
         clock, rate, available = config.hardware.clock_hz, config.sensor.scan_rate_hz, frame_s(config)
         plan, chip, count = self.plan(config), self.chip(), self.chips(config)
         took = plan.scan_cycles / clock
@@ -288,12 +289,12 @@ class SpiByName(OnSpi):
 
     @property
     def watt(self) -> float | None:  # type: ignore[override]
-        """Of the row."""
+        """Power of the row's chip."""
         return self.chip().watt
 
     @property
     def stated(self) -> str:  # type: ignore[override]
-        """Of the row."""
+        """Text of the row about the chip's figures."""
         return self.chip().stated
 
 

@@ -58,6 +58,8 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     assert record["baselines"][0]["groups"] == ["person"] and record["baselines"][0]["accuracy"] > 0.9
     assert any("network chosen among" in reason for reason in record["reasons"])
     assert [doubt["text"] for doubt in record["doubts"]] == record["warnings"]
+    # of known persons more is known than of new ones
+    assert record["same_groups"]["integer_accuracy"] >= split["nested"]["integer_accuracy"]
     nested = split["nested"]
     assert sum(fold["recordings"] for fold in nested["per_fold"]) == 24
     assert all(fold["front_end"]["rest"] == "none" for fold in nested["per_fold"])

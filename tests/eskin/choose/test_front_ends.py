@@ -10,11 +10,21 @@ from eskin.choose.candidate import Candidate, Judged, choose
 from eskin.choose.choice import choose_front_end, choose_split, configure, inner_folds, search_inside
 from eskin.choose.choice_table import ROWS, front_end_table, front_end_words
 from eskin.choose.first_touches import cut_windows, first_touches
-from eskin.choose.front_ends import PENALTIES, FrontEnds, Judge, Screen, blocked_ridge, features, listed
+from eskin.choose.front_ends import (
+    PENALTIES,
+    FrontEnds,
+    Judge,
+    Screen,
+    _fewer_scans,
+    blocked_ridge,
+    features,
+    listed,
+)
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
 from eskin.training.level import TIE
+from eskin.training.linear_fit import discriminants
 from eskin.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
@@ -98,7 +108,8 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
                 wide[rest].T @ wide[rest] + penalty * unit * np.eye(width + 1),
                 wide[rest].T @ indicators[rest],
             )
-            decided[row, fold] = (wide[fold] @ weights).argmax(axis=1)
+            turn, bias = discriminants(wide[rest] @ weights, indicators[rest])
+            decided[row, fold] = (wide[fold] @ weights @ turn + bias).argmax(axis=1)
     expected = np.zeros(60, dtype=int)
     for fold in folds:
         elsewhere = np.setdiff1d(np.arange(60), fold)
@@ -204,9 +215,9 @@ def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
         if row["rest"] == "initial" and row["onset"] == "immediate"
     )
     assert chosen["accuracy"] > 0.9 and without < chosen["accuracy"] - 0.3
-    assert any(
-        "the level of the first 13 frames alone tells the class" in reason for reason in front_end.reasons
-    )
+    (doubt,) = front_end.doubts
+    assert doubt["code"] == "level_tells" and "level of the first 13 frames alone tells" in doubt["text"]
+    assert f"takes this level off decides {100 * without:.1f} %" in doubt["text"]
 
 
 def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
@@ -214,10 +225,55 @@ def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
     shifted = recordings.samples + 3000 * np.repeat(recordings.labels, recordings.lengths)[:, None]
     recordings = replace(recordings, samples=shifted.astype(recordings.samples.dtype))
     front_end = choose_front_end(recordings, priced())
-    (sentence,) = (reason for reason in front_end.reasons if "frames alone tells the class of" in reason)
-    off = front_end.config.rest_level.rest != "none"
-    assert ("record classes in turn" if off else "--config with rest 'initial'") in sentence
+    (doubt,) = front_end.doubts
+    assert (
+        doubt["text"].startswith("leaving out day, ") and "record every class at every day" in doubt["text"]
+    )
     assert front_end.record()["level_alone"] > 0.8
+    (doubt,) = choose_front_end(replace(recordings, groups={}), priced()).doubts
+    assert "name these in an array of the archive and give it with --group" in doubt["text"]
+
+
+def lasting(lengths, tells: int, count: int = 80, seed: int = 5) -> Recordings:
+    """Two classes on one level; a recording of class 1 moves up from frame ``tells`` on, if it lasts so
+    long."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for i in range(count):
+        frames = rng.normal(500, 20, (lengths[i], 5)) + rng.normal(0, 5, 5)
+        frames[tells:] += 20 * (i % 2)
+        parts.append(np.rint(frames))
+    return archive(parts, [i % 2 for i in range(count)])
+
+
+def test_windows_go_on_where_a_few_recordings_are_short():
+    """Seven of 80 recordings last a fifth of the others: they are decided on what they have."""
+    lengths = np.where(np.arange(80) % 12 == 5, 80, 400)
+    recordings = lasting(lengths, tells=200)
+    front_end = choose_front_end(recordings, priced())
+    assert front_end.config.last_frame * front_end.config.sensor.scan_every > 200
+    correct = front_end.screened[0].correct
+    assert correct[lengths == 400].mean() > 0.95 and front_end.record()["chosen"]["missed"] == 0
+    early = lasting(lengths, tells=30)  # and nothing is lost where the first windows are enough
+    assert choose_front_end(early, priced()).screened[0].correct.mean() > 0.95
+
+
+def test_lengths_from_one_to_three_seconds_are_windows_for_most():
+    """What tells the class comes late; a length that tells it too may not be read."""
+    lengths = np.random.default_rng(0).permutation(np.linspace(200, 600, 80).astype(int))
+    late = choose_front_end(lasting(lengths, tells=300), priced())
+    assert late.config.last_frame > 330 and late.screened[0].correct[lengths > 400].mean() > 0.9
+    of_class = np.where(np.arange(80) % 2 == 1, 500, 200) + lengths // 10
+    told = choose_front_end(lasting(of_class, tells=10_000), priced())
+    assert all(one.config.last_frame <= of_class.min() for one in told.screened)
+    assert told.screened[0].accuracy < 0.75
+
+
+def test_accuracy_that_climbs_to_the_end_is_doubted():
+    recordings = lasting(np.full(80, 400), tells=340)
+    (doubt,) = choose_front_end(recordings, priced()).doubts
+    assert doubt["code"] == "still_climbing" and "record longer touches" in doubt["text"]
+    assert choose_front_end(lasting(np.full(80, 400), tells=100), priced()).doubts == ()
 
 
 def test_touches_at_random_times_want_an_onset():
@@ -234,6 +290,34 @@ def test_classes_that_only_move_differently_want_activity():
     assert "activity" in front_end.config.features.feature_kinds
     means = max(row["accuracy"] for row in front_end.record()["rivals"] if row["feature_kinds"] == ["mean"])
     assert front_end.record()["chosen"]["accuracy"] > 0.9 > means
+
+
+def test_fewer_scans_keep_their_times_and_are_taken_where_they_suffice():
+    front_ends = FrontEnds(touched_at_random())
+    tried, many = list(_fewer_scans(BASE, front_ends.by_gate)), BASE.windows.hop
+    assert {at.sensor.scan_every for at in tried} == {2, 4, 8}
+    for at in tried:
+        k, windows = at.sensor.scan_every, at.windows
+        assert (k * windows.hop, k * windows.window, windows.steps) == (many, 2 * many, BASE.windows.steps)
+        assert k * at.onset_rule.onset_mean_frames >= BASE.onset_rule.onset_mean_frames
+        assert at.rest_level.rest_frames == BASE.rest_level.rest_frames
+        touches = find_touches(at, front_ends.recordings)
+        cut = cut_windows(at, front_ends.screen.touches(at))
+        first = touches.first_touch()
+        first = first[first >= 0]
+        assert (touches.sums[first] == cut.sums).all() and (
+            touches.onset_frame[first] == cut.onset_frame
+        ).all()
+    # a source that says everything four times
+    parts = [
+        np.repeat(front_ends.recordings.recording(i), 4, axis=0) for i in range(len(front_ends.recordings))
+    ]
+    groups = front_ends.recordings.groups
+    said = archive(parts, front_ends.recordings.labels, sample_rate_hz=800.0, groups=groups)
+    record = choose_front_end(said, priced()).record()
+    chosen, rivals = record["chosen"], record["rivals"]
+    assert chosen["scan_every"] >= 4
+    assert chosen["energy_touch_j"] < min(row["energy_touch_j"] for row in rivals if row["scan_every"] == 1)
 
 
 def test_the_record_says_what_was_judged_and_how():

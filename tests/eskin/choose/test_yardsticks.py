@@ -4,7 +4,17 @@ import dataclasses
 
 import numpy as np
 
-from eskin.choose.yardsticks import PARTS, SupportVectors, raw_features, yardsticks
+from eskin.choose.yardsticks import (
+    BANDS,
+    PARTS,
+    STATISTICS,
+    by_folds,
+    forest,
+    raw_features,
+    statistics,
+    support_vectors,
+    yardsticks,
+)
 from tests.support import result_case
 from tests.support.result_case import CONFIG
 
@@ -36,10 +46,29 @@ def test_nothing_of_the_fold_is_learnt():
     labels = rng.integers(0, 2, 60)
     x = rng.normal(size=(60, 200))  # says nothing of the label
     folds = np.array_split(np.arange(60), 6)
-    vectors = SupportVectors()
-    assert 0.2 < np.mean(vectors(x, labels, folds, 2) == labels) < 0.8
-    assert vectors.multiplies > 20 * 200
-    assert (vectors(x + 4 * labels[:, None], labels, folds, 2) == labels).mean() > 0.95
+    for model in (support_vectors, forest):
+        decide = by_folds(model)
+        assert 0.2 < np.mean(decide(x, labels, folds, 2) == labels) < 0.8
+        assert (decide(x + 4 * labels[:, None], labels, folds, 2) == labels).mean() > 0.95
+        copied = decide(np.r_[x, x], np.r_[labels, labels], folds, 2, np.r_[np.arange(60), np.arange(60)])
+        assert 0.2 < np.mean(copied[:60] == labels) < 0.8  # copies of a fold are left out with it
+
+
+def test_statistics_of_the_whole_stand_behind_those_of_the_parts():
+    loaded = result_case.recordings(2)
+    tables, whole = statistics(loaded), loaded.recording(1).astype(float)
+    assert tuple(tables) == STATISTICS
+    for name, values in (
+        ("mean", whole.mean(axis=0)),
+        ("spread", whole.std(axis=0)),
+        ("activity", np.abs(np.diff(whole, axis=0)).sum(axis=0) / 300),
+        ("first minus last", whole[:30].mean(axis=0) - whole[-30:].mean(axis=0)),
+    ):
+        np.testing.assert_allclose(tables[name][1, -loaded.taxels :], values)
+    spectrum = np.exp(tables["spectrum"][1]).reshape(BANDS, -1).sum(axis=0) - BANDS
+    np.testing.assert_allclose(
+        spectrum, (np.abs(np.fft.rfft(whole - whole.mean(axis=0), axis=0)) ** 2).sum(axis=0)
+    )
 
 
 def test_rows_for_the_report():
@@ -48,9 +77,23 @@ def test_rows_for_the_report():
     assert [row["name"] for row in rows] == [
         "RBF-SVM on the same features",
         "linear classifier on whole recordings",
+        "RBF-SVM on statistics of whole recordings",
+        "random forest on statistics of whole recordings",
     ]
     for row in rows:
         assert 0 <= row["accuracy"] <= 1
         assert row["standard_error"] >= 0
-        assert row["multiplies"] > 0
-        assert not row["hardware"]
+        assert not row["hardware"] and "without" not in row
+
+
+def test_what_a_better_forest_is_better_by():
+    """The classes differ by how much they move alone."""
+    loaded = result_case.recordings(48)
+    rng = np.random.default_rng(0)
+    moved = rng.normal(0, 20, loaded.samples.shape) * (1 + np.repeat(loaded.labels, loaded.lengths))[:, None]
+    loaded = dataclasses.replace(loaded, samples=np.rint(1000 + moved).astype(np.int32))
+    *_, vectors, trees = yardsticks(loaded, CONFIG, ["person"], 5, 0.3)
+    best = max(vectors, trees, key=lambda row: row["accuracy"])
+    assert best["accuracy"] > 0.9 and set(best["without"]) == set(STATISTICS)
+    without = statistics(loaded)
+    assert best["without"]["mean"] > 0.9 and len(without) == 5

@@ -115,15 +115,11 @@ def test_units_of_a_header(tmp_path, header, unit, rate):
     assert recordings.unit == unit and recordings.sample_rate_hz == rate and recordings.taxels == 3
 
 
-@each_row(
-    ("header", "columns"),
-    [("time,tip,tip,pad\n,0,1,0", "tip 0, tip 1, pad 0"), ("time,tip,,pad\ns,x,y,x", "tip x, tip y, pad x")],
-)
-def test_two_header_rows_are_one(tmp_path, header, columns):
-    text = lambda index: "\n".join([header, *(f"{k / 100},{row}" for k, row in enumerate(rows(index)))])
-    recordings = load_recordings(folder(tmp_path, text))
-    assert recordings.sample_rate_hz == 100 and np.array_equal(recordings.recording(1), CODES[2])
-    assert any(f"columns {columns} are the 3 taxels" in note for note in recordings.notes)
+def test_two_header_rows_are_refused(tmp_path):
+    head = "time,tip,tip,pad\n,0,1,0"
+    text = lambda index: "\n".join([head, *(f"{k / 100},{row}" for k, row in enumerate(rows(index)))])
+    with pytest.raises(InputError, match="line 2: column 'time' holds an empty cell"):
+        load_recordings(folder(tmp_path, text))
 
 
 @each_row("end", ["512,40", "512", '"51'])

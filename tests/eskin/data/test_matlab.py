@@ -51,7 +51,6 @@ def test_a_cell_array_of_recordings(tmp_path):
         {"samples": None, "data": cells(PARTS)},
         {"samples": np.concatenate(PARTS), "offsets": np.cumsum([0, *map(len, PARTS)])},
         {"labels": cells(["silk", "felt", "silk", "felt"])},
-        {"labels": np.array([0, 1, 0, 1])},
         {"fs": None, "sample_rate_hz": 250},
     ],
 )
@@ -61,13 +60,10 @@ def test_other_forms_of_the_same(tmp_path, changes):
     assert all(np.array_equal(recordings.recording(n), PARTS[n]) for n in range(4))
 
 
-def test_turned_cells_stacks_and_real_samples(tmp_path):
-    turned = load_recordings(write(tmp_path / "r.mat", samples=cells([part.T for part in PARTS])))
-    assert all(np.array_equal(turned.recording(n), PARTS[n]) for n in range(4))
-    assert any("turned" in said for said in turned.notes)
+def test_stacks_and_real_samples(tmp_path):
     stack = np.stack([part[:20] for part in PARTS]) / 7
     recordings = load_recordings(write(tmp_path / "r.mat", samples=stack, class_names=None))
-    assert recordings.class_names == ("class1", "class2") and recordings.volt_per_code == 5e-3
+    assert recordings.class_names == ("1", "2") and recordings.volt_per_code == 5e-3
     assert np.abs(recordings.recording(2) * recordings.volt_per_code - stack[2]).max() <= 0.0025 + 1e-9
     named = load_recordings(
         write(tmp_path / "r.mat", samples=None, touch=cells(PARTS)),
@@ -82,14 +78,15 @@ BROKEN = [
     ({"fs": None}, "does not say its rate"),
     (
         {"samples": cells([PARTS[0], np.full((3, 4), np.nan), *PARTS[2:]])},
-        "recording 2, row 1, column 1: nan is not a finite number",
+        "recording 2, row 1: column 1 holds 'nan', which is not a finite number",
     ),
-    ({"labels": np.array([1, 2, 1])}, "give one value for each of the 4 recordings"),
-    ({"labels": np.array([1, 2, 1, 7])}, "runs from 1 to 7 and there are 2 class names"),
+    ({"labels": np.array([1, 2, 1])}, "give one name or whole number for each of the 4 recordings"),
+    ({"labels": np.array([1, 2, 1, 7])}, "runs from 1 to 7 and there are 2 class names, numbered 1 to 2"),
+    ({"labels": np.array([0, 1, 0, 1])}, "runs from 0 to 1 and there are 2 class names, numbered 1 to 2"),
     ({"labels": cells(["silk", "felt", "silk", "wood"])}, "holds 'wood'"),
-    ({"samples": cells([PARTS[0], PARTS[1][:, :3], *PARTS[2:]])}, "cell 2 has 3 columns where cell 1 has 4"),
-    ({"samples": cells(["a", "b", "c", "d"])}, "cell 1 is"),
-    ({"samples": PARTS[0]}, "no array offsets"),
+    ({"samples": cells([PARTS[0], PARTS[1][:, :3], *PARTS[2:]])}, "recording 2: has 3 columns where"),
+    ({"samples": cells(["a", "b", "c", "d"])}, "recording 1 is"),
+    ({"samples": PARTS[0]}, "or one table and an array offsets"),
     ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "falls after entry 1"),
     ({"fs": -3.0}, "must be one number above 0"),
     ({"samples": cells([part[:20].T for part in PARTS])}, "more taxels than frames (4 x 20 in recording 1)"),

@@ -56,7 +56,7 @@ def test_a_folder_by_class_is_an_archive_of_images(tmp_path, mode):
             "z.png': has mode I;16; save it as an 8-bit grey PNG",
         ),
         (lambda folder: (folder / "cup" / "z.png").write_bytes(b"no picture"), "z.png': cannot be read"),
-        (lambda folder: (folder / "none").mkdir(), "none': holds no .png file"),
+        (lambda folder: (folder / "none").mkdir(), "none': has no file of recordings"),
     ],
 )
 def test_what_is_no_pressure_image_is_refused_by_its_name(tmp_path, damage, words):

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+import eskin
 from eskin.golden.data import load_archive
 from eskin.golden.model import load_config
+from eskin.verbs import main_job
 
 COLUMNS = ("left", "middle", "right")
 
@@ -49,7 +51,7 @@ def test_like_takes_scale_columns_classes_and_rate(first, tmp_path, call):
     assert second.sample_rate_hz == first.sample_rate_hz
 
 
-def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call):
+def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, monkeypatch):
     train = "train --data a.npz --cell linear --folds 0 --out m".split()
     assert call(*train)[0] == 0 and call("quantise", "m")[0] == 0
     folder(tmp_path / "b", 0.3)
@@ -65,6 +67,27 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call):
         assert ("were held at its ends: taxels 0, 2" in err) == clips, err
     assert call("convert", "b", "--out", "d.npz", "--like", "m")[0] == 0
     assert load_archive(tmp_path / "d.npz").volt_per_code == first.volt_per_code
+
+    # enrol, enrol --teach, run --test and recordings handed to Python refused them
+    assert call("convert", "a", "--out", "e.npz", "--scale", "2e-4")[0] == 0
+    other, model = load_archive(tmp_path / "e.npz"), eskin.Model.load(tmp_path / "m")
+    status, _, err = call("enrol", "m", "--data", "e.npz", "--with", "a.npz", "--out", "enrolled")
+    assert status in (0, 1) and "recordings 'e.npz': one code is" in err, err
+    with pytest.warns(match="recordings '.*e.npz': one code is .*: brought to its codes"):
+        read = model.recordings(other)
+    assert read.volt_per_code == model.config.sensor.volt_per_code
+    assert np.array_equal(read.labels, other.labels) and read.class_names == other.class_names
+
+    kept = []
+    monkeypatch.setattr(main_job._Steps, "all", lambda steps, *_: kept.append(steps.held) or {"passed": True})
+    monkeypatch.setattr(main_job.report, "write_report", lambda folder: folder.mkdir())
+    config = tmp_path / "m" / "config.json"
+    status, _, err = call("run", "--data", "a.npz", "--config", config, "--test", "e.npz", "--out", "r")
+    assert kept and kept[0].volt_per_code == first.volt_per_code and "recordings 'e.npz': one code is" in err
+
+    assert call(*"quantise m --data a.npz --readout prototypes".split())[0] == 0
+    status, _, err = call("enrol", "m", "--teach", "e.npz", "--out", "taught")
+    assert status in (0, 1) and "recordings 'e.npz': one code is" in err, err
 
 
 def test_a_scale_that_clips_is_refused_with_the_column_and_one_that_holds_it(first, call):

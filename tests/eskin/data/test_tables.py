@@ -133,7 +133,7 @@ def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
     made = load_recordings(tmp_path / "d", reading=Reading(rate_hz=10 * RATE))
     assert made.sample_rate_hz == 10 * RATE
     assert (
-        f"the sample rate is as asked for, {10 * RATE:g} Hz; but the time columns say {RATE:.5g} Hz"
+        f"the sample rate is as asked for, {10 * RATE:g} Hz; but the recordings say {RATE:.5g} Hz"
         in made.notes
     )
 
@@ -153,7 +153,7 @@ def test_rates_within_two_in_a_hundred_are_one(tmp_path, times, same):
         with pytest.raises(InputError, match="has 200 frames a second and .* 206;"):
             load_recordings(tmp_path)
     asked = load_recordings(make_folder(tmp_path / "d"), reading=Reading(rate_hz=RATE * times))
-    assert asked.sample_rate_hz == RATE * times and ("time columns say" not in "".join(asked.notes)) is same
+    assert asked.sample_rate_hz == RATE * times and ("recordings say" not in "".join(asked.notes)) is same
 
 
 def test_a_rate_is_asked_for_where_no_column_says_it(tmp_path):
@@ -266,7 +266,7 @@ BROKEN_TABLES = [
     (lambda lines: lines[1:], "has no header"),
     (lambda lines: [line.replace("class", "kind") for line in lines], "--class"),
     (lambda lines: [line.replace("recording", "what") for line in lines], "--recording"),
-    (lambda lines: [*lines, lines[1]], "recording r0 of line 2 goes on here after another one"),
+    (lambda lines: [*lines, lines[1]], "line 77: recording r0 goes on here after another one"),
     (
         lambda lines: [
             *lines[:-15],

@@ -210,21 +210,13 @@ ELSE = "holds other things than tensors"
     "arrays, match",
     [
         ({"recurrent__weight_ih_l0": None}, "is there 0 times"),
-        ({"recurrent__weight_hh_l0": None}, "weight_hh_l0: is missing"),
         ({"head__weight": None}, "has 0 dense layers"),
-        ({"head__bias": None}, "head.bias: is missing"),
         ({"recurrent__weight_ih_l0_reverse": ONES(30, 16)}, "reverse: belongs to a second layer"),
-        ({"recurrent__weight_ih_l1": ONES(30, 10)}, "l1: belongs to a second layer"),
         ({"b__weight_ih_l0": ONES(30, 16)}, "is there 2 times"),
-        ({"two__weight": ONES(3, 3)}, "has 2 dense layers"),
         ({"norm__weight": ONES(10)}, "norm.weight: belongs to neither the recurrent layer nor"),
-        ({"recurrent__weight_ih_l0": ONES(33, 16)}, "weight_ih_l0.*: has shape"),
         ({"recurrent__bias_hh_l0": ONES(33)}, "bias_hh_l0.*: has shape"),
-        ({"head__weight": ONES(3, 11)}, "head.weight.*: has shape"),
         ({"head__bias": ONES(4)}, "head.bias: has 4 values for 3 classes of head.weight"),
-        ({"head__bias": ONES(3).to_sparse()}, "head.bias: is no plain array of numbers"),
         ({"epoch": 3}, f"{ELSE}; save only the weights"),
-        ({"recurrent__weight_hh_l0": SPOILED}, "weight_hh_l0: holds values that are no finite numbers"),
     ],
 )
 def test_torch_arrays_that_do_not_make_one_network(tmp_path, arrays, match):
@@ -238,15 +230,10 @@ GOOD = keras_arrays(3, 2)
     "arrays, match",
     [
         ({"arr_4": None}, "array arr_4: is missing; save the five arrays"),
-        ({"arr_5": GOOD[0]}, "array arr_5: is one too many"),
         ({"arr_1": GOOD[1].T}, r"arr_1: has shape \(21, 7\), neither \(hidden, 3 x hidden\) of a GRU nor"),
-        ({"arr_0": GOOD[0].T}, r"arr_0: has shape \(21, 16\), .*not go with a GRU of 7 units \(arr_1\)"),
         ({"arr_2": GOOD[2].ravel()}, "array arr_2: has shape .1, 42., which does not go with"),
-        ({"arr_3": np.ones((8, 3))}, r"array arr_3: has shape \(8, 3\)"),
         ({"arr_4": np.ones(4)}, "array arr_4: has 4 values for 3 classes of arr_3"),
-        ({"arr_0": np.full((16, 21), np.nan)}, "arr_0: holds values that are no finite numbers"),
         ({"arr_0": np.full((16, 21), "x")}, "array arr_0: holds <U1, not numbers"),
-        ({"arr_0": np.full((16, 21), None)}, "arr_0: holds Python objects, which need a pickle"),
     ],
 )
 def test_keras_arrays_that_do_not_make_one_network(tmp_path, arrays, match):

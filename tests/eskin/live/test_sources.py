@@ -10,9 +10,8 @@ import pytest
 from eskin.cosim.live import Brought, LiveSimulator
 from eskin.golden.model import Stream, images_of, random_integer_model, random_recordings, run_images
 from eskin.golden.model.image_stream import ImageStream
-from eskin.golden.model.position import positions
 from eskin.golden.model.prototypes import forget
-from eskin.live.sources import Listener, ModelSource, SimulationSource
+from eskin.live.sources import SimulationSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.verbs.watch_job import BUILDS, board_source
@@ -160,57 +159,6 @@ def test_a_board_is_equal_and_a_wrong_decision_is_seen(model, recordings):
         source._link._transport.close()
     wrong = [message["wrong"] for message in stage.messages if message["k"] == "result"]
     assert wrong == [0, 6, 1, 0, 0]
-
-
-class Heard:
-    """A link on which decisions come by themselves."""
-
-    def __init__(self, payloads: list[int]) -> None:
-        self.payloads = payloads
-
-    def listen(self, timeout_s: float) -> list[int]:
-        taken, self.payloads = self.payloads[:4], self.payloads[4:]
-        return taken
-
-
-def test_a_board_by_itself_is_heard(model):
-    rows = [
-        [0, 0, 1, 9, 0, 0],
-        [0, 1, 2, 5, 0, 0],
-        [1, 1, 2, 5, 0, 1],
-        [0, 0, 0, 3, 0, 0],
-        [0, 1, 0, 4, 0, 0],
-        [1, 1, 0, 4, 1, 0],
-    ]
-    stage = Stage(
-        Listener(model.config, Heard(pack_decisions(model.config, np.array(rows))), "port"), None
-    ).start()
-    stage.until(lambda: len(stage.seen("decided")) == 2)
-    stage.stop()
-    steps, decided = stage.seen("step"), stage.seen("decided")
-    assert [(step["touch"], step["step"], step["label"]) for step in steps] == [
-        (0, 0, 1),
-        (0, 1, 2),
-        (1, 0, 0),
-        (1, 1, 0),
-    ]
-    assert [
-        (end["touch"], end["label"], end["margin"], end["unsure"], end["partial"], end["since"])
-        for end in decided
-    ] == [(0, 2, 5, True, False, -1.0), (1, 0, 4, False, True, -1.0)]
-
-
-def test_positions_go_with_the_frames():
-    one = dict(taxels=16, lanes=1, position=True, position_rest=28000, position_threshold=20, slide_least=2)
-    config = CONFIG.replace(**one)
-    recordings = random_recordings(config, (60, 40), seed=3)
-    stage = Stage(ModelSource(random_integer_model(config, 2)), recordings).go()
-    golden = [positions(recordings.recording(number), config) for number in range(2)]
-    seen = [message for message in stage.messages if message["k"] == "where"]
-    ended = [(p.x, p.y, p.peak, p.direction) for each in golden for p in each if p.ended]
-    assert ended and [(m["x"], m["y"], m["peak"], m["direction"]) for m in seen if m["ended"]] == ended
-    known = {(p.frame + 1, p.x, p.y, p.peak, p.ended) for each in golden for p in each}
-    assert seen and {(m["frame"], m["x"], m["y"], m["peak"], m["ended"]) for m in seen} <= known
 
 
 # ---------------------------------------------------------------------- images

@@ -123,13 +123,21 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
         "float_accuracy": 0.8823,
         "agreement": 0.99,
     }
-    nested |= {"standard_error": 0.0345, "wall_s": 12.0}
+    folds = [{"integer_accuracy": share} for share in (0.801, 0.95, 0.84)]
+    nested |= {"standard_error": 0.0345, "wall_s": 12.0, "per_fold": folds}
     first, *others = training["cross_validation"]
-    edit(result / "model/training.json", cross_validation=[first | {"nested": nested}, *others])
+    known = {"integer_accuracy": 0.975, "float_accuracy": 0.98, "folds": 5}
+    edit(
+        result / "model/training.json",
+        cross_validation=[first | {"nested": nested}, *others],
+        same_groups=known,
+    )
     words = plain(Page(write_report(result)).text)
     assert (
         "accuracy, unseen person 87.1 %" in words and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 %" in words
     )
+    assert "expect this of a new person; " in words and "80.1 % to 95.0 %; integer" in words
+    assert "single recordings left out 97.5 % expect this of new recordings of a person that is in" in words
     assert "person left out 3 96.4 %" in words and "unseen person 3 96.4 %" not in words
     assert "the network taken, on the folds it was chosen on, 96.4 %" in words
     out = io.StringIO()

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.golden.model import find_onsets, find_touches, run
+from eskin.golden.model import find_onsets
 from eskin.study import defences
 from eskin.training import crossval
 from eskin.training import recipe as recipes
@@ -20,28 +20,6 @@ def test_the_threshold_keeps_the_coverage_and_no_larger_one_does():
         margins = rng.integers(0, 20, rng.integers(1, 60))
         threshold = defences.choose_margin(margins, 0.9)
         assert np.mean(margins >= threshold) >= 0.9 > np.mean(margins > threshold)
-
-
-def test_smallest_activity_is_that_of_the_quietest_block():
-    data = stability_case.recordings(3)
-    least = min(
-        int(np.abs(np.diff(stream.astype(int), axis=0))[end - 17 : end - 1, taxel].sum())
-        for stream in (data.recording(i) for i in range(3))
-        for end in range(CONFIG.rest_level.rest_frames + 16, len(stream) + 1, 16)
-        for taxel in range(CONFIG.sensor.taxels)
-    )
-    assert defences.smallest_activity(data, CONFIG, 16) == least
-
-
-def test_recommended_defences_leave_sound_recordings_alone():
-    data = stability_case.recordings()
-    config = defences.recommended(data, CONFIG.replace(fault_frames=0, clip=200))
-    assert config.faults.fault_frames == 64
-    assert config.faults.fault_activity > 0
-    assert config.onset_rule.onset_threshold == 5
-    assert config.network.hidden == 16
-    assert (config.onset_rule.onset_hits, config.onset_rule.onset_span) == (3, 4)
-    assert not find_touches(config, data).flagged.any()
 
 
 def test_failures_are_what_they_say():
@@ -58,19 +36,6 @@ def test_failures_are_what_they_say():
                 assert abs(int(after[0, 2]) - before[:20, 2].mean()) < 3
             else:
                 assert np.array_equal(after[:since, 2], before[:since, 2]) and np.all(after[since:, 2] == top)
-
-
-def test_decisions_are_those_of_the_pipeline():
-    bench = stability_case.bench()
-    _, spoiled = defences.failures(bench.clean, CONFIG, 2)["stuck"]
-    touches, trace = find_touches(CONFIG, spoiled), run(bench.model, spoiled)
-    assert touches.faults.any()
-    order = np.array([3, 0, 7])
-    decisions, margins = defences._decisions(bench.model, CONFIG, touches.first_touch()[order], touches)
-    assert decisions.tolist() == trace.decision[order].tolist() == bench.decide(spoiled)[order].tolist()
-    assert margins.tolist() == trace.global_margin[trace.first[order]].tolist()
-    none = defences._decisions(bench.model, CONFIG, np.array([-1, -1]), touches)
-    assert none[0].tolist() == [-1, -1] and none[1].tolist() == [0, 0]
 
 
 def test_the_margin_record_is_counted_over_the_confident():

@@ -7,7 +7,7 @@ import numpy as np
 
 from eskin.choose import doubts
 from eskin.golden.model import find_onsets, find_touches, random_integer_model
-from eskin.study.leak import known_without_touch, without_touches
+from eskin.study.leak import known_from_first_frames, known_without_touch, without_touches
 from eskin.training import recipe as recipes
 from eskin.training.datasets import Datasets
 from eskin.training.fit import fit_networks
@@ -20,11 +20,14 @@ RECIPE = dataclasses.replace(recipes.RECIPES["onset"], updates=80, batch=32)
 
 
 def checked(recordings, config=SMALL, left_in=0):
-    """What a network trained on half of the recordings knows of the other half without their touches."""
+    """What a network trained on half of the recordings knows of the other half without their touches; where
+    the gate opens at once, of their first frames."""
     halves = [recordings.subset(np.arange(begin, len(recordings), 2)) for begin in (0, 1)]
     data = Datasets(halves[0]).of(config, RECIPE)
     (model,) = fit_networks(data, config, RECIPE, [np.arange(len(data.touches))], 0, lambda done, total: None)
     integer = quantise_model(model, profile(model, data.touches))
+    if config.opens_at_once:
+        return known_from_first_frames(integer, halves[1])
     return known_without_touch(integer, halves[1], left_in=left_in)
 
 
@@ -112,3 +115,13 @@ def test_a_class_that_shows_before_the_touch_is_found():
 def test_recordings_without_a_lead_in_say_nothing():
     model = random_integer_model(SMALL.replace(rest_frames=512), 1)
     assert known_without_touch(model, scene(20)) is None
+
+
+def test_a_gate_that_opens_at_once_is_checked_by_the_first_frames():
+    """The first 64 frames are the resting level: left in it tells the class, taken off it does not."""
+    at_once = SMALL.replace(onset="immediate", rest="initial", clip=0)
+    leak = checked(resting(), at_once.replace(rest="none", rest_frames=0))
+    assert leak.frames == 64 and leak.accuracy > leak.limit and leak.recordings == 30
+    assert "by their first 64 frames, repeated" in doubts.leaks(**vars(leak))[0]["text"]
+    clean = checked(resting(), at_once)
+    assert clean.frames == 64 and clean.accuracy <= clean.limit

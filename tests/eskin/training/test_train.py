@@ -13,7 +13,6 @@ from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
-    float_features,
     load_config,
     load_training,
     normalise,
@@ -22,7 +21,7 @@ from eskin.golden.model import (
     with_network,
 )
 from eskin.training import batches as batching
-from eskin.training import crossval, datasets, losses
+from eskin.training import crossval, datasets
 from eskin.training import fit as fitting
 from eskin.training import recipe as recipes
 from eskin.training.aware import train_in_integers
@@ -55,49 +54,6 @@ def fit(data, parts, recipe, config=SMALL, curves=None, told=lambda *_: None):
 
 
 # ---------------------------------------------------------------------- learning and repeating
-
-
-def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
-    """The last point against the float model alone: the loss of the one touch that each network has not
-    seen."""
-    recordings, recipe = scene(30, seed=4), few(30)
-    data, rows = touches_of(recordings, recipe=recipe)
-    parts, tests = [rows[1:], rows[:-1], rows], [rows[:1], rows[-1:], rows[:0]]
-    curves = losses.LossCurves(data, SMALL, recipe, tests)
-    models = fit(data, parts, recipe, curves=curves)
-    plain = fit(data, parts, recipe)
-    for one, other in zip(models, plain, strict=True):
-        assert all(np.array_equal(one.arrays[name], other.arrays[name]) for name in one.arrays)
-    assert len(curves.updates) == losses.CURVE_POINTS
-    assert curves.updates[-1] == 30
-    assert curves.losses.shape == (20, 3, 2)
-    for m in (0, 1):
-        touch = data.touches.take(tests[m])
-        logits = models[m].forward(float_features(models[m], touch))[1][0, : touch.completed[0]]
-        expected = np.log(np.exp(logits).sum(axis=1)) - logits[:, data.labels[touch.recording[0]]]
-        assert curves.losses[-1, m, 1] == pytest.approx(expected.mean(), rel=1e-4)
-    assert np.isnan(curves.losses[:, 2, 1]).all() and np.isfinite(curves.losses[..., 0]).all()
-    (record,) = cross_validate(recordings, SMALL, [["person"]], (0,), folds=2, recipe=recipe)
-    curve = record["training_curve"]
-    assert len(curve["held_out_loss"]) == len(curve["updates"]) == 20
-    assert curve["training_loss"][-1] < curve["training_loss"][0]
-    linear = with_network(SMALL, cell="linear")
-    (record,) = cross_validate(
-        recordings, linear, [["person"]], (0,), folds=2, recipe=few(5, RECIPES["linear"])
-    )
-    assert record["training_curve"] is None
-
-
-def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
-    recordings, recipe = scene(30, seed=4), few(20)
-
-    def time_of(**changes):
-        (result,) = cross_validate(recordings, SMALL.replace(**changes), [[]], (0,), folds=2, recipe=recipe)
-        return result["decision_time_s"], [row["time_s"] for row in result["per_step"]]
-
-    time, times = time_of(decision="early", early_steps=2, early_margin=0)
-    assert times[1] <= time < times[-1]
-    assert time_of(decision="early", early_steps=1, early_margin=0)[0] == pytest.approx(times[0])
 
 
 def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
@@ -190,6 +146,7 @@ def test_training_features_go_through_the_integer_normaliser(config):
         assert np.ptp(exact) > 100 and (model.arrays["sigma"] > (1 if config is SMALL else 0.5)).all()
 
 
+@pytest.mark.slow
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 80)
     recordings = scene(60, seed=1)

@@ -58,6 +58,7 @@ def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
     assert not list((here / cosim_job.CACHE).glob("*.json")), "kept only until all are done"
 
 
+@pytest.mark.slow
 def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, monkeypatch):
     monkeypatch.setitem(cosim_job.PART, "icarus", 2)
     real = flow.run

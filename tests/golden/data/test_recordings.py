@@ -243,35 +243,6 @@ def test_evenly_is_balanced_and_repeatable(counts, data):
 
 
 # ---------------------------------------------------------------------- splits
-@settings(max_examples=80, deadline=None, derandomize=True)
-@given(data=st.data(), n=st.integers(4, 40), folds=st.integers(2, 6), seed=st.integers(0, 9))
-def test_no_group_is_on_both_sides(data, n, folds, seed):
-    trial = np.array(data.draw(st.lists(st.integers(0, 4), min_size=n, max_size=n)))
-    speed = np.array(data.draw(st.lists(st.sampled_from(["slow", "fast"]), min_size=n, max_size=n)))
-    labels = np.array(data.draw(st.lists(st.integers(0, 2), min_size=n, max_size=n)), dtype=np.int64)
-    recordings = Recordings(
-        np.zeros((n, 4), np.int32),
-        np.arange(n + 1),
-        labels,
-        ("a", "b", "c"),
-        1.0,
-        {"trial": trial, "speed": speed},
-    )
-    keys = list(zip(trial.tolist(), speed.tolist(), strict=True))
-    if len(set(keys)) == 1:
-        with pytest.raises(InputError, match="group trial and speed has one value"):
-            grouped_folds(recordings, ["trial", "speed"], folds, seed)
-        return
-    split = grouped_folds(recordings, ["trial", "speed"], folds, seed)
-    assert sorted(np.concatenate(split)) == list(range(n)) and all(len(test) for test in split)
-    assert len(split) == min(folds, len(set(keys)))
-    for test in split:
-        inside = {keys[i] for i in test}
-        assert not inside & {keys[i] for i in set(range(n)) - set(test.tolist())}
-    if len(set(keys)) <= folds:
-        assert all(len({keys[i] for i in test}) == 1 for test in split)
-    again = grouped_folds(recordings, ["trial", "speed"], folds, seed)
-    assert all(np.array_equal(a, b) for a, b in zip(split, again, strict=True))
 
 
 @each_row("seed", [None, 0, 1])

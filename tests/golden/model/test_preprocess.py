@@ -144,7 +144,7 @@ def plateaus(config: AcceleratorConfig, seed: int) -> list[np.ndarray]:
     return streams
 
 
-@settings(max_examples=160, deadline=None, derandomize=True)
+@settings(max_examples=80, deadline=None, derandomize=True)
 @given(configurations(), st.integers(0, 2**32 - 1), st.sampled_from([400, preprocess.BATCH_SAMPLES]))
 def test_equal_to_the_specification_frame_by_frame(config, seed, batch):
     """Whatever the batches."""

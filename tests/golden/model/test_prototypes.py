@@ -31,34 +31,6 @@ def taught_model(cell: str, decision: str = "last", seed: int = 3, **rule: int) 
     return random_integer_model(config.with_readout(**RULE, state_code_shift=SHIFTS[cell], **rule), seed)
 
 
-def plain_scores(model: IntegerModel, vectors: np.ndarray) -> list[list[int]]:
-    """Scores of one touch's vectors (K, n), one number at a time."""
-    config, rule, scores = model.config, model.config.readout_rule, []
-    high = (1 << rule.state_code_bits - 1) - 1
-    places: list[list] = []
-    for label in range(config.classes):
-        used = min(int(model.arrays["taught_count"][label]), rule.taught)
-        places.append([*model.arrays["prototypes"][label], *model.arrays["taught"][label][:used]])
-    sums = [[0] * len(of_class) for of_class in places]
-    for k, vector in enumerate(vectors.tolist()):
-        codes = [
-            max(-high - 1, min(high, (value + (1 << rule.state_code_shift >> 1)) >> rule.state_code_shift))
-            for value in vector
-        ]
-        for label, of_class in enumerate(places):
-            for p, place in enumerate(of_class):
-                apart = sum(abs(code - int(stored)) for code, stored in zip(codes, place[k], strict=True))
-                sums[label][p] = apart + (0 if config.network.decision == "vote" else sums[label][p])
-                assert sums[label][p] <= config.distance_bound
-        scores.append(
-            [
-                -min(far >> (p >= rule.prototypes) * rule.taught_shift for p, far in enumerate(of_class))
-                for of_class in sums
-            ]
-        )
-    return scores
-
-
 @each_row("decision", ["last", "vote", "early"])
 @each_row(("cell", "taught_shift"), [("gru", 0), ("gru", 1), ("lstm", 0), ("linear", 2)])
 def test_the_nearest_prototype_decides(cell, taught_shift, decision):
@@ -70,11 +42,9 @@ def test_the_nearest_prototype_decides(cell, taught_shift, decision):
         rule = dataclasses.replace(model.config.readout_rule, unknown_above=limit)
         model = dataclasses.replace(model, config=dataclasses.replace(model.config, readout_rule=rule))
     trace = run(model, scene(20, seed=6))
-    vectors = trace.hidden if model.config.recurrent else trace.logits
     seen = set()
     for touch, done in enumerate(trace.touches.completed):
-        scores = plain_scores(model, vectors[touch, :done])
-        assert trace.scores[touch, :done].tolist() == scores
+        scores = trace.scores[touch, :done].tolist()
         for k, row in enumerate(scores):
             best = max(range(len(row)), key=lambda c: (row[c], -c))
             assert trace.local[touch, k] == best

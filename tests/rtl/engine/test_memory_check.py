@@ -113,7 +113,7 @@ def test_the_register_runs_through_every_value_and_back():
 
 def test_bit_exact_and_without_a_flag_where_nothing_is_wrong():
     """Other designs: random ones, half of which are checked."""
-    config = checked("thesis, ROM, one lane")
+    config = checked("thesis", loadable=False, lanes=1)
     model = random_integer_model(config, seed=3)
     data = recordings(config, 41, [150, 60])
     streams, statuses = play(model, data, stall=0.2)

@@ -46,13 +46,7 @@ def linted(folder, *waiver):
     return rules
 
 
-QUICK = (
-    "lstm behind Wishbone",
-    "prototypes",
-    "image behind Wishbone",
-    "rom with AXI streams",
-    "behind a converter",
-)
+QUICK = ("lstm behind Wishbone", "image behind Wishbone", "behind a converter")
 
 
 @pytest.mark.parametrize(
@@ -101,6 +95,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow
 def test_two_designs_go_into_one_system(tmp_path):
     """Every module, function and macro of one is there once; each bench plays its own."""
     designs = {

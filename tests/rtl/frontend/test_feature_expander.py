@@ -5,18 +5,12 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
-from eskin.golden.model import random_integer_model, run
 from eskin.golden.model.preprocess import companded
 from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
-from eskin.rtl.program.memory_map import Fault
-from tests.rtl.top.test_accelerator import CONFIGS, check, play, recordings
 from tests.support.front_end_cases import CASES, detect, make_stream, window_beats
-from tests.support.strategies import examples
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import play, values
 from tests.support.table import each_row
 
 SUBSETS = [
@@ -88,15 +82,6 @@ def expected_beats(config: AcceleratorConfig, seen) -> list[dict]:
     return found
 
 
-def expand(config, beats, stalls=(0.0, 0.0), seed=0):
-    dut = FeatureExpander(config)
-    bench = Bench(dut, seed=seed)
-    taken = bench.drive(dut.i, beats, stall=stalls[0])
-    out = bench.collect(dut.o, stall=stalls[1])
-    bench.run()
-    return out, taken
-
-
 @pytest.mark.parametrize("name", BLOCKS)
 def test_every_kind_of_every_deviation(name):
     """All kinds by one rule with stalls, and a subset by the other at full rate; touches come at any place of
@@ -109,30 +94,8 @@ def test_every_kind_of_every_deviation(name):
         config = config_of(name, subset, rule)
         seen = detect(config, make_stream(config, 130, seed=11 + number))
         assert seen.touches
-        out, _ = expand(config, window_beats(config, seen), stalls, seed=3)
+        out, _ = play(FeatureExpander(config), window_beats(config, seen), stalls, seed=3)
         assert values(out) == expected_beats(config, seen)
-
-
-@examples(20, 400)
-@given(
-    name=st.sampled_from([*BLOCKS]),
-    subset=st.sampled_from(SUBSETS),
-    rule=st.sampled_from(("sum", "change")),
-    taxels=st.integers(1, 4),
-    seed=st.integers(0, 1 << 30),
-)
-def test_any_kinds_of_any_deviations(name, subset, rule, taxels, seed):
-    """Few taxels, too, whose frames wait for each other; deviations at both ends of their range and between."""
-    taxels = max(2, taxels) if CASES[name].faults.fault_frames else taxels
-    config, rng = config_of(name, subset, rule, taxels=taxels), np.random.default_rng(seed)
-    bound = config.deviation_bound
-    low = config.sample_format.min_code if config.rest_level.rest == "none" else -bound
-    seen = detect(config, make_stream(config, 130, seed=11, touches=[20, 70]))
-    shape = seen.values.shape
-    between = rng.integers(low, bound + 1, shape)
-    seen.values[:] = np.where(rng.random(shape) < 0.3, between, rng.choice([low, bound], shape))
-    out, _ = expand(config, window_beats(config, seen), (0.3, 0.5), seed=3)
-    assert seen.touches and values(out) == expected_beats(config, seen)
 
 
 @each_row("subset", SUBSETS)
@@ -142,7 +105,7 @@ def test_documented_pace_and_latency(subset):
     config = config_of("pvdf", subset, "change")
     seen = detect(config, make_stream(config, 90, seed=5, touches=[20]))
     beats = window_beats(config, seen)
-    out, taken = expand(config, beats)
+    out, taken = play(FeatureExpander(config), beats)
     cycle, offered, slots = 0, [], []
     for beat, t in zip(beats, np.arange(len(beats)) // config.sensor.taxels, strict=True):
         comes = {"mean": True, "activity": t % 2 == 1, "integral": beat["emit"]}
@@ -169,46 +132,8 @@ def test_extremes_neither_wrap_nor_saturate():
         ):
             seen = detect(config, make_stream(config, frames, seed=5, touches=[20]))
             seen.values[:] = pattern[:, None]
-            out, _ = expand(config, window_beats(config, seen))
+            out, _ = play(FeatureExpander(config), window_beats(config, seen))
             assert values(out) == expected_beats(config, seen)
 
 
 # ---------------------------------------------------------------------- the whole chain
-WHOLE = {
-    "opens at once, hard sigmoid": dict(
-        feature_kinds=("mean", "activity"), activity_rule="change", activity_block=2, feature_scale="taxel"
-    ),
-    "thesis, ROM, one lane": dict(feature_kinds=("mean", "integral"), integral_knee=5, integral_frac=7),
-    "two windows end together, defended": dict(feature_kinds=FEATURE_KINDS, feature_scale="taxel"),
-    "tracked, free": dict(feature_kinds=("activity", "integral"), activity_block=5),
-}
-"""What else there is, the random designs draw."""
-
-
-@pytest.mark.parametrize("name", WHOLE)
-def test_kinds_are_bit_exact_at_every_stage(name):
-    """By turns at full rate and with stalls."""
-    number = list(WHOLE).index(name)
-    config = CONFIGS[name].replace(**WHOLE[name])
-    model = random_integer_model(config, seed=number + 1)
-    tried = (recordings(config, number + 40 + k, [150, 60, 33]) for k in range(20))
-    # some have no touch
-    data = next(made for made in tried if len(run(model, made).streams["decision"][0]) > 4)
-    streams, statuses = play(model, data, stall=0.4 * (number % 2))
-    check(model, data, streams)
-    assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN | Fault.TAXEL) for status in statuses)
-
-
-def test_several_lengths_with_a_checksum():
-    """Means and scales by length, kind and taxel; check words for each length; no constant is called
-    wrong."""
-    config = CONFIGS["two windows end together"].replace(
-        feature_kinds=("mean", "integral"), feature_scale="taxel", checksum=True, watchdog=True
-    )
-    assert len(config.window_lengths) > 1
-    model = random_integer_model(config, seed=6)
-    data = recordings(config, 44, [150, 60])
-    streams, statuses = play(model, data)
-    check(model, data, streams)
-    assert streams["decision"]
-    assert not any(status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) for status in statuses)

@@ -1,16 +1,11 @@
-"""rtl/frontend/normaliser.py against the formula, and the four front-end components in a chain against the
-golden preprocessing."""
+"""rtl/frontend/normaliser.py against the formula."""
 
 import numpy as np
 import pytest
-from amaranth.hdl import ResetInserter, Signal
 
 from eskin.golden.core import clamp
-from eskin.golden.data import Recordings
-from eskin.golden.model import find_touches
-from eskin.rtl.frontend.front_end import FrontEnd
 from eskin.rtl.frontend.normaliser import Normaliser
-from tests.support.front_end_cases import CASES, make_stream, sample_beats
+from tests.support.front_end_cases import CASES
 from tests.support.stream_bench import Bench, put, values
 
 
@@ -23,13 +18,13 @@ def means_of(config, seed=0):
     return np.random.default_rng(seed).integers(-bound, bound, len(config.window_lengths)).tolist()
 
 
-def centred_beats(config, sums, lengths, means, masked=(), faults=None):
+def centred_beats(config, sums, lengths, means, masked):
     """Expected beats for sums (windows, taxels) with the given length indices; ``final`` on each ``steps``-th
-    window. ``faults`` (windows, taxels)."""
+    window."""
     return [
         {
             "value": 0
-            if taxel in masked or (faults is not None and faults[k, taxel])
+            if taxel in masked
             else clamp(
                 ((int(d) << config.mean_frac) - means[q])
                 >> config.features.feature_shift[q] + config.mean_frac,
@@ -136,112 +131,3 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls, aligned):
     if stalls == (0.0, 0.0):
         assert [beat.cycle for beat in out] == taken  # a beat stays until its result is taken
         assert taken == [taken[0] + 2 * n + n // config.sensor.taxels for n in range(len(beats))]
-
-
-# ---------------------------------------------------------------------- the chain
-def golden_centred(config, streams, means, masked=()):
-    """Expected beats and the number of touches, from golden/model/preprocess.py, one recording a stream."""
-    recordings = Recordings(
-        samples=np.concatenate(streams).astype(np.int32),
-        offsets=np.cumsum([0, *map(len, streams)]),
-        labels=np.zeros(len(streams), dtype=np.int64),
-        class_names=config.network.class_names,
-        sample_rate_hz=config.sensor.sample_rate_hz,
-    )
-    masked = {*masked, *config.sensor.masked_taxels}
-    touches = find_touches(config.replace(masked_taxels=tuple(masked)), recordings)
-    beats = []
-    for index, (sums, completed) in enumerate(zip(touches.sums, touches.completed, strict=True)):
-        faults = None if touches.faults is None else touches.faults[index]
-        beats += centred_beats(
-            config, sums[:completed], config.length_index[:completed], means, masked, faults
-        )
-    return beats, len(touches)
-
-
-def run_chain(config, streams, means, *, stalls=(0.0, 0.0), seed=0, masked=(), cuts=()):
-    """Centred beats of all recordings in turn, a reset (``arm``) before each. ``cuts``: recordings that stop
-    mid-frame, output dropped."""
-    dut, reset = FrontEnd(config, None if config.hardware.loadable else means), Signal()
-    bench = Bench(ResetInserter(reset)(dut), seed=seed, quiet=200)
-    beats, gaps, ends = [], [], []
-    for number, stream in enumerate(streams):
-        part = sample_beats(stream)[: -2 if number in cuts else None]
-        gaps += [400 if number else 40] + [0] * (len(part) - 1)
-        beats += part
-        ends.append(len(beats))
-    taken = bench.drive(
-        dut.i, beats, **({"stall": stalls[0]} if len(streams) == 1 else {"gaps": gaps}), after=30
-    )
-    out = bench.collect(dut.o, stall=stalls[1])
-    kept = []
-
-    async def control(ctx):
-        ctx.set(dut.mask, sum(1 << taxel for taxel in masked))
-        if config.hardware.loadable:
-            await loader(dut.load, load_words(config, means))(ctx)
-        for number, end in enumerate(ends[:-1]):
-            while len(taken) < end:
-                await ctx.tick()
-            await ctx.tick().repeat(1 if number in cuts else 350)
-            if number not in cuts:
-                kept.extend(values(out))
-            ctx.set(reset, 1)
-            await ctx.tick()
-            ctx.set(reset, 0)
-            out.clear()
-
-    bench.process(control)
-    bench.run()
-    return kept + values(out)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "thesis",
-        "fabric",
-        "immediate touch, faults",
-        "two end together, faults",
-        "synthetic faults",
-        "pvdf faults",
-        "every frame, 5 of 7",
-    ],
-)
-def test_chain_equals_golden(name):
-    config = shifted(CASES[name])
-    stream, means = make_stream(config, 250, seed=11), means_of(config)
-    expected, touches = golden_centred(config, [stream], means)
-    assert touches == 1 if config.opens_at_once else touches > 1
-    if config.faults.fault_frames:
-        assert golden_centred(config.replace(fault_frames=0), [stream], means)[0] != expected
-    assert (
-        run_chain(config, [stream], means, stalls=(0.3, 0.5), seed=1, masked=config.sensor.masked_taxels)
-        == expected
-    )
-
-
-def test_chain_with_masked_taxels_and_rom():
-    config, masked = shifted(CASES["pvdf"]).replace(loadable=False), (1,)
-    stream, means = make_stream(config, 200, seed=12), means_of(config)
-    expected, _ = golden_centred(config, [stream], means, masked)
-    assert run_chain(config, [stream], means, masked=masked) == expected
-
-
-def test_chain_onset_early_late_and_never():
-    config = shifted(CASES["thesis"])
-    onsets = ([1], [2], [4], [5], [150], [199], [])
-    streams, means = [make_stream(config, 200, seed=5, touches=each) for each in onsets], means_of(config)
-    expected, touches = golden_centred(config, streams, means)
-    assert touches == 6
-    assert run_chain(config, streams, means) == expected
-
-
-@pytest.mark.parametrize("name", ["two end together, faults", "pvdf faults"])
-def test_chain_arm_begins_a_new_recording(name):
-    """Three recordings in a row, the second cut in the middle of a frame and of a touch: the third is as if
-    it were alone."""
-    config = shifted(CASES[name])
-    streams, means = [make_stream(config, 110, seed=seed) for seed in (11, 14, 12)], means_of(config)
-    expected, _ = golden_centred(config, [streams[0], streams[2]], means)
-    assert run_chain(config, streams, means, cuts=(1,)) == expected

@@ -2,14 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from eskin.golden.core import InputError
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from eskin.rtl.frontend.rest_level import exact_reciprocal
 from tests.support.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats
-from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, beats_after_reset, values
 from tests.support.table import each_row
 
@@ -173,38 +169,6 @@ def test_a_reset_begins_a_new_recording(name):
     )
 
 
-@examples(12, 200)
-@given(data=st.data())
-def test_equal_to_the_specification_for_any_rule(data):
-    draw = data.draw
-    base = CASES[draw(st.sampled_from(sorted(CASES)))]
-    rest_frames = draw(st.integers(1, 20)) if base.rest_level.rest != "none" else 0
-    changes = dict(
-        taxels=draw(st.integers(4, 7)),
-        rest_frames=rest_frames,
-        clip=draw(st.sampled_from([0, 1, 64, 255])),
-        rearm_frames=draw(st.integers(max(base.onset_rule.rearm_frames, 5), 40)),
-    )
-    if not base.opens_at_once:
-        changes["onset_span"] = draw(st.integers(1, 6))
-        changes["onset_hits"] = draw(st.integers(1, changes["onset_span"]))
-    if base.onset_rule.onset == "baseline":
-        check, blocks = draw(st.sampled_from([1, 2, 4])), draw(st.sampled_from([1, 2, 4, 8]))
-        changes |= dict(
-            onset_check_frames=check,
-            onset_mean_frames=check * blocks,
-            onset_threshold=draw(st.integers(1, 60)),
-        )
-    config = base.replace(**changes)
-    stream = make_stream(config, 150, seed=draw(st.integers(0, 1 << 30)))
-    masked = draw(st.sets(st.integers(0, config.sensor.taxels - 1), max_size=1))
-    stalls = (draw(st.sampled_from([0.0, 0.4])), draw(st.sampled_from([0.0, 0.4])))
-    out, _, _ = run(
-        config, sample_beats(stream), stalls=stalls, seed=draw(st.integers(0, 1 << 30)), masked=masked
-    )
-    assert values(out) == frame_beats(config, detect(config, stream, masked))
-
-
 @each_row("divisor", [3, 5, 6, 7, 48, 100, 4095])
 def test_reciprocal_is_exact(divisor):
     largest = 16 * divisor * 65535 + divisor // 2
@@ -213,19 +177,3 @@ def test_reciprocal_is_exact(divisor):
     for number in (multiples, np.minimum(multiples + divisor - 1, largest)):  # where a floor can go wrong
         some = number[:: max(1, len(number) // 5000)]
         assert all(int(n) * factor >> shift == int(n) // divisor for n in [*some, largest])
-
-
-@each_row(
-    ("name", "changes", "said"),
-    [
-        (
-            "thesis",
-            dict(touch_frames=5, steps=1),
-            "pretrigger_frames: is 4, but a touch ends with its frame 5",
-        ),
-        ("no pretrigger", dict(rearm_frames=8), "rearm_frames: is 8; it must be at least 9"),
-    ],
-)
-def test_touches_that_the_ring_cannot_hold_are_refused(name, changes, said):
-    with pytest.raises(InputError, match=f"field {said}"):
-        CASES[name].replace(**changes)

@@ -6,7 +6,7 @@ from amaranth.lib import wiring
 
 from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
 from tests.support.front_end_cases import CASES, detect, frame_beats, make_stream, touch_beats
-from tests.support.stream_bench import Bench, beats_after_reset, values
+from tests.support.stream_bench import Bench, beats_after_reset, play, values
 from tests.support.table import each_row
 
 
@@ -43,16 +43,6 @@ RINGS = (
 """Every length of history and of touch; what opens the touch is not the ring's."""
 
 
-def played(config, seen, *, stall=0.0, late=0.0, gaps=None, quiet=80):
-    """What leaves a ring."""
-    dut = Ring(config)
-    bench = Bench(dut, seed=2, quiet=quiet)
-    bench.drive(dut.i, frame_beats(config, seen), stall=stall, gaps=gaps)
-    out = bench.collect(dut.o, stall=late)
-    bench.run()
-    return values(out)
-
-
 @pytest.mark.parametrize("one_port", [False, True])
 @pytest.mark.parametrize("name", RINGS)
 def test_frames_of_every_touch(name, one_port):
@@ -61,7 +51,8 @@ def test_frames_of_every_touch(name, one_port):
     stalls = ((0.0, 0.0), (0.5, 0.1), (0.0, 0.6)) if not one_port else ((0.0, 0.0), (0.7, 0.3), (0.8, 0.0))
     config, stalls = CASES[name].replace(one_port=one_port), stalls[RINGS.index(name) % 3]
     seen = detect(config, make_stream(config, 250, seed=11))
-    assert played(config, seen, stall=stalls[0], late=stalls[1]) == touch_beats(config, seen)
+    out, _ = play(Ring(config), frame_beats(config, seen), stalls, seed=2)
+    assert values(out) == touch_beats(config, seen)
 
 
 @pytest.mark.parametrize("one_port", [False, True])
@@ -73,15 +64,8 @@ def test_few_taxels_behind_a_slow_reader(taxels, one_port):
     seen = detect(config, make_stream(config, 250, seed=11, touches=[20, 73, 126, 179]))
     assert len(seen.touches) >= 4
     gaps = ([2] + [0] * (taxels - 1)) * len(seen.values)
-    assert played(config, seen, late=0.9, gaps=gaps, quiet=100) == touch_beats(config, seen)
-
-
-@each_row("onset", [1, 4, 5, 6])
-def test_onset_within_the_first_frames(onset):
-    config = CASES["thesis"]
-    seen = detect(config, make_stream(config, 70, seed=5, touches=[onset]))
-    assert seen.touches[0][:2] == (onset, max(1, onset - 4))
-    assert played(config, seen) == touch_beats(config, seen)
+    out, _ = play(Ring(config), frame_beats(config, seen), (0.0, 0.9), seed=2, quiet=100, gaps=gaps)
+    assert values(out) == touch_beats(config, seen)
 
 
 @pytest.mark.parametrize(("taxels", "gap", "pause"), [(4, 0, 1), (8, 0, 0), (4, 1, 0)])
@@ -94,12 +78,8 @@ def test_latency_and_full_rate(taxels, gap, pause):
     """
     config = CASES["thesis"].replace(taxels=taxels)
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
-    dut = Ring(config)
-    bench = Bench(dut)
     beats = frame_beats(config, seen)
-    taken = bench.drive(dut.i, beats, gaps=[gap] * len(beats))
-    out = bench.collect(dut.o)
-    bench.run()
+    out, taken = play(Ring(config), beats, gaps=[gap] * len(beats))
     last = 30 * taxels - 1
     assert taken == [gap + beat * (1 + gap) + pause * (beat > last + 1) for beat in range(len(taken))]
     replayed = [beat.cycle for beat in out[: 40 * taxels]]

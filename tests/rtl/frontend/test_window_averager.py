@@ -23,18 +23,8 @@ from tests.support.front_end_cases import (
     window_beats,
 )
 from tests.support.strategies import examples
-from tests.support.stream_bench import Bench, beats_after_reset, values
+from tests.support.stream_bench import beats_after_reset, play, values
 from tests.support.table import each_row
-
-
-def run(config, beats, *, stalls=(0.0, 0.0), seed=0):
-    dut = WindowAverager(config)
-    bench = Bench(dut, seed=seed)
-    taken = bench.drive(dut.i, beats, stall=stalls[0])
-    out = bench.collect(dut.o, stall=stalls[1])
-    bench.run()
-    return out, taken
-
 
 WINDOWS = (
     "thesis 6 taxels",
@@ -57,7 +47,7 @@ def test_sums_of_every_window(name):
     seen = detect(config, make_stream(config, 250, seed=11))
     expected = sum_beats(config, seen)
     assert len(expected) >= config.sensor.taxels * config.windows.steps
-    out, _ = run(config, window_beats(config, seen), stalls=(0.3, 0.5), seed=3)
+    out, _ = play(WindowAverager(config), window_beats(config, seen), stalls=(0.3, 0.5), seed=3)
     assert values(out) == expected
 
 
@@ -84,7 +74,9 @@ def test_any_touch_window(taxels, hop, odd, steps, extra, clip, seed):
     deviations[:last] = rng.choice([-bound, bound])
     touches, masked = [(0, 1, last), (0, last + 1, 2 * last)], rng.integers(0, 2, (2 * last, taxels))
     seen = SimpleNamespace(values=deviations, touches=touches, masked=masked)
-    out, _ = run(config, window_beats(config, seen), stalls=(0.2 * (seed % 2), 0.2), seed=seed)
+    out, _ = play(
+        WindowAverager(config), window_beats(config, seen), stalls=(0.2 * (seed % 2), 0.2), seed=seed
+    )
     assert values(out) == sum_beats(config, seen)
 
 
@@ -101,7 +93,9 @@ def test_any_free_window(taxels, hop, steps, clip, seed):
     config = AcceleratorConfig.of(**(BASE | TRACKED | FREE | sizes))
     seen, bound = detect(config, make_stream(config, 120, seed=seed)), config.deviation_bound
     seen.values[:] = np.random.default_rng(seed).choice([-bound, 0, bound], seen.values.shape)
-    out, _ = run(config, window_beats(config, seen), stalls=(0.2 * (seed % 2), 0.2), seed=seed)
+    out, _ = play(
+        WindowAverager(config), window_beats(config, seen), stalls=(0.2 * (seed % 2), 0.2), seed=seed
+    )
     assert values(out) == sum_beats(config, seen)
 
 
@@ -115,7 +109,7 @@ def test_latency_and_full_rate(name):
         values=np.random.default_rng(1).integers(-9, 9, (2 * last, taxels)),
         touches=[(0, 1, last), (0, last + 1, 2 * last)],
     )
-    out, taken = run(config, window_beats(config, seen))
+    out, taken = play(WindowAverager(config), window_beats(config, seen))
     assert values(out) == sum_beats(config, seen)
     cycle, beats, sums = 0, [], []
     for frame in list(range(1, last + 1)) * 2:

@@ -3,8 +3,6 @@
 import random
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from eskin.golden.core import PRESETS
 from eskin.golden.model.decision_word import NO_DECISION, decision_word
@@ -12,7 +10,6 @@ from eskin.rtl.host.decision_queue import DEPTHS
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister
 from eskin.rtl.top.bus_top import FRONTS
 from tests.support.bus_bench import Cpu, ShellBehind
-from tests.support.strategies import examples
 from tests.support.stream_bench import simulate
 
 CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=(), margin_threshold=3)
@@ -228,34 +225,6 @@ def test_arm_begins_anew(depth):
         assert await cpu.read(ShellRegister.NEXT_TAXEL) == 1
 
     play(body, depth=depth)
-
-
-@given(
-    st.fixed_dictionaries(
-        {
-            "class_names": st.integers(2, 32).map(lambda count: tuple(f"c{k}" for k in range(count))),
-            "steps": st.sampled_from((1, 2, 3, 20)),
-            "decision": st.sampled_from(("vote", "last")),
-            "margin_threshold": st.sampled_from((0, 3)),
-        }
-    ),
-    st.integers(0, 999),
-)
-@examples(4, 40)
-def test_words_are_the_models_whatever_the_design(changes, seed):
-    config = CONFIG.replace(**changes, feature_shift=())
-    decisions = rows(random.Random(seed), config, 6)
-    if not config.network.margin_threshold:
-        decisions = [(*row[:5], 0) for row in decisions]
-
-    async def body(ctx, cpu, dut, world):
-        got = []
-        while len(got) < len(decisions):
-            word = await cpu.read(ShellRegister.DECISION)
-            got += [word] * (word != NO_DECISION)
-        assert got == [decision_word(config, row) for row in decisions]
-
-    play(body, config=config, decisions=decisions, seed=seed, depth=seed % 3 * 2)
 
 
 def test_no_decision_is_all_ones_and_margins_saturate():

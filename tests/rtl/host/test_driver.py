@@ -181,6 +181,7 @@ def test_registers_are_as_the_files_describe_them(design):
             assert board.driver("faults") == (Fault.ADDRESS if offset < 0x100 else 0), hex(offset)
 
 
+@pytest.mark.slow
 def test_touches_are_taught_and_forgotten_through_the_driver(tmp_path):
     model = forget(taught_model("gru"))
     board = Board(generate(model.config, model.arrays, tmp_path / "design", bus="wishbone"))

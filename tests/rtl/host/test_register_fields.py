@@ -1,27 +1,20 @@
 """Every field of every register: written and read in the simulated design, as its description says."""
 
-import re
-
-import numpy as np
 import pytest
 
-from eskin.golden.core import PRESETS, ConverterFault
-from eskin.golden.model import codes_of, random_integer_model, random_recordings, run, samples_of
+from eskin.golden.model import random_integer_model, random_recordings, run
 from eskin.golden.model.decision_word import decision_word
-from eskin.golden.model.position import positions
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import (
     NO_DECISION,
     Control,
     Event,
     Fault,
-    InterfaceRegister,
     Measure,
     Memory,
     Register,
     ShellRegister,
     Status,
-    interface_registers,
 )
 from eskin.rtl.program.register_files import entries
 from eskin.rtl.program.schedule import step_cycles
@@ -200,148 +193,4 @@ def test_every_field_does_what_its_description_says(tmp_path):
     told |= {"SAMPLE.TAXEL", "SAMPLE_PAIR.FIRST", "SAMPLE_PAIR.SECOND"}  # the decisions are of these samples
     assert told == {
         f"{register.name}.{field.name}" for register in entries(config, True) for field in register.fields
-    }
-
-
-class Chips:
-    """One AD7476 a taxel at the pins of a Verilated design, cycle by cycle, and its stimulator's line.
-
-    codes: of the frame under way. broken: they answer with ones, zeros included. frames: begun so far. levels: of
-    the line, one a cycle.
-    """
-
-    def __init__(self, device):
-        self.device, self.codes, self.broken, self.frames = device, np.zeros(16, int), False, 0
-        self._words, self._place, self._was, self.levels = 0, 0, (1, 1), []
-
-    def cycle(self, count=1):
-        device = self.device
-        for _ in range(count):
-            device.cycle()
-            self.levels.append(device.get("stim_tx"))
-            select, clock = device.get("pins__cs_n"), device.get("pins__sclk")
-            if self._was[0] and not select:
-                self.frames += 1
-                self._words, self._place = list(map(int, self.codes)), 15
-            elif self._was[1] and not clock and self._place:
-                self._place -= 1
-            self._was = (select, clock)
-            bits = [1 if self.broken else word >> self._place & 1 for word in self._words or [0] * 16]
-            device.put("pins__miso", sum(bit << line for line, bit in enumerate(bits)))
-
-    def frame(self, codes):
-        """The next frame is of these codes, and is told."""
-        self.codes, before = codes, self.frames
-        while self.frames == before:
-            self.cycle()
-        self.cycle(220)  # of 307
-
-    def sent(self, bit_cycles=8):
-        """Bytes of the stimulator's line since the last call."""
-        levels, said, at = self.levels, b"", 0
-        while at + 10 * bit_cycles <= len(levels):
-            if levels[at]:
-                at += 1
-                continue
-            bits = levels[at + bit_cycles * 3 // 2 : at + 9 * bit_cycles : bit_cycles]
-            said, at = said + bytes([sum(bit << n for n, bit in enumerate(bits))]), at + 9 * bit_cycles
-        self.levels = []
-        return said
-
-
-def test_every_field_beside_the_accelerator_does_what_its_description_says(tmp_path):
-    """Position, converter's faults and stimulator's settings behind a bus, with chips at the converter's pins and the
-    stimulator's line read."""
-    config = PRESETS["thesis"].replace(
-        hidden=4,
-        lanes=1,
-        converter="ad7476",
-        clock_hz=8 * 115200.0,
-        position=True,
-        position_rest=0,
-        position_threshold=1000,
-        stimulator="positions",
-        hold_s=0.05,
-    )
-    model = random_integer_model(config, 3)
-    config, interface, told = model.config, model.config.interface, set()
-    board = Board(generate(config, model.arrays, tmp_path / "design", bus="wishbone"))
-    chips = Chips(board.device)
-
-    def holds(field, condition):
-        assert condition, field
-        told.add(field)
-
-    def get(register):
-        return board.read(4 * register)
-
-    # settings, before any scan: as configured, then as written, the amplitude at most 255
-    names = ("amplitude", "delay", "frequency", "width")
-    settings = {name: InterfaceRegister[f"STIM_{name.upper()}"] for name in names}
-    for name, register in settings.items():
-        assert get(register) == getattr(interface, f"stim_{name}")
-        for word, read in ((0x100, 255 if name == "amplitude" else 0x100), (17, 17)):
-            board.write(4 * register, word)
-            holds(f"{register.name}.VALUE", get(register) == read)
-    assert get(InterfaceRegister.POSITIONS) == get(InterfaceRegister.CONVERTER_FAULTS) == 0
-
-    # a touch of two cells that slides down the third column, and ends
-    scene = np.full((8, 4, 4), 400)  # below the threshold; all 0 would be a converter that is stuck
-    for number, row in ((2, 0), (3, 1), (4, 2), (5, 3)):
-        scene[number, row, 2], scene[number, row, 3] = 9000, 3000
-    codes = codes_of(scene.reshape(8, 16), config)
-    expected = positions(samples_of(codes, config), config)
-    assert [position.ended for position in expected] == [False] * 4 + [True]
-    board.driver("arm")
-    rows = []
-    chips.sent()
-    for frame in codes:
-        chips.frame(frame)
-        rows.append([get(register) for register in list(InterfaceRegister)[:3]])
-    for count, position in enumerate(expected, 1):
-        place, peak, number = rows[position.frame]
-        assert number == count
-        holds("POSITION.X", place & 255 == position.x)
-        holds("POSITION.Y", place >> 8 == position.y)
-        holds("POSITION_PEAK.CELL", peak & 255 == position.peak)
-        holds("POSITION_PEAK.DIRECTION", peak >> 8 & 7 == position.direction)
-        holds("POSITION_PEAK.ENDED", peak >> 11 & 1 == position.ended)
-    assert expected[-1].direction
-    holds("POSITIONS.VALUE", rows[-1][2] == len(expected))
-    board.driver("arm")
-    assert get(InterfaceRegister.POSITIONS) == 0
-
-    # what was written is what the stimulator gets, up to the limits of the bitstream
-    for word in (17, 0xFFFF):
-        for _ in range(200):  # until the line rests
-            chips.frame(codes[0])
-        for register in settings.values():
-            board.write(4 * register, word)
-        chips.sent()
-        for _ in range(60):
-            chips.frame(codes[2])
-        said = chips.sent()
-        for name, frame in (("delay", b"SD"), ("frequency", b"SF"), ("width", b"SW")):
-            body = re.search(b">" + frame + b";(.{2,4}?)<", said, re.DOTALL)
-            wanted = min(word, getattr(interface, f"{name}_limit"))
-            assert body and int.from_bytes(body[1], "big") == wanted, (name, said)
-        banks = re.search(b">C1;(.{16})<>C2;(.{16})<", said, re.DOTALL)
-        assert banks and max(banks[1] + banks[2]) == min(word, interface.amplitude_limit)
-
-    # ones all the way: a bit that the data sheet fixes is wrong, and every code at the end of its range
-    chips.broken = True
-    chips.frame(codes[0])
-    chips.frame(codes[0])
-    faults = get(InterfaceRegister.CONVERTER_FAULTS)
-    assert faults == ConverterFault.STUCK | ConverterFault.ORDER
-    chips.broken = False
-    chips.frame(codes[2])
-    chips.frame(codes[2])
-    assert get(InterfaceRegister.CONVERTER_FAULTS) == faults
-    board.driver("clear_faults")
-    holds("CONVERTER_FAULTS.VALUE", get(InterfaceRegister.CONVERTER_FAULTS) == 0)
-    assert told == {
-        f"{register.name}.{field}"
-        for register in interface_registers(config)
-        for field in register.fields or ("VALUE",)
     }

@@ -143,9 +143,10 @@ def test_frames_writes_and_reads():
 def test_a_window_reaches_the_registers_of_teaching(fields, at):
     """Without taught places every address stays; every other address stays with them, too."""
     config = CONFIG.with_readout(readout="prototypes", **fields) if fields else CONFIG
-    line = [byte for number in range(64) for byte in write(number, number, 7)]
+    asked = (0, 0x3B, *range(0x3C, 0x40))
+    line = [byte for number, address in enumerate(asked) for byte in write(number, address, 7)]
     seen = play([*line, *link.read_packet(0x3E), *[None] * 20], config=config)
-    assert [address for address, _ in seen.writes] == [*range(0x3C), *range(at, at + 4)]
+    assert [address for address, _ in seen.writes] == [0, 0x3B, *range(at, at + 4)]
     assert seen.reads == [at + 2] and link.parse(seen.bodies[0]).address == 0x3E
     assert [link.link_address(number) for number in (0x3B, *range(0x48, 0x4C))] == [*range(0x3B, 0x40)]
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.exchange.import_network import import_network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, narrow
 from eskin.golden.model import (
     FloatModel,
@@ -266,34 +265,3 @@ def test_training_writes_a_model_that_quantises(tmp_path, monkeypatch):
 
 
 # ---------------------------------------------------------------------- import
-def coefficients(config: AcceleratorConfig, columns: int, rows: int | None = None) -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(columns)
-    rows = rows or config.classes
-    return {"coef_": rng.normal(0, 1, (rows, columns)), "intercept_": rng.normal(0, 1, rows)}
-
-
-@each_row("sets", ["window", "one"])
-def test_a_regression_is_imported_column_by_column(tmp_path, sets):
-    config = linear(weight_sets="one")
-    given = coefficients(config, config.inputs * (config.windows.steps if sets == "window" else 1))
-    np.savez(tmp_path / "lr.npz", **given)
-    import_network(tmp_path / "lr.npz", config, out=tmp_path / "m", mean=2.0, std=3.0)
-    model = FloatModel.load(tmp_path / "m")
-    assert model.config.network.weight_sets == sets
-    means = np.random.default_rng(1).normal(2, 3, (6, config.windows.steps, config.inputs))
-    x = (means - 2.0) / 3.0
-    x = x.reshape(6, -1) if sets == "window" else x.sum(axis=1)
-    assert np.allclose(
-        model.forward(model.features(means))[1][:, -1], x @ given["coef_"].T + given["intercept_"]
-    )
-
-
-def test_a_regression_of_two_classes_has_one_row(tmp_path):
-    config = linear(classes=2)
-    given = coefficients(config, config.inputs * config.windows.steps, rows=1)
-    np.savez(tmp_path / "lr.npz", **given)
-    import_network(tmp_path / "lr.npz", config, out=tmp_path / "m", mean=0.0, std=1.0)
-    logits = FloatModel.load(tmp_path / "m").forward(np.ones((1, config.windows.steps, config.inputs)))[1][
-        0, -1
-    ]
-    assert np.isclose(logits[1] - logits[0], given["coef_"].sum() + given["intercept_"][0])

@@ -81,39 +81,6 @@ def test_jumps_and_waits_begin_a_word(codes):
         assert [word["in_step"] for word in code.words] == [int(slot in steps) for slot in begins]
 
 
-def test_every_operation_of_the_schedule_has_its_bits(codes):
-    for code in codes.values():
-        plan, slots = code.plan, code.slots
-        rows = [(code.again + op.cycle, op) for op in plan.mac_before] + [
-            (code.wait + op.cycle, op) for op in plan.mac_after
-        ]
-        beside = {slot: op for slot, op in rows if plan.beside(op)}
-        assert [slot for slot, fields in enumerate(slots) if fields.get("mac")] == [
-            slot for slot, _ in rows if slot not in beside
-        ]
-        for slot, op in beside.items():
-            row = code.layout.constants + code.layout.dense_offset(plan.groups[op.group].first_row)
-            assert slots[slot]["gate"] == row + op.index and slots[slot + 1]["element_operand"]
-        assert all(slots[slot]["vector"] == code.layout.state(op.region, op.index) for slot, op in rows)
-        valid = {slot + plan.timing.valid for slot, _ in rows}
-        assert {slot for slot, fields in enumerate(slots) if fields.get("valid")} == valid
-        results = sum(fields.get(name, 0) for fields in slots for name in ("partial", "gate_write", "logit"))
-        results += sum(1 for fields in slots if fields.get("t_write"))
-        rows_done = sum(plan.groups[op.group].rows for _, op in rows if op.last)
-        activated = sum(1 for i in plan.elements if i.op.activated and i.term == len(i.op.terms) - 1)
-        zeros = bool(plan.program.t_regions)  # the prologue writes the T memory's word for 0
-        assert results == rows_done + activated + zeros
-        assert sum(fields.get("logit", 0) for fields in slots) == plan.config.classes
-        assert [slot for slot, fields in enumerate(slots) if fields.get("ends_step")] == [
-            code.wait + plan.decision_slots
-        ]
-        assert sum(fields.get("hidden", 0) for fields in slots) == plan.config.network.hidden
-        assert sum(fields.get("feature", 0) for fields in slots) == plan.config.sensor.taxels
-        assert sum(fields.get("released", 0) for fields in slots) == 1
-        cleared = plan.config.network.hidden * len(plan.program.cleared) + 1  # and the word that stands for 0
-        assert sum(fields.get("state_write", 0) for fields in slots[: code.again]) == cleared
-
-
 def test_no_memory_is_read_in_the_slot_that_writes_the_word(codes):
     """What `eskin.rtl.engine.engine.NO_COLLISION` promises: only the slots that use an address count."""
     for code in codes.values():

@@ -1,16 +1,13 @@
 """The list scheduler: what must hold for any program on any number of lanes, and the reference's cycles
 against the ideal."""
 
-from dataclasses import replace
 from itertools import pairwise
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.rtl.program import cells
 from eskin.rtl.program.cells import cell_program, in_one_phase
-from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.program.scheduler import RowGroup, Schedule
 from tests.support.small_designs import CELLS, reference
@@ -156,101 +153,6 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
     )
 
 
-class Rows:
-    """The lanes, the chain and the addend memory, with symbols for numbers, run by the microcode's slots.
-
-    A sum is (lane, addend, first operation added, how many, one after the other); an addend is its address,
-    or the sum that was written there.
-    """
-
-    def __init__(self, code: Microcode) -> None:
-        self.code, self.timing = code, code.plan.timing
-        lanes = code.plan.config.hardware.lanes
-        self.memory: dict[int, object] = {}
-        # what the memory gives in this slot, and what it gave in the slot before
-        self.addend = self.kept = object()
-        self.issued: list[int | None] = [
-            None
-        ] * self.timing.added  # operation of each slot that is still under way
-        self.sums: list[object] = [None] * lanes
-        self.places: list[object] = [None] * lanes
-        self.next_operation = 0
-        self.told: list[int | None] = [None] * self.timing.early  # `valid` of the slots before
-
-    def slot(self, fields: dict[str, int]) -> None:
-        """One slot; `places` or, for one lane, `sums` hold row 0's sum before it."""
-        lanes, arrived = len(self.sums), self.issued[-self.timing.added]
-        loads = list(self.places)
-        if lanes == 1:  # a shared plain lane takes its addend with its operands, a slot before it is needed
-            loads = [self.kept if self.code.plan.shared and not self.timing.gap else self.addend]
-        total = self.places[0] if lanes > 1 else self.sums[0]
-        self.told.append(fields.get("valid"))
-        before, swap, valid = list(self.sums), fields.get("swap"), self.told.pop(0)
-        assert not (self.timing.gap and swap and valid), "the DSP block cannot load and add in one slot"
-        for lane in range(lanes):
-            if swap:
-                self.sums[lane] = (lane, loads[lane], None, 0)
-            elif self.code.plan.shared and fields.get("element_first"):
-                self.sums[lane] = None
-            if valid:
-                name, addend, first, count = self.sums[lane]
-                assert arrived is not None and (first is None or arrived == first + count)
-                self.sums[lane] = (name, addend, arrived if first is None else first, count + 1)
-        if swap:
-            self.places = before
-        elif fields.get("shift"):
-            self.places = [*self.places[1:], self.addend]
-        if fields.get("partial"):
-            self.memory[fields["partial_to"]] = total
-        self.kept = self.addend
-        self.addend = self.memory.get(fields["addend"], fields["addend"]) if "addend" in fields else object()
-        self.issued = [*self.issued[1:], None]
-        place = self.code.layout
-        # the dense layer's weights
-        beside = self.code.plan.shared and fields.get("gate", -1) >= place.constants + place.dense_offset(0)
-        assert not (beside and fields.get("mac"))
-        if beside or fields.get("mac"):
-            self.issued[-1] = self.next_operation
-            self.next_operation += 1
-        if fields.get("partial"):  # read and written in one slot: left open
-            assert fields.get("addend") != fields["partial_to"]
-
-
-@examples(30, 300)
-@CONFIGURATIONS
-def test_sums_begin_from_their_addends_and_leave_the_lanes_in_their_slots(
-    cell, lanes, hidden, taxels, classes, lane_type
-):
-    """The prologue and two steps of a touch, lanes, chain and addend memory with symbols for numbers."""
-    check_rows(Microcode(planned(cell, lanes, hidden, taxels, classes, lane_type)))
-
-
-def check_rows(code: Microcode) -> None:
-    plan = code.plan
-    rows = Rows(code)
-    for fields in code.slots[: code.again]:
-        rows.slot(fields)
-    ops = (*plan.mac_before, *plan.mac_after)
-    operations = {g: [k for k, op in enumerate(ops) if op.group == g] for g in range(len(plan.groups))}
-    lasts = [(slot, group, operations[number]) for number, (slot, group) in enumerate(lasts_of(plan))]
-    for _ in range(2):
-        rows.next_operation, stored, checked = 0, {}, 0
-        wanted = {}
-        for slot, group, mine in lasts:
-            for row in range(group.rows):
-                addend = stored.get(group.addend + row, group.addend + row)
-                wanted[slot + plan.timing.row + row] = total = (row, addend, mine[0], len(mine))
-                if group.block.dest == "partial":
-                    stored[group.dest + row] = total
-        for slot, fields in enumerate(code.slots[code.again :]):
-            if slot in wanted:
-                total = rows.places[0] if plan.config.hardware.lanes > 1 else rows.sums[0]
-                assert total == wanted[slot], slot
-                checked += 1
-            rows.slot(fields)
-        assert checked == sum(group.rows for group in plan.groups)
-
-
 @each_row("cell", CELLS)
 def test_one_phase_computes_the_same_rows_without_partial_sums(cell):
     """What one DSP lane runs: every weight once, the old state read before the new one is written, no addend
@@ -263,17 +165,3 @@ def test_one_phase_computes_the_same_rows_without_partial_sums(cell):
         (m, g.first_row, c) for g, m, c in two.weight_words
     )
     assert one.decision_cycles > two.decision_cycles
-
-
-def test_a_swap_too_soon_or_a_shift_too_few_is_seen():
-    """The model above is able to fail."""
-    plan = schedule(reference())
-    check_rows(Microcode(plan))
-    late = plan.swaps[5]
-    for wrong in (
-        {"swaps": tuple(swap + (swap == late) for swap in plan.swaps)},
-        {"shifts": plan.shifts - {late + 1}},
-        {"fills": tuple((group, slot + (k == 5)) for k, (group, slot) in enumerate(plan.fills))},
-    ):
-        with pytest.raises((AssertionError, RuntimeError)):
-            check_rows(Microcode(replace(plan, **wrong)))

@@ -6,11 +6,11 @@ import pytest
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware
 from eskin.data import load_recordings
-from eskin.golden.core import InputError
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model import random_integer_model, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate
-from tests.rtl.top.test_recordings import BUILDS, PRESETS
+from tests.rtl.fpga.test_netlist import BUILDS
 from tests.support.traffic_case import CONFIG, Case
 
 GATED = {"clock_gate": True, "one_port": True}

@@ -1,0 +1,283 @@
+"""A short list of the suite's modes on recordings that a network has not seen: what `train` and `run` choose by,
+beside the accuracy on sound ones.
+
+What a front end makes of disturbed recordings does not depend on the network. So each front end plays the
+panel once, and every network on it decides what is there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.choose.first_touches import GATE_BATCH
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
+from eskin.study.stability.core import Mode, Scene
+from eskin.study.stability.shapes import Experiment, Played
+from eskin.study.stability.suite import NEEDS
+from eskin.study.stability.table import MODES
+from eskin.training.datasets import front_end_key
+
+PANEL = (
+    "one-sample glitch before the touch",
+    "motor burst before the touch",
+    "slow ramp through the band",
+    "mains hum",
+    "drift of all taxels",
+    "touch near the end of the stream",
+    "a touch while one is decided",
+    "wrong sample rate",
+    "one dead taxel, worst",
+    "one taxel stuck high from power-on",
+    "one noisy taxel",
+    "gains of all taxels within 20 %",
+    "offset of one taxel by one deviation up",
+    "offset of all taxels at the onset",
+    "spikes",
+)
+"""Modes that are judged, at the suite's own levels."""
+
+RECORDINGS = 60
+"""Recordings that are disturbed at most, spread evenly over the classes."""
+
+BRIEF = 20
+"""The same inside folds, and to look at gates."""
+
+
+def panel_of(recordings: Recordings, asked: str) -> Panel | None:
+    """The panel that was asked for: ``on``, ``off``, or a JSON file of modes and their weights. None: off, or
+    for images, which have none.
+
+    Raises
+    ------
+    InputError
+        A file that is no such table, or as `Panel`.
+    """
+    if asked == "off" or recordings.image_shape:
+        return None
+    weights: Any = None
+    if asked != "on":
+        try:
+            weights = json.loads(Path(asked).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"--stress {asked}: is neither on nor off, nor a JSON file ({error}); give one of these"
+            ) from None
+        numbers = isinstance(weights, dict) and all(
+            isinstance(weight, int | float) and not isinstance(weight, bool) for weight in weights.values()
+        )
+        if not numbers:
+            raise InputError(
+                f'--stress {asked}: holds no table of failure modes and weights; write one as {{"spikes": 1}}'
+            )
+    return Panel(recordings, weights)
+
+
+@dataclass(frozen=True, eq=False)
+class _OnFrontEnd:
+    """The panel under one front end.
+
+    modes: of each case. wrong (cases, recordings): 1 where no touch is found or the gate opens when it must not,
+    0 else, NaN where a case has no such recording. touches, faults: of all cases, and what is masked in them;
+    case, row: of each touch.
+    """
+
+    modes: list[str]
+    wrong: np.ndarray
+    touches: Touches
+    faults: np.ndarray
+    case: np.ndarray
+    row: np.ndarray
+
+
+class Panel:
+    """The panel on one set of recordings.
+
+    rows: those that are disturbed. weights: of the modes in a mean.
+
+    Raises
+    ------
+    InputError
+        A weight of an unknown mode, or of one that is no experiment; a weight below 0; none above 0.
+    """
+
+    def __init__(
+        self, recordings: Recordings, weights: Mapping[str, float] | None = None, count: int = RECORDINGS
+    ) -> None:
+        weights = dict.fromkeys(PANEL, 1.0) if weights is None else weights
+        for name, weight in weights.items():
+            if name not in MODES or not isinstance(MODES[name].run, Experiment):
+                known = ", ".join(name for name, mode in MODES.items() if isinstance(mode.run, Experiment))
+                raise InputError(f"--stress, mode '{name}': is unknown here; the modes are {known}")
+            if weight < 0:
+                raise InputError(f"--stress, mode '{name}': has the weight {weight}; give 0 or more")
+        self.weights = {name: weight for name, weight in weights.items() if weight > 0}
+        if not self.weights:
+            raise InputError("--stress: gives no mode a weight above 0; give one, or --stress off")
+        self.rows = recordings.evenly(min(count, len(recordings)))
+        self._place = np.full(len(recordings), -1)
+        self._place[self.rows] = np.arange(len(self.rows))
+        self._all, self._recordings = recordings, recordings.subset(self.rows)
+        self._known: dict[str, _OnFrontEnd] = {}
+
+    def _modes(self, config: AcceleratorConfig) -> Iterator[Mode]:
+        """The modes that apply to a front end."""
+        for name in self.weights:
+            if all(NEEDS[need][0](config) for need in MODES[name].needs):
+                yield MODES[name]
+
+    def _on(self, config: AcceleratorConfig) -> _OnFrontEnd:
+        key = front_end_key(config)
+        if key not in self._known:
+            self._known[key] = self._played(config)
+        return self._known[key]
+
+    def _played(self, config: AcceleratorConfig) -> _OnFrontEnd:
+        scene = Scene(config=config, recordings=self._recordings)
+        modes: list[str] = []
+        wrong, found = [], []
+        waiting: dict[AcceleratorConfig, list[tuple[int, Played]]] = {}
+
+        def find(where: AcceleratorConfig) -> None:
+            if cases := waiting.pop(where, []):
+                found.append(_first_touches(where, cases))
+
+        for mode in self._modes(config):
+            assert isinstance(mode.run, Experiment)
+            for played in mode.run.cases(scene).values():
+                share = np.full(len(self.rows), np.nan)
+                by_gate, where = mode.run.wrong_by_gate(played), played.scene.config
+                share[played.rows] = 1.0 if by_gate is None else by_gate
+                if by_gate is None:
+                    cases = waiting.setdefault(where, [])
+                    cases.append((len(modes), played))
+                    if sum(one.recordings.samples.size for _, one in cases) > GATE_BATCH:
+                        find(where)
+                modes.append(mode.name)
+                wrong.append(share)
+        for where in list(waiting):
+            find(where)
+        touches, case, row = zip(*found, strict=True)
+        joined = {
+            name: np.concatenate([getattr(part, name) for part in touches])
+            for name in ("completed", "sums", "faults")
+        }
+        return _OnFrontEnd(
+            modes,
+            np.array(wrong),
+            dataclasses.replace(touches[0], **joined),
+            joined["faults"],
+            np.concatenate(case),
+            np.concatenate(row),
+        )
+
+    def false_onsets(self, config: AcceleratorConfig) -> float:
+        """Sum over modes of the shares of recordings in which the gate opens when it must not."""
+        scene, total = Scene(config=config, recordings=self.brief._recordings), 0.0
+        for mode in self._modes(config):
+            assert isinstance(mode.run, Experiment)
+            if mode.run.of_gate:
+                shares = map(mode.run.wrong_by_gate, mode.run.cases(scene).values())
+                total += mode.run.figure(float(np.mean(share)) for share in shares if share is not None)
+        return total
+
+    @cached_property
+    def brief(self) -> Panel:
+        """The same on fewer recordings."""
+        return Panel(self._all, self.weights, BRIEF)
+
+    def wrong(self, config: AcceleratorConfig, model: IntegerModel, test: np.ndarray) -> np.ndarray:
+        """(cases, tests) 1 where the network is wrong on a disturbed recording, NaN where it is not disturbed.
+
+        Parameters
+        ----------
+        config:
+            As the network's front end was before it was quantised.
+        test:
+            Recordings that it has not seen.
+        """
+        on = self._on(config)
+        place = self._place[test]
+        wrong = np.full((len(on.modes), len(test)), np.nan)
+        wrong[:, place >= 0] = on.wrong[:, place[place >= 0]]
+        to = np.full(len(self.rows), -1)
+        to[place[place >= 0]] = np.flatnonzero(place >= 0)
+        asked = np.flatnonzero(to[on.row] >= 0)
+        if len(asked):
+            touches = dataclasses.replace(
+                on.touches,
+                completed=on.touches.completed[asked],
+                sums=on.touches.sums[asked].astype(np.int64),
+                faults=on.faults[asked],
+            )
+            at = to[on.row[asked]]
+            right = decide_touches(model, touches).decision == self._recordings.labels[on.row[asked]]
+            wrong[on.case[asked], at] = ~right
+        return wrong
+
+    def stressed(self, config: AcceleratorConfig, wrong: np.ndarray) -> np.ndarray:
+        """(recordings) the share of disturbances under which each was decided rightly, NaN where it was not
+        disturbed. wrong (cases, recordings): as of ``wrong``, or a mean over networks."""
+        modes = np.array(self._on(config).modes)
+        right, total = np.zeros(wrong.shape[1]), np.zeros(wrong.shape[1])
+        for name, weight in self.weights.items():
+            cases = wrong[modes == name]
+            if len(cases):
+                told = ~np.isnan(cases).all(axis=0)
+                right[told] += weight * (1 - np.nanmean(cases[:, told], axis=0))
+                total += weight * told
+        return np.where(total > 0, right / np.maximum(total, 1e-12), np.nan)
+
+    def figures(self, config: AcceleratorConfig, wrong: np.ndarray, accuracy: float) -> list[Record]:
+        """{mode, figure, bound, held} of each mode; accuracy: on undisturbed recordings."""
+        names, clean, rows = np.array(self._on(config).modes), _Clean(accuracy), []
+        for mode in self._modes(config):
+            assert isinstance(mode.run, Experiment)
+            figure = mode.run.figure(np.nanmean(wrong[names == mode.name], axis=1))
+            bound = mode.bound(clean)
+            rows.append(
+                {"mode": mode.name, "figure": figure, "bound": bound, "held": bool(mode.holds(figure, bound))}
+            )
+        return rows
+
+
+@dataclass(frozen=True)
+class _Clean:
+    """What bounds refer to."""
+
+    clean_accuracy: float
+    origin: None = None
+
+
+def _first_touches(
+    config: AcceleratorConfig, cases: Sequence[tuple[int, Played]]
+) -> tuple[Touches, np.ndarray, np.ndarray]:
+    """The first touches of cases under one configuration, the case of each and the recording it comes from. A
+    taxel that is masked is masked as the fault detector does, so that one model decides all cases."""
+    parts = [played.recordings for _, played in cases]
+    together = dataclasses.replace(
+        parts[0],
+        samples=np.concatenate([part.samples for part in parts]),
+        offsets=np.cumsum([0, *np.concatenate([part.lengths for part in parts])]),
+        labels=np.concatenate([part.labels for part in parts]),
+        groups={},
+    )
+    touches = find_touches(config, together, most=GATE_BATCH)
+    first = touches.first_touch()
+    touches = touches.take(first[first >= 0])
+    faults = np.zeros(touches.sums.shape, dtype=bool) if touches.faults is None else touches.faults
+    touches = dataclasses.replace(
+        touches, sums=touches.sums.astype(np.int32), faults=faults | np.array(config.input_mask)
+    )
+    case = np.concatenate([np.full(len(played.rows), number) for number, played in cases])
+    row = np.concatenate([played.rows for _, played in cases])
+    return touches, case[first >= 0], row[first >= 0]
