@@ -240,9 +240,9 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
             [one for one in near if one.candidate.recipe.squares == squares] for squares in (False, True)
         ]
         taken = [best_of(kind).candidate for kind in kinds if kind]
-        further = [fit for fit, candidate in fits.items() if candidate in taken]
+        kept = [fit for fit, candidate in fits.items() if candidate in taken]
         places = (*others, *front_ends.sturdier)
-        yield from judged(wish.possible(on, "linear", None, fit) for on in places for fit in further)
+        yield from judged(wish.possible(on, "linear", None, fit) for on in places for fit in kept)
     on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
         on = (yield from best_probe(probes)).front_end
