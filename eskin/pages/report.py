@@ -441,8 +441,8 @@ def _draw_raw(
     samples, rate = trace["samples"].astype(float), config.sensor.scan_rate_hz
     level = np.median(samples[: max(1, config.rest_level.rest_frames or min(64, len(samples) // 8))], axis=0)
     scale, worth = (1000.0, "mV") if unit == "V" else (1.0, unit or "unit of the samples")
-    volts = scale * config.sensor.volt_per_code
-    signal = (samples - level) * (volts or 1)
+    volts = np.any(config.sensor.volt_per_code)
+    signal = (samples - level) * (scale * np.array(config.sensor.volt_per_code) if volts else 1)
     events = draw_events(axes, samples, rate, first=1)
     if events:
         signal = np.broadcast_to(np.arange(samples.shape[1]), samples.shape)
