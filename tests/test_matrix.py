@@ -383,7 +383,7 @@ class Case:
     def asked(self) -> tuple[str, ...]:
         """What train is asked: the kind's configuration, or to choose one."""
         if self.kind == "chosen-kinds":
-            return ("--group", "person", "--folds", "3", "--seeds", "1")
+            return ("--group", "person", "--folds", "3", "--seeds", "1", "--cell", "linear")
         return ("--config", f"{self.config()}", "--folds", "0")
 
     def result(self) -> Path:
