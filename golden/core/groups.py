@@ -1,5 +1,4 @@
-"""The groups of a configuration's fields, each checking itself; what ties groups together is checked in
-config.py.
+"""The groups of a configuration's fields. Each checks itself; config.py checks conditions between groups.
 
 Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
 """
@@ -38,7 +37,7 @@ Stimulator = Literal["none", "decisions", "positions"]
 
 
 def _format(allowed: Callable[[QFormat], bool], words: str) -> AfterValidator:
-    """Formats of one kind; ``words``: what to give instead of another."""
+    """Formats of one kind; ``words``: the advice for any other format."""
 
     def check(fmt: QFormat) -> QFormat:
         if not allowed(fmt):

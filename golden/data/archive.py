@@ -9,8 +9,8 @@ from eskin.golden.data.recordings import Recordings, recordings_of
 
 
 def load_archive(path: Path, scale: float | None = None, *, asked: bool = False) -> Recordings:
-    """The recordings of an npz archive. ``scale``: what one code is worth where samples are real and the
-    archive does not say it. ``asked``: as `eskin.golden.data.codes.to_codes`.
+    """The recordings of an npz archive. ``scale``: value of one code if samples are real and the archive does
+    not have it. ``asked``: as `eskin.golden.data.codes.to_codes`.
 
     Raises
     ------
@@ -30,8 +30,8 @@ def load_archive(path: Path, scale: float | None = None, *, asked: bool = False)
 
 
 def save_archive(recordings: Recordings, path: str | Path) -> None:
-    """Write an npz archive, whole or not at all: codes in the type of their format, groups, and what a
-    code is worth."""
+    """Write an npz archive, whole or not at all: codes in the type of their format, groups, and the value of
+    a code."""
     classes = {"labels": recordings.labels, "class_names": np.array(recordings.class_names, dtype=np.str_)}
     if recordings.image_shape is not None:
         arrays = {

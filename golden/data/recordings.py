@@ -37,7 +37,8 @@ GROUP_KINDS = "iubUSf"
 """Kinds of numpy types that a group may have: numbers and text."""
 
 RESERVED = (*NOT_GROUPS, "unit", "file", "allow_pickle")
-"""Names that no group may have: an archive's own, and what ``numpy.savez_compressed`` calls its arguments."""
+"""Names that no group may have: those of an archive's own arrays, and of ``numpy.savez_compressed``'s
+arguments."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +311,7 @@ class Recordings:
 
 
 def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndarray]:
-    """The recordings in what was given: one, or several."""
+    """Recordings from an argument: one recording, or several."""
     try:
         sequence: Any = arrays
         if not hasattr(arrays, "ndim") and len(sequence) > 0 and np.ndim(sequence[0]) == 2:
@@ -637,8 +638,8 @@ def _shown(value: np.ndarray) -> str:
 
 
 def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
-    """``recordings`` in the codes of a configuration's sensor, where both say what one is worth and these differ;
-    how much that clips stands in their notes."""
+    """``recordings`` in the codes of a configuration's sensor, if both have a value per code and these
+    differ; the share that clips is in their notes."""
     step, of_model = recordings.volt_per_code, config.sensor.volt_per_code
     if not (step and of_model) or abs(step / of_model - 1.0) <= 0.01:
         return recordings

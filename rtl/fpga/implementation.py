@@ -18,7 +18,7 @@ PACKERS = {
     "ecp5": ("ecppack", "config", "bit"),
     "gowin": ("gowin_pack", "json", "fs"),
 }
-"""Family: the tool that makes the bitstream, what it reads and writes."""
+"""Family: the tool that makes the bitstream, its input and its output."""
 
 KINDS = {
     "ICESTORM_DSP": "dsp",

@@ -83,7 +83,6 @@ def play(
         options=[*hardware.options, *options, *macros],
         wrapper=HARNESS,
         top=HARNESS.stem,
-        compiling=runner.COMPILE_OPTIONS if hardware.level == "rtl" else runner.QUICKLY_COMPILED,
     )
     work.mkdir(parents=True, exist_ok=True)
     codes.astype(">u4").tofile(work / "codes.bin")
