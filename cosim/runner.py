@@ -210,14 +210,7 @@ def build(
     return Build(simulator, kept(root, simulator, described, make), waves, top)
 
 
-def run(
-    simulator: Build,
-    work: Path,
-    *,
-    limit_s: float,
-    bench: str = "eskin.cosim.bench",
-    plusargs: Mapping[str, int] | None = None,
-) -> float:
+def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cosim.bench") -> float:
     """Run the cocotb tests of module ``bench`` in ``work``; the wall time in seconds.
 
     They answer in ``result.json`` there.
@@ -241,7 +234,6 @@ def run(
             build_dir=simulator.folder,
             test_dir=work,
             extra_env={"OPENBLAS_NUM_THREADS": "1"},
-            plusargs=[f"+{name}={value}" for name, value in (plusargs or {}).items()],
             log_file=log,
         )
     wall_s = time.monotonic() - begin
