@@ -214,6 +214,7 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
     row: Record = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
     if onset.onset == "baseline":
         row["onset_threshold"] = onset.onset_threshold
+    row |= {"onset_hits": onset.onset_hits, "onset_span": onset.onset_span, "clip": config.rest_level.clip}
     row |= {"scan_every": config.sensor.scan_every}
     row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
     row["feature_kinds"] = list(features.feature_kinds)
