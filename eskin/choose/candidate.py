@@ -117,7 +117,7 @@ class Judged:
     @cached_property
     def stressed(self) -> np.ndarray | None:
         """(recordings) the share of disturbances under which each was decided correctly; NaN: not disturbed."""
-        if self.stress is None or self.wrong is None:
+        if self.stress is None or self.wrong is None or not len(self.wrong):
             return None
         return self.stress.stressed(self.config, self.wrong)
 
