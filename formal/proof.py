@@ -26,10 +26,10 @@ from amaranth.lib import stream, wiring
 
 Block = TypeVar("Block", bound=wiring.Component)
 Method = Literal["induction", "gate induction", "bounded", "any state"]
-"""k-induction proves for every cycle of every run, of words, or gate by gate by a SAT solver where words take
-too long; bounded for the first ``depth`` cycles after reset; any
-state: ``depth`` cycles after a state of which nothing is known but what is assumed, so for every later cycle
-of every run too (by a SAT solver, gate by gate)."""
+"""Methods. k-induction proves for every cycle of every run, with words, or gate by gate with a SAT solver if
+words take too long; bounded: the first ``depth`` cycles after reset; any state: ``depth`` cycles after a
+state that only the assumptions restrict, so for every later cycle of every run too (with a SAT solver, gate
+by gate)."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`make formal`: every proof and every seeded bug, two at a time, and the table of what came out.
+"""`make formal`: every proof and every seeded bug, two at a time, and the table of their results.
 
 ``python -m formal.run [--quick] [--jobs N] [WORD ...]``: only the proofs whose title has one of the words;
 ``--quick`` only those of ``make test``. A verdict is kept by its circuit and its task, so an interrupted run
@@ -127,8 +127,8 @@ def _rtlil(title: str, eager: bool) -> str:
 
 # ---------------------------------------------------------------------- the verdict
 def task(method: str, depth: int) -> str:
-    """SymbiYosys' task; of "any state" Yosys' script: the properties in cycle ``depth`` after any state, and
-    in none before; what is assumed holds in all. Of "gate induction", too."""
+    """SymbiYosys' task; for "any state" Yosys' script: the properties in cycle ``depth`` after any state, and
+    in none before; assumptions hold in all cycles. The same for "gate induction"."""
     read = "read_rtlil top.il\nhierarchy -top top\nproc\nflatten\nmemory_collect\n"
     if method in BY_GATES:
         begin, how = "setattr -unset init w:*\n", f"-seq {depth} -prove-skip {depth - 1}"

@@ -16,6 +16,8 @@ buses [SHELL ...]
 features [KINDS ...]
     Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of
     another.
+runs FOLDER ...
+    Results of ``eskin run``, a row per result folder.
 steps
     Cycles of a step against the ideal, formats of preset ``thesis``.
 checks
@@ -31,6 +33,7 @@ without the serial link.
 """
 
 import argparse
+import json
 import re
 import subprocess
 import tempfile
@@ -289,6 +292,29 @@ def taught_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) ->
     )
 
 
+def run_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """A row of each result folder of ``eskin run``."""
+    for folder in map(Path, asked.rows):
+        names = "run.json", "cosim.json", "model/training.json"
+        run, played, training = (json.loads((folder / name).read_text()) for name in names)
+        chosen = next(row for row in run["candidates"] if row["chosen"])
+        split, cycles = training["cross_validation"][0], played["cycles"]["decision_latency_max"]
+        source, network = Path(run["data"]["source"]), f"{chosen['cell']} {chosen['hidden'] or ''}".strip()
+        yield (
+            f"{source.parent.name or source}, {run['data']['recordings']}",
+            ", ".join(split["groups"]),
+            f"{network}, {chosen['front_end_words']}".replace("|", "\\|"),
+            *(f"{100 * split['nested'][kind]:.1f} %" for kind in ("integer_accuracy", "float_accuracy")),
+            *(f"{100 * split[kind]:.1f} %" for kind in ("integer_accuracy", "agreement")),
+            f"{1e6 * chosen['energy_touch_j']:.2f} uJ",
+            *(chosen[kind] for kind in ("cells", "block_memories")),
+            f"{chosen['decision_time_s']:.2f} s",
+            f"{played['compared_values']}, {played['mismatches']} differ",
+            f"{1e6 * cycles / played['clock_hz']:.2f} us",
+            f"{1e-3 * run['lowest_clock_hz']:.0f} kHz",
+        )
+
+
 def step_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """Cells, three sizes and 1 to 12 lanes."""
     base = PRESETS["thesis"]
@@ -324,6 +350,11 @@ TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
     "steps": (
         "cell | taxels | hidden | classes | lanes | cycles | ideal | ratio | busy share | features to decision",
         step_rows,
+    ),
+    "runs": (
+        "recordings | left out | network | new, integer | new, float | own folds | agreement | a touch | cells "
+        "| block memories | onset to decision | values compared | last sample to decision | lowest clock",
+        run_rows,
     ),
     "checks": ("checks | cells | flip-flops | block memories | cycles a step", check_rows),
 }

@@ -20,12 +20,14 @@ PREFERENCES: tuple[Prefer, ...] = get_args(Prefer)
 class Cost:
     """energy_touch_j: of a touch, from its first frame to its decision, joule. cells: logic cells, onset to
     decision. latency_s: from the last sample to the decision, at the board's clock. touch_s: from the onset
-    to the last sample."""
+    to the last sample. average_w: of waiting with a touch a second, at the cheapest of the part's clocks; with what a
+    converter that is named takes in its scans, where its data sheet has a figure."""
 
     energy_touch_j: float
     cells: int
     latency_s: float
     touch_s: float
+    average_w: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +61,7 @@ class Market:
         cost = self.cost_of(config)
         return {
             "energy_touch_j": cost.energy_touch_j,
+            "average_w": cost.average_w,
             "cells": cost.cells,
             "block_memories": self.blocks_of(config),
             "latency_s": cost.latency_s,

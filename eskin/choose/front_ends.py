@@ -34,6 +34,7 @@ from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.groups import Features
 from eskin.golden.data import Recordings
+from eskin.golden.data.codes import UNEVEN
 from eskin.golden.model import normalise, normaliser_constants, real_features
 from eskin.training.datasets import scaling
 from eskin.training.derive import (
@@ -308,6 +309,15 @@ class FrontEnds:
 
     def __init__(self, recordings: Recordings, progress: Callable[[str, int, int], None] | None = None):
         self._base, self.reasons = sensor_sizes(recordings)
+        low, high = np.quantile(
+            recordings.samples[:: max(1, recordings.frames // 100_000)], (0.01, 0.99), axis=0
+        )
+        moves = (high - low)[high > low]
+        if len(moves) and moves.max() > UNEVEN * moves.min():
+            self._base["feature_scale"] = "taxel"
+            self.reasons.append(
+                f"taxels differ by {moves.max() / moves.min():.3g} in range: a scale a taxel comes first"
+            )
         self.looked_at = recordings.evenly(_how_many(recordings))
         self.recordings = recordings.subset(self.looked_at)
         self.inside = self.recordings.evenly(INSIDE_ON)

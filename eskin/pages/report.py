@@ -442,8 +442,8 @@ def _draw_raw(
     samples, rate = trace["samples"].astype(float), config.sensor.scan_rate_hz
     level = np.median(samples[: max(1, config.rest_level.rest_frames or min(64, len(samples) // 8))], axis=0)
     scale, worth = (1000.0, "mV") if unit == "V" else (1.0, unit or "unit of the samples")
-    volts = scale * config.sensor.volt_per_code
-    signal = (samples - level) * (volts or 1)
+    volts = np.any(config.sensor.volt_per_code)
+    signal = (samples - level) * (scale * np.array(config.sensor.volt_per_code) if volts else 1)
     events = draw_events(axes, samples, rate, first=1)
     if events:
         signal = np.broadcast_to(np.arange(samples.shape[1]), samples.shape)
@@ -557,6 +557,29 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
     return figure
 
 
+def draw_scans(rows: Sequence[Record]) -> Figure | None:
+    """Accuracy of the best front end at every ``scan_every``, by the linear classifier that chose front ends, with its
+    energy of a touch; None where one alone was judged."""
+    best: dict[int, Record] = {}
+    for row in sorted(rows, key=lambda row: -row["accuracy"]):
+        best.setdefault(row.get("scan_every", 1), row)
+    if len(best) < 2:
+        return None
+    figure, (axes,) = panel_row(1, 5.2, 2.6)
+    for place, (_, row) in enumerate(sorted(best.items())):
+        bars = share_bars([row["accuracy"]], [row["standard_error"]])
+        axes.errorbar(place, row["accuracy"], yerr=bars, fmt="o", capsize=2, color=FLOAT_COLOUR)
+        energy = f"{1e6 * row['energy_touch_j']:.3g} µJ"
+        axes.annotate(
+            energy, (place, row["accuracy"]), (7, 0), textcoords="offset points", va="center", fontsize=8
+        )
+    axes.set_xticks(range(len(best)), [str(every) for every in sorted(best)])
+    axes.set(xlabel="one frame in so many is scanned", ylabel="accuracy, linear, unquantised")
+    axes.margins(x=0.2)
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    return figure
+
+
 POINT = 6
 """Half the width of a point of a candidate, pixels."""
 
@@ -624,7 +647,7 @@ def _candidates(run: Record) -> list[Record]:
 
 def _render(result: Result) -> str:
     splits, config, run = result.training["cross_validation"], result.config, result.run
-    candidates = _candidates(run)
+    candidates, front_end = _candidates(run), run.get("front_end")
     names = config.network.class_names
     with rc_context(STYLE):
         drawn: dict[str, Figure | None] = {"confusion": draw_confusion(splits, names, result.things)}
@@ -634,6 +657,7 @@ def _render(result: Result) -> str:
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
                 "training": draw_training(splits),
                 "candidates": draw_candidates(candidates) if candidates else None,
+                "scans": draw_scans([front_end["chosen"], *front_end["rivals"]]) if front_end else None,
             }
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
     values = _values(result)
@@ -651,7 +675,6 @@ def _render(result: Result) -> str:
         errors = {row["stage"]: row for row in result.evaluate["stages"]}
         formats = describe_formats(config)
         return page("images.html.j2", **values, errors=errors, formats=formats)
-    front_end = run.get("front_end")
     return page(
         "report.html.j2",
         **values,

@@ -71,8 +71,10 @@ def count(value: float) -> str:
     return f"{round(value):,}".replace(",", "\u202f")
 
 
-def number(value: float | None, spec: str, factor: float = 1) -> str:
+def number(value: float | Sequence[float] | None, spec: str, factor: float = 1) -> str:
     """``value`` times ``factor`` as a format says."""
+    if isinstance(value, Sequence):  # of each taxel: the least and the most
+        return f"{number(min(value), spec, factor)} to {number(max(value), spec, factor)}"
     return "-" if value is None else format(value * factor, spec)
 
 

@@ -17,7 +17,8 @@ HOLDING = CONFIG.replace(lanes=4)
 
 
 def _decisions(m: Module, config) -> None:
-    """Drives the classifier as the engine does, and counts what it gives against what it was given."""
+    """Drives the classifier as the engine does, and compares the number of its outputs with the number of its
+    inputs."""
     dut = placed(Classifier(config))
     free(dut.logit.valid, dut.logit.value, dut.o.ready, dut.finish)
     logits = Signal(range(CLASSES))  # of the step under way

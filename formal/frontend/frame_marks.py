@@ -1,4 +1,4 @@
-"""The marks of a touch's frames, against its windows; and the frames that the blocks behind them see."""
+"""The marks of a touch's frames, against its windows, and the frames that later blocks see."""
 
 from amaranth.hdl import Module, Mux, Signal
 

@@ -82,9 +82,8 @@ def no_write_during_a_touch(m: Module) -> None:
 
 
 def _twins(m: Module):
-    """Two of the same inputs, of which the second gets a write more where ``more`` is high, to any address.
-    All that they give is the same, and so is their state, but for what is read and the
-    faults."""
+    """Two copies with the same inputs. The second gets an additional write where ``more`` is high, to any
+    address. All their outputs are the same, and so is their state, except read data and faults."""
     left, right = placed_free(HostControl(CONFIG), name="one"), placed(HostControl(CONFIG), "other")
     more = Signal()
     free(more)

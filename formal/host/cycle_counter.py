@@ -1,4 +1,4 @@
-"""The counter of cycles: what it counts, and that the longest is the longest."""
+"""The counter of cycles: it counts the selected quantity, and the longest is the longest."""
 
 from amaranth.hdl import Module, Mux, Signal
 

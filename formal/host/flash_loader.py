@@ -1,4 +1,4 @@
-"""The model out of the flash: it comes to an end from any state, and is there only behind a right
+"""The model from the flash: the loader ends from any state, and the model is there only after a correct
 checksum."""
 
 from unittest import mock

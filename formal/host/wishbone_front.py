@@ -1,4 +1,4 @@
-"""Wishbone in front of the shell: one acknowledge a cycle that asks for it, nothing acts outside one."""
+"""Wishbone in front of the shell: one acknowledge per requesting cycle, and no effect outside one."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib.wiring import connect

@@ -1,5 +1,5 @@
-"""The two memories of maps: a value that is there stays until it is written itself, and only the memory that
-is not read is written."""
+"""The two memories of maps: a stored value stays until it is written itself, and only the memory that is not
+read is written."""
 
 from amaranth.hdl import Module, Signal
 

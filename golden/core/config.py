@@ -1,5 +1,5 @@
-"""The configuration of one accelerator: every size, rule and number format, with units, and what follows from
-them.
+"""The configuration of one accelerator: every size, rule and number format, with units, and the quantities
+derived from them.
 
 Shared by the golden model and the hardware generator. A configuration that cannot work is refused on
 construction, before any long work starts.
@@ -569,9 +569,9 @@ class AcceleratorConfig:
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
 
     def feature_unit(self, length: int, kind: str) -> float:
-        """The divisor between a window's value and what the network learns from.
+        """Divisor from a window's value to the feature before scaling.
 
-        Of a mean the frames of a window of ``length``, of an activity its blocks, of companded values two to
+        For a mean: frames of a window of ``length``; for an activity: its blocks; for companded values: two to
         the power of their fraction bits.
         """
         if kind == "integral":
@@ -592,7 +592,7 @@ class AcceleratorConfig:
 
     @property
     def mean_frac(self) -> int:
-        """Fraction bits of the normaliser's means: what negative shifts ask for, most often none."""
+        """Fraction bits of the normaliser's means, as negative shifts require; usually 0."""
         return max((0, *(-shift for shift in self.features.feature_shift)))
 
     @property
@@ -625,8 +625,8 @@ class AcceleratorConfig:
 
     @property
     def is_image(self) -> bool:
-        """True for a network for images, whose sizes and formats are those of group ``image``; what this
-        class says of windows, features and cells is without meaning there."""
+        """True for a network for images. Its sizes and formats are in the group ``image``; the properties
+        about windows, features and cells are undefined."""
         return self.network.cell == "image" or bool(self.image.layers)
 
     @cached_property

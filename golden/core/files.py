@@ -68,8 +68,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _parents(path: Path) -> Iterator[None]:
-    """The folders above ``path`` are there within the block; those that were missing are gone again after an
-    error."""
+    """Create missing folders above ``path`` for the block; after an error they are removed again."""
     missing = [folder for folder in path.absolute().parents if not folder.exists()]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -86,8 +85,8 @@ def replacing_folder(folder: str | Path, check: Callable[[], None] = lambda: Non
     """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends
     without an error; who may read it is as for any new folder of the process (its umask).
 
-    What may be replaced is for the caller to decide. ``check`` is called right before, while no other process
-    replaces a folder beside it; where it raises, ``folder`` stays as it is.
+    The caller decides whether it may be replaced. ``check`` is called right before, while no other process
+    replaces a folder beside it; if it raises, ``folder`` stays as it is.
 
     Raises
     ------
@@ -107,8 +106,8 @@ def replacing_folder(folder: str | Path, check: Callable[[], None] = lambda: Non
 
 
 def exchange(fresh: Path, folder: Path, old: Path, check: Callable[[], None] = lambda: None) -> None:
-    """Let ``fresh`` take the name ``folder``; what had it is ``old`` from then on. All on one file system.
-    ``check``: as of `replacing_folder`.
+    """Rename ``fresh`` to ``folder``; the earlier ``folder`` becomes ``old``. All three are on one file
+    system. ``check``: as of `replacing_folder`.
 
     Raises
     ------
@@ -141,8 +140,8 @@ def write_json(path: str | Path, value: Any) -> None:
 
 
 class ArchiveError(ValueError):
-    """An ``.npz`` that cannot be read. member: the array at fault, empty: the archive itself; the message
-    says what is wrong with it."""
+    """An ``.npz`` that cannot be read. member: the array at fault; empty: the archive itself. The message
+    gives the reason."""
 
     def __init__(self, why: str, member: str = "") -> None:
         super().__init__(why)

@@ -65,7 +65,7 @@ class QFormat:
 
     @property
     def magnitude(self) -> int:
-        """Largest absolute value of a code: what accumulator bounds are made of."""
+        """Largest absolute value of a code, from which accumulator bounds are computed."""
         return max(-self.min_code, self.max_code)
 
     def quantise(self, value, *, rounding: Rounding = "RND_CONV"):

@@ -239,7 +239,7 @@ smaller ones."""
 
 
 def network(name: str, classes: int) -> tuple[Layer, ...]:
-    """The layers of the network called ``name`` in NETWORKS, for so many classes."""
+    """Layers of the network called ``name`` in NETWORKS, for a number of classes."""
     return (*map(parse_layer, NETWORKS[name]), Dense(classes))
 
 

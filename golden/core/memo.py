@@ -36,7 +36,7 @@ TOOLS = (
 
 
 def content_key(*parts: Any) -> str:
-    """A name for what ``parts`` determine.
+    """A name that ``parts`` determine.
 
     A part is bytes, an array, a file (`Path`: its content), something with a ``content`` of its own
     (recordings, a model, a configuration), or what JSON holds.
@@ -124,7 +124,7 @@ class Memo:
         return folder
 
     def forget(self, keys: Iterable[str]) -> None:
-        """Delete JSON results, as far as they are there."""
+        """Delete JSON results that exist."""
         for key in keys:
             self._path(key).unlink(missing_ok=True)
 

@@ -19,8 +19,8 @@ def samples_of(codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 
 
 def codes_of(samples: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-    """The codes that a converter would give for recorded samples: the nearest it has, its ends for what lies
-    beyond them."""
+    """Codes that a converter would give for recorded samples: the nearest one, its limits outside its
+    range."""
     fmt, shift = code_format(config), code_shift(config)
     wide = samples.astype(np.int64)
     moved = wide * 2**shift if shift >= 0 else np.floor_divide(wide + 2 ** (-shift - 1), 2**-shift)
@@ -28,7 +28,7 @@ def codes_of(samples: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 
 
 def through_converter(recordings: Recordings, config: AcceleratorConfig) -> tuple[Recordings, np.ndarray]:
-    """The recordings as the chain gets them behind the configuration's converter, and the codes at its pins:
+    """Recordings as the chain gets them through the configuration's converter, and the codes at its pins:
     (frames, taxels), or (frames, electrodes)."""
     plan = converter_plan(config)
     codes = plan.to_pins(codes_of(recordings.samples, config), config)

@@ -127,7 +127,7 @@ def accumulators(stage: Stage, values: np.ndarray, weights: np.ndarray, bias: np
 
 
 Behind = Callable[[int, np.ndarray], np.ndarray]
-"""(number of a layer among those with weights, its sums) -> what it gives."""
+"""(number of a layer among those with weights, its sums) -> its output."""
 
 
 def layer_by_layer(

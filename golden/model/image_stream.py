@@ -43,7 +43,7 @@ class ImageStream:
 
     @property
     def onset_frame(self) -> int | None:
-        """0 while rows come: an image begins at once. None before and behind."""
+        """0 while rows arrive, as an image starts at once; None before and after."""
         return 0 if 0 < self.frame < self.config.image.height else None
 
     @property

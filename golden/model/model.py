@@ -36,7 +36,7 @@ FLOAT_FILE = "float.npz"
 INTEGER_FILE = "weights.npz"
 TRAINING_FILE = "training.json"
 SCALE_ROOM = 2
-"""Bits by which a shift may be smaller than the loudest taxel asks for. A centred feature still fits, and the
+"""Bits by which a shift may be smaller than the loudest taxel requires. A centred feature still fits, and the
 quietest taxel may have a scale four times as small.
 """
 MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
@@ -159,8 +159,8 @@ class FloatModel:
         return _content(self)
 
     def features(self, means: np.ndarray) -> np.ndarray:
-        """Features (..., steps, inputs) of what `eskin.golden.model.preprocess.real_features` gives; 0 for
-        masked taxels."""
+        """Features (..., steps, inputs) from the result of `eskin.golden.model.preprocess.real_features`; 0
+        for masked taxels."""
         mu, sigma = (real_by_input(self.config, self.arrays[name]) for name in ("mu", "sigma"))
         features = (means - mu) / sigma
         features[..., list(self.config.input_mask)] = 0.0
@@ -199,7 +199,7 @@ class FloatModel:
 
 @dataclass(frozen=True)
 class IntegerModel:
-    """The integer network: what the hardware computes with.
+    """The integer network, with which the hardware computes.
 
     config: with every format and ``feature_shift`` filled. arrays: int64 codes by the names of
     docs/specification.md section 8.
@@ -312,7 +312,7 @@ class IntegerModel:
 def _write(
     folder: Path, config: AcceleratorConfig, integer: IntegerModel | None, training: Mapping[str, Any] | None
 ) -> None:
-    """The configuration, and of integers and training record what there is."""
+    """The configuration, and the integers and training record that exist."""
     if integer is not None:
         config = integer.config
         np.savez(folder / INTEGER_FILE, allow_pickle=False, **integer.arrays)
@@ -638,8 +638,8 @@ def with_network(
     hidden: int | None = None,
     steps: int | None = None,
 ) -> AcceleratorConfig:
-    """``config`` with another cell, reset, hidden size or number of steps; formats and feature_shift back to
-    what the cell starts from.
+    """``config`` with another cell, reset, hidden size or number of steps; formats and feature_shift return
+    to the initial ones of the cell.
 
     A thesis-mode configuration keeps its touch length: hop = floor(touch_frames / steps), window = 2 hop + 1.
     A linear cell decides by its last step, which has seen every window, where the configuration counted

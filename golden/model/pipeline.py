@@ -27,7 +27,7 @@ Forward = Callable[[np.ndarray, Touches], tuple[np.ndarray, np.ndarray]]
 """(h' (n, K, H), logits (n, K, C)) of features (n, K, D) of touches."""
 
 Stream = tuple[np.ndarray, np.ndarray]
-"""(values, offsets): what stage s offered for recording i is ``values[offsets[i]:offsets[i+1]]``."""
+"""(values, offsets): the values of stage s for recording i are ``values[offsets[i]:offsets[i+1]]``."""
 
 
 @dataclass(frozen=True)
@@ -163,8 +163,8 @@ def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray)
 def early_steps(
     config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(first step (n) at which the last ``early_steps`` local decisions agree with enough margin, 0 where
-    none; is there one (n)).
+    """(first step (n) at which the last ``early_steps`` local decisions agree with enough margin, 0 if none;
+    whether there is one (n)).
 
     Parameters
     ----------
@@ -318,11 +318,11 @@ def run(
     Parameters
     ----------
     touches:
-        Those of ``find_touches(model.config, recordings)``, if they are known already.
+        Result of ``find_touches(model.config, recordings)``, if it is known already.
     progress:
         Called with (recordings done, recordings in all).
     readout:
-        Of a float model: as `decide_touches`.
+        For a float model: as `decide_touches`.
 
     Raises
     ------

@@ -28,8 +28,8 @@ def narrowed(config: AcceleratorConfig, values: np.ndarray) -> np.ndarray:
 
 
 def real_trajectory(config: AcceleratorConfig, hidden: np.ndarray, logits: np.ndarray) -> np.ndarray:
-    """A float network's (..., K, values), in units of a state code and not rounded: what `trajectory_codes`
-    would be without formats."""
+    """A float network's (..., K, values), in units of a state code and not rounded: `trajectory_codes`
+    without formats."""
     lsb = 2.0 ** (config.readout_rule.state_code_shift - config.trajectory_format.frac_bits)
     return (hidden if config.recurrent else logits) / lsb
 
@@ -176,14 +176,14 @@ def _untaught(model: IntegerModel) -> str:
 
 
 def save_taught(model: IntegerModel, path: str | Path) -> None:
-    """Write what ``model`` was taught to ``path``, an ``.npz``."""
+    """Write the taught touches of ``model`` to ``path``, an ``.npz``."""
     arrays = {name: model.arrays[name] for name in TAUGHT} | {"model": np.array(_untaught(model))}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
 
 
 def load_taught(model: IntegerModel, path: str | Path) -> IntegerModel:
-    """``model`` with what `save_taught` wrote to ``path``, in place of what it was taught.
+    """``model`` with the taught touches that `save_taught` wrote to ``path`` instead of its own.
 
     Raises
     ------

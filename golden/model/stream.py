@@ -168,9 +168,8 @@ class Stream:
         return self._pushed(self._touch.start_frame) if self._touch else None
 
     def push(self, frames: Any) -> list[Decision]:
-        """Take one frame (taxels) or several (frames, taxels): codes, or real samples where the configuration
-        says what a code is worth (``volt_per_code``). The decisions that they bring, in the order of the
-        hardware.
+        """Take one frame (taxels) or several (frames, taxels): codes, or real samples if the configuration
+        has a value per code (``volt_per_code``). Returns their decisions in the order of the hardware.
 
         Raises
         ------
@@ -217,7 +216,7 @@ class Stream:
             self.model, self._following = teach(self._integer(), self._last, label), None
 
     def forget(self, label: int | str | None = None) -> None:
-        """Forget what class ``label`` was taught; None: every class.
+        """Remove the taught touches of class ``label``; None: of every class.
 
         Raises
         ------
@@ -261,7 +260,7 @@ class Stream:
         if samples.dtype.kind == "f" and worth:
             # float16 cannot hold the codes, float64 not every long double: infinities are clipped below
             with np.errstate(over="ignore"):
-                real = samples.astype(np.float64) / worth
+                real = samples.astype(np.float64) / np.array(worth)
             if np.isnan(real).any():
                 raise InputError("frames: hold values that are not a number; give samples that are finite")
             samples = np.clip(np.rint(real), fmt.min_code, fmt.max_code).astype(np.int32)
@@ -292,8 +291,7 @@ class Stream:
         return decisions
 
     def _keep(self, deviations: np.ndarray) -> None:
-        """Add to the deviations that are kept, and forget what no touch can need any more when there is no
-        room."""
+        """Append the deviations, and drop those that no touch can need any more when the buffer is full."""
         stop = self._front.frames - self._base
         if stop > len(self._kept):
             before = self._front.frames - len(deviations)

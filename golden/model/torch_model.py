@@ -1,4 +1,4 @@
-"""The integer network on int64 tensors of torch: what co-simulation compares the hardware with.
+"""The integer network on int64 tensors of torch: the reference of the co-simulation.
 
 The cells are the text of `eskin.golden.model.cells`, which the float network trains with; here they run in whole
 numbers. Everything else of the trace (front end, decisions) is that of `eskin.golden.model.pipeline`.

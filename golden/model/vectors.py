@@ -1,4 +1,4 @@
-"""Test vectors: what goes into the accelerator and what must come out, in one file that needs no torch to
+"""Test vectors: the input of the accelerator and its expected output, in one file that needs no torch to
 read.
 
 The file is what crosses from the golden model to co-simulation and to the generated bench.

@@ -1,5 +1,5 @@
-"""Drivers of nets with many receivers, which synthesis leaves to placement: trees of buffers, without which
-such a net decides on the clock, and a cell for so many constant pins."""
+"""Drivers of nets with many receivers, which synthesis leaves to placement: buffer trees, without which such
+a net limits the clock, and one constant cell per few pins."""
 
 from collections.abc import Mapping
 
@@ -12,8 +12,8 @@ RECEIVERS_MAX = 16
 
 
 def buffer_of(cells: Mapping[str, Cell]) -> Cell | None:
-    """The smallest buffer, of the smallest leakage where several are; None where a process has none. A chip
-    for sensors has clocks of a few MHz, so the load of 16 receivers asks for no larger one."""
+    """The smallest buffer, with the smallest leakage if there are several; None if a process has none. A chip
+    for sensors has clocks of a few MHz, so the load of 16 receivers needs no larger one."""
     buffers = [cell for cell in cells.values() if cell.kind == "logic" and cell.usable and _through(cell)]
     return min(buffers, key=lambda cell: (cell.area, cell.leakage, cell.name), default=None)
 
@@ -30,9 +30,9 @@ def _through(cell: Cell) -> tuple[str, str] | None:
 
 
 def insert(module: Record, cells: Mapping[str, Cell], most: int = RECEIVERS_MAX) -> int:
-    """Put buffers into a module of Yosys' JSON, so that no net has more than ``most`` receivers; how many.
-    A constant takes as many cells as it needs in place of buffers. The clock's net, and what a clock gate
-    drives, wait for a clock tree.
+    """Insert buffers into a module of Yosys' JSON, so that no net has more than ``most`` receivers. Returns
+    their number. A constant gets more cells instead of buffers. The clock's net, and nets behind a clock
+    gate, wait for a clock tree.
     """
     chosen = buffer_of(cells)
     if chosen is None:

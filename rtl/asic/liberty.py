@@ -1,5 +1,5 @@
-"""Liberty files: what a process's cells and memory macros are, do, take and need. Read where they lie;
-nothing of them is kept.
+"""Liberty files: kinds, functions, areas and energies of a process's cells and memory macros. They are read
+in place; nothing of them is kept.
 
 The format: Liberty User Guide (Synopsys, open source). Read here: groups, simple and complex attributes; of
 tables the middle.

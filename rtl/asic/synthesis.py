@@ -159,8 +159,7 @@ class Netlist:
 def synthesise(
     design, process: Process, folder: Path, *, top: str = "accelerator", delay_ps: int = 10000
 ) -> Netlist:
-    """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and what Yosys
-    says.
+    """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and Yosys' log.
 
     Parameters
     ----------

@@ -17,8 +17,8 @@ def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """One deviation e on its way to the windows, as complement ~e = -e - 1, with what the detector knows of
-    its frame.
+    """One deviation e on its way to the windows, as complement ~e = -e - 1, with the detector's marks of its
+    frame.
 
     Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags are those of the
     frame, on each of its beats. ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last

@@ -14,12 +14,12 @@ LOAD = ("select", "address", "data", "enable")
 
 
 def following(target: Any, source: Any, *members: str) -> list:
-    """Statements that make members of ``target`` say what those of ``source`` do."""
+    """Statements that drive the members of ``target`` with those of ``source``."""
     return [getattr(target, name).eq(getattr(source, name)) for name in members]
 
 
 def load_lines(config: AcceleratorConfig) -> dict[int, int]:
-    """The line of ``select`` that stands for a memory, by its value of MEMORY_SELECT."""
+    """The line of ``select`` of a memory, by its value of MEMORY_SELECT."""
     if config.is_image:
         return image_lines(plan_of(config))
     return {select: line for line, select in enumerate((*range(config.hardware.lanes), *memories(config)))}

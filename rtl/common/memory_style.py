@@ -34,8 +34,8 @@ def before_an_adder(platform: str | None) -> dict[str, int | str]:
 
 
 def program_memory(platform: str | None) -> dict[str, int | str]:
-    """Attributes of a program's memory, whose words steer everything: gates where blocks are late, else what
-    Yosys likes."""
+    """Attributes of a program's memory, whose words control everything: gates where blocks are late,
+    otherwise Yosys' choice."""
     return {"ram_style": "logic"} if platform == LATE_BLOCKS else {}
 
 

@@ -18,8 +18,8 @@ def parity_wrong(m: Module, register: Signal, write: Value, data: Value) -> Valu
 
 
 def at_end(config: AcceleratorConfig, select: Value, address: Value) -> Value:
-    """High when ``address``, which counts 16-bit words from 0, is behind the last one of the memory whose
-    line of ``select`` is high."""
+    """High if ``address``, in 16-bit words from 0, is beyond the last one of the memory whose line of
+    ``select`` is high."""
     count, lines = memory_words(config), load_lines(config)
     ends = [
         select[line] & reaches(address, count[number] * words_per_entry(config, number))

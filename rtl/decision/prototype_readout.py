@@ -55,8 +55,8 @@ def _odd_of_next(counter: Value) -> Value:
 
 
 class PrototypeReadout(wiring.Component):
-    """Distances of the touch under way from all prototypes, a code a cycle and no multiplier; writes what it
-    sees into the place of a taught touch.
+    """Distances of the current touch from all prototypes, one code per cycle and without a multiplier; writes
+    the touch into the slot of a taught one.
 
     The codes are in one memory, step by step, place by place, value by value, so that a step begins where the
     one before ended and a single counter addresses all of a touch. With places for taught touches the first
@@ -383,8 +383,8 @@ class PrototypeReadout(wiring.Component):
         registers: list,
         flags: list,
     ) -> tuple[Value, Value, Value]:
-        """Commands, and the numbers of touches taught: whether the place under way is in use, the number of the
-        class that a host asks for, whether one has another parity than was written."""
+        """Commands, and the numbers of touches taught: whether the current slot is in use, the number of the
+        requested class, whether one has another parity than was written."""
         config, rule = self._config, self._config.readout_rule
         words, places, classes = prototype_words(config), rule.taught, config.classes
         checks = config.hardware.checksum

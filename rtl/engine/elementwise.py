@@ -11,8 +11,8 @@ from eskin.rtl.program.scheduler import Schedule
 
 
 class ElementwiseUnit(wiring.Component):
-    """Around the lane of element-wise operations: chooses its operand from what the memories read, and
-    narrows its sum.
+    """Element-wise operations around their lane: chooses the operand from the memories' words, and narrows
+    the sum.
 
     ``a = S[i]``, ``T[i]``, ``S[i] - T[i]`` or the centred window sum; a sum starts from the rounding half,
     plus ``T[i]`` at product scale where asked. Result: floor shift by gate_frac (the half is in), SAT to

@@ -1,4 +1,4 @@
-"""The checksum over what the engine's memories hold for ever: docs/specification.md section 11."""
+"""Checksum over the constants in the engine's memories: docs/specification.md section 11."""
 
 from functools import reduce
 from operator import xor

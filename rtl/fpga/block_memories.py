@@ -25,8 +25,8 @@ def _accelerator(config: AcceleratorConfig) -> Accelerator:
 
 def block_memories(config: AcceleratorConfig, family: str, shapes: Sequence[tuple[int, int]]) -> int:
     """Block memories of the accelerator on a family of FPGAs: each memory, once for every port that reads it,
-    cut into blocks of the shape (words, bits) that needs fewest. Memories that are asked to be made of
-    something else, or hold so few words that they are, and columns of a ROM that never change need none."""
+    cut into blocks of the shape (words, bits) that needs fewest. Memories with another implementation,
+    memories with few words, and columns of a ROM that never change need none."""
     total = 0
     for bits, words, readers, requests in _blocks(Fragment.get(_accelerator(config), family)):
         needed = min(-(-words // depth) * -(-bits // width) for depth, width in shapes)
@@ -35,8 +35,8 @@ def block_memories(config: AcceleratorConfig, family: str, shapes: Sequence[tupl
 
 
 def _blocks(fragment: Fragment) -> Iterator[tuple[int, int, int, bool]]:
-    """(bits of a word, words, ports that read, a block memory is asked for) of each memory that block
-    memories may hold."""
+    """(bits of a word, words, ports that read, whether the design requests a block memory) of each memory
+    that block memories may hold."""
     if isinstance(fragment, MemoryInstance):
         data, style = fragment._data, fragment._attrs.get("ram_style", "auto")
         bits = Shape.cast(data.shape).width

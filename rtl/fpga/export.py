@@ -21,7 +21,7 @@ TOP = "accelerator"
 BOARD_TOP = "board_top"
 SENSING = "sensing"
 BUS_TOP = "eskin"
-"""Begins the name of the module for a user's system; behind it the bus, or ``axis``."""
+"""Prefix of the name of the module for a user's system; the bus or ``axis`` follows."""
 
 
 def export(config: AcceleratorConfig, arrays: Arrays | None = None, name: str = TOP) -> str:
@@ -94,8 +94,7 @@ signal with a driver each are signals, and values that nothing reads have no nam
 
 WIDE_LOGIC_NOT = Path(__file__).with_name("wide_logic_not.v")
 WAIVER = Path(__file__).with_name("waiver.vlt")
-"""Verilator's warnings that are meant, with reasons; part of what `eskin.rtl.fpga.generate.generate`
-writes."""
+"""Verilator's expected warnings, with reasons; part of the output of `eskin.rtl.fpga.generate.generate`."""
 
 
 def _verilog(component: wiring.Component, name: str) -> str:

@@ -214,8 +214,8 @@ def load_header(writes: Iterable[tuple[int, int]]) -> str:
 
 
 def c_header(config: AcceleratorConfig, registers: Iterable[Entry] | None = None) -> str:
-    """The register map as a C header: ``registers`` (default: the accelerator's own) and fields, bits, what
-    can be measured, memories."""
+    """The register map as a C header: ``registers`` (default: the accelerator's own) and fields, bits,
+    measures, memories."""
     values = {
         "flags": {"CONTROL": Control, "STATUS": Status, "FAULT": Fault, "EVENT": Event},
         "memories": ImageMemory if config.is_image else memories(config),

@@ -18,7 +18,7 @@ PACKERS = {
     "ecp5": ("ecppack", "config", "bit"),
     "gowin": ("gowin_pack", "json", "fs"),
 }
-"""Family: the tool that makes the bitstream, what it reads and writes."""
+"""Family: the tool that makes the bitstream, its input and its output."""
 
 KINDS = {
     "ICESTORM_DSP": "dsp",
@@ -121,7 +121,7 @@ def place(
     pins:
         Site of each port.
     folder:
-        Where everything is written; made if missing.
+        Output folder; made if missing.
     border:
         The submodule that the netlist was kept apart for (`eskin.rtl.fpga.synthesis.synthesise`, ``keep``).
 

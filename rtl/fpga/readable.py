@@ -1,5 +1,5 @@
-"""Verilog that Yosys wrote, made readable: what a signal is made of stands where it is used, and what stays
-has a name.
+"""Readable Verilog from Yosys' text: an expression that is used once is written where it is used, and
+remaining wires have names.
 
 Yosys gives each operation of a design a wire of its own, ``_012_``. One that is used once becomes the
 expression that it stands for. In braces, or in parentheses where those mean the same, its width does not
@@ -68,7 +68,7 @@ def _inlined(text: str) -> str:
         return text
 
     def spelt(value: str, room: int) -> str:
-        """``value`` with what goes into it; what has no room there stays a wire."""
+        """``value`` with its operands in place; an operand that does not fit stays a wire."""
 
         def put(found: re.Match) -> str:
             name = found[0]
@@ -113,11 +113,11 @@ _CALLED = (
     (re.compile(r"(?m)^  assign (_\d+_) = \$signed\((\w+)\) \* \$signed\((\w+)\);$"), "{0}_times_{1}", 1),
     (re.compile(r"(?m)^  assign (_\d+_) = .*?(?<![\w'$])\\?([A-Za-z]\w*).*;$"), "of_{0}", 1),
 )
-"""Lines that say what a wire is, the name that it gets, and which group of the line is the wire."""
+"""Lines that declare a wire, the name that it gets, and the group of the line that is the wire."""
 
 
 def _wires_named(text: str) -> str:
-    """Wires that stay are called by the register that takes them or by what they are made of."""
+    """Remaining wires are named after the register that takes them or after their operands."""
     taken, names = set(re.findall(NAME, text)), {}
     for line, name, place in _CALLED:
         for found in line.finditer(text):

@@ -44,9 +44,9 @@ class Family:
 
 
 BLOCK_MEMORY_S = 15e-6
-"""Block memories of an iCE40 read zeros for some 3 us after configuration, by a delay of the part's own that
-nothing tells (YosysHQ/icestorm issue 76); five times as long, as amaranth's platform for these parts
-waits."""
+"""Block memories of an iCE40 read zeros for some 3 us after configuration, a delay of the part that no signal
+reports (YosysHQ/icestorm issue 76). The reset lasts five times as long, as amaranth's platform for these
+parts waits."""
 
 ICE40 = Family(
     name="ice40",
@@ -109,8 +109,8 @@ class Chain(wiring.Component):
 
 
 class Harness(wiring.Component):
-    """A design behind four pins, for parts that have fewer pins than it has ports: an area and timing figure
-    needs registers on both sides.
+    """A design behind four pins, for parts with fewer pins than the design has ports; a figure of area and
+    timing needs registers on both sides.
 
     Members
     -------

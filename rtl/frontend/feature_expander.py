@@ -1,5 +1,5 @@
-"""One deviation becomes one beat for each kind of feature (docs/specification.md, section 2: what a window
-gives)."""
+"""Feature expander: one deviation becomes one beat for each kind of feature (docs/specification.md, section
+2)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
@@ -19,8 +19,8 @@ SLOTS = {"mean": 0, "activity": 1, "integral": 2}
 
 
 class FeatureExpander(wiring.Component):
-    """Each deviation as it comes becomes a beat for each of ``feature_kinds`` that has a value in its
-    frame, in their order; what follows sees more taxels.
+    """Makes of each deviation a beat for each of ``feature_kinds`` that has a value in its frame, in their
+    order; later blocks see more taxels.
 
     - ``mean``: the deviation e itself, in every frame.
     - ``activity``: the block's activity, in the last frame of each ``activity_block`` frames. A taxel's state

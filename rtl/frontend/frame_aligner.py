@@ -11,7 +11,7 @@ from eskin.rtl.common.layouts import sample_layout
 
 
 class FrameAligner(wiring.Component):
-    """Counts the taxels of a frame, fills up a frame that ends early, and drops what comes outside one.
+    """Counts the taxels of a frame, fills up a frame that ends early, and drops samples outside a frame.
 
     Members
     -------

@@ -11,7 +11,7 @@ from eskin.rtl.common.collisions import NO_COLLISION
 
 
 class RestLevel(wiring.Component):
-    """Reads the level of a beat's taxel, gives the deviation, and a stage later what the level will be.
+    """Reads the level of a beat's taxel, gives the deviation, and the next level one stage later.
 
     The level has ``level_frac`` fraction bits, at least the 4 of the specification. If ``rest_frames`` is a
     power of two, the settling sum is the level: its finer bits have no effect, and the rounding half is its

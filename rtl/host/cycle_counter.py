@@ -10,7 +10,8 @@ COUNTER_BITS = 16
 
 
 class CycleCounter(wiring.Component):
-    """Counts the cycles of what ``measure`` names and keeps the longest; both saturate at 65535.
+    """Counts the cycles of the quantity that ``measure`` selects and keeps the largest count; both saturate
+    at 65535.
 
     Members
     -------

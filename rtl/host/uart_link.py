@@ -17,8 +17,8 @@ WINDOW = 0x3C
 """Address of a packet from which four addresses stand for the registers of teaching, whose own addresses have
 a bit more."""
 HEADER_WORDS = 2
-"""16-bit words of a packet beside its samples or its value: number and command in front, check sequence
-behind."""
+"""16-bit words of a packet besides its samples or its value: number and command before them, check sequence
+after them."""
 
 
 class UartLink(wiring.Component):

@@ -8,8 +8,8 @@ from eskin.rtl.program.image_passes import ImagePlan
 
 
 def pass_layout(plan: ImagePlan) -> data.StructLayout:
-    """A pass as `eskin.rtl.program.image_passes.Word` has it; addresses are as wide as the memories ask
-    for."""
+    """A pass as `eskin.rtl.program.image_passes.Word` has it; addresses are as wide as the memories
+    require."""
     address = unsigned(plan.address_bits)
     return data.StructLayout(
         {

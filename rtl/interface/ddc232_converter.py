@@ -38,8 +38,8 @@ DDC_PINS = wiring.Signature(
 
 
 class Ddc232Converter(wiring.Component):
-    """One integration a ``start``: CONV changes, what ended is converted meanwhile, DVALID falls, the words
-    are shifted out.
+    """One integration per ``start``: CONV changes, the ended integration is converted meanwhile, DVALID
+    falls, the words are shifted out.
 
     After reset, and after a fault, the chip is set up: reset, configuration, readback compared, `WARM_UP`
     integrations thrown away. A DVALID that does not fall while there is time to read is SILENT; words that

@@ -1,5 +1,4 @@
-"""Registers of what lies beside the accelerator: where the array is touched, the converter's faults, the
-stimulator's settings."""
+"""Registers of the position, the converter's faults and the stimulator's settings."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring

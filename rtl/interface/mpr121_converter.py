@@ -148,7 +148,7 @@ class Mpr121Converter(wiring.Component):
         )
 
         def begin(fault):
-            """The start-up, from the frame's or step's end on; with what is told of it."""
+            """The start-up after a frame or step, with its fault."""
             m.d.comb += [self.finished.eq(1), self.fault.eq(fault)]
             m.d.sync += [
                 running.eq(1),

@@ -1,5 +1,5 @@
-"""A frame from SPI converters: every channel asked in turn, what comes back checked (docs/specification.md
-section 12)."""
+"""A frame from SPI converters: every channel is read in turn and checked (docs/specification.md section
+12)."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring

@@ -1,4 +1,4 @@
-"""The stimulator's frames, byte by byte, and what keeps them safe (docs/specification.md section 14)."""
+"""The stimulator's frames, byte by byte, and their safety rules (docs/specification.md section 14)."""
 
 from amaranth.hdl import Array, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import data, stream, wiring
@@ -14,8 +14,8 @@ BODIES = {"SD": 4, "SF": 2, "SW": 2, "SA": 64, "C1": 16, "C2": 16}
 ON, OFF = len(BODIES), len(BODIES) + 1
 """Numbers of the frames ``>ON<`` and ``>OFF<``; the others have their places in `BODIES`."""
 OFFS, OFFS_AT_RESET = 2, 16
-"""OFF frames in a row. After a reset the stimulator may be in the middle of a frame of 69 bytes, and takes
-what comes for its body."""
+"""Number of consecutive OFF frames. After a reset the stimulator may be in the middle of a frame of 69 bytes,
+and takes the next bytes for its body."""
 
 SETTINGS = {"amplitude": 8, "delay": 16, "frequency": 16, "width": 16}
 settings_layout = data.StructLayout({name: unsigned(bits) for name, bits in SETTINGS.items()})
@@ -26,8 +26,8 @@ class StimulatorFrames(wiring.Component):
     """While ``request`` is high: SD, SF, SW, SA, C1, C2, ON for ``electrode``, then nothing; OFF as soon as
     anything ends it.
 
-    What ends it: ``request`` falls, another electrode, ``fault``, ``on_cycles`` since the burst began. The
-    frame under way is finished first (cut short, it would swallow the OFF), then OFF is sent twice. After a
+    A burst ends when ``request`` falls, the electrode changes, ``fault`` is high, or ``on_cycles`` have passed. The
+    current frame is finished first (cut short, it would swallow the OFF), then OFF is sent twice. After a
     fault or the time limit there is no new burst until ``request`` has been low without a fault. After a
     reset OFF is sent 16 times before anything else.
 

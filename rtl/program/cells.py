@@ -1,4 +1,4 @@
-"""The cells as programs: rows on the lanes, element-wise operations, and what waits for what
+"""The cells as programs: rows on the lanes, element-wise operations, and their dependences
 (docs/specification.md, section 5)."""
 
 from collections.abc import Callable

@@ -12,7 +12,7 @@ from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.rtl.program.memory_map import load_words, load_writes, memory_words, words_per_entry
 
 FLASH_OFFSET = 1 << 20
-"""Byte of the flash at which the image begins: behind the bitstream of every board."""
+"""Byte of the flash at which the image starts: after the bitstream of every board."""
 MAGIC = int.from_bytes(b"ESK", "big")
 UNIT_BYTES = 3
 """Bytes of the two units of the head and of each write: register, then word."""

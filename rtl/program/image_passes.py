@@ -36,7 +36,7 @@ SLOT_CYCLES = 1
 FETCH_CYCLES = PASS_WORDS + 3
 """Cycles from the end of a pass, or the start of an image, to the first slot of the next pass."""
 DRAIN_CYCLES = 4
-"""Beyond one a lane, from the last slot's begin until what it released is written."""
+"""Cycles beyond one per lane, from the last slot's start until its results are written."""
 
 
 class Word(IntEnum):
@@ -186,7 +186,7 @@ class Pass:
         return last.begin + lanes + DRAIN_CYCLES
 
     def _walk(self, row: int, column: int, dy: int, dx: int) -> int:
-        """Cycles from a slot's begin until the addresses of the sum after it are there."""
+        """Cycles from a slot's start until the addresses of the next sum are ready."""
         skipped = self.kernel - self.inside(row, self.rows) + self.span - self.across(column)
         return 3 + dy + dx + skipped
 
@@ -200,7 +200,7 @@ class ImagePlan:
     stages:
         `eskin.golden.core.images.stages_of`.
     weight_bits, shifts, logit_format:
-        Of its numbers; a shift for each layer with weights.
+        Number formats: bits of a weight, a shift for each layer with weights, the format of logits.
     checksum:
         Passes and biases have check words and bits (`eskin.rtl.program.image_signature`).
     lanes:

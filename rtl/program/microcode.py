@@ -1,4 +1,4 @@
-"""A scheduled step as microcode: for every slot, what each unit of the engine does in that very slot.
+"""A scheduled step as microcode: for every slot, the action of each unit of the engine.
 
 The words are time-stationary: an operation that takes several slots sets bits in several words, so nothing
 travels beside the data and the hardware needs no pipeline of control. Consecutive words that differ in a
@@ -71,8 +71,8 @@ class Layout:
 
     @cached_property
     def state_bases(self) -> dict[str, int]:
-        """First address of each region of the state memory: one behind the other, so that a row may read on
-        from one to the next."""
+        """First address of each region of the state memory. Regions are adjacent, so that a row may continue
+        from one into the next."""
         bases, end = {}, 0
         for region in self.program.state_regions:
             bases[region] = end
@@ -125,13 +125,12 @@ class Layout:
 
     @property
     def state_zero(self) -> int:
-        """Address of a word of the state memory that stands for 0: the prologue writes it."""
+        """Address of the state memory's word that holds 0; the prologue writes it."""
         return self.config.inputs + (len(self.program.state_regions) - 1) * self.config.network.hidden
 
     @property
     def window_none(self) -> int:
-        """Address above the window buffers of a word that stands for 0: written after each reset of the
-        chain."""
+        """Address of a word that holds 0, above the window buffers; written after each reset of the chain."""
         return 2 << self.window_bits
 
     def state(self, region: str, index: int) -> int:
@@ -166,8 +165,8 @@ class Layout:
 
     @property
     def constants(self) -> int:
-        """Address of the constants behind the gates; on a shared lane a power of two no smaller than what
-        follows: one bit marks them."""
+        """Address of the constants after the gates; on a shared lane a power of two no smaller than the
+        address after the gates, so that one bit marks them."""
         if not self.program.gate_regions:
             return 0
         gates = len(self.program.gate_regions) << self.gate_bits
@@ -211,8 +210,8 @@ class Layout:
 
     @property
     def t_zero(self) -> int:
-        """Address of a word of the T memory that stands for 0: the prologue writes it (a program without T
-        regions has none of it)."""
+        """Address of the T memory's word that holds 0; the prologue writes it (a program without T regions
+        has none)."""
         return len(self.program.t_regions) << self.hidden_bits
 
     @property

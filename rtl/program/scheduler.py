@@ -161,7 +161,7 @@ class Schedule:
 
     @property
     def weight_depth(self) -> int:
-        """Words of a weight memory: `weight_words` for every set of weights, one behind the other."""
+        """Words of a weight memory: `weight_words` for every set of weights, one after the other."""
         return self.config.sets * len(self.weight_words)
 
 
@@ -195,7 +195,7 @@ def groups_of(config: AcceleratorConfig, program: CellProgram):
 
 class Scheduler:
     """Slot-by-slot list scheduling: rows in program order, element-wise operations as soon as their operands
-    are there.
+    are ready.
 
     Slots are counted from the start of phase A through phase B: while the engine waits for the window between
     them, no slot passes. Where a row and an element-wise operation want the table in one slot, the one that

@@ -22,7 +22,7 @@ Read = tuple[str | int, int]
 
 
 def advance(signature: int) -> int:
-    """The signature a slot later, before what the slot reads is added."""
+    """The signature one slot later, before the constants of that slot are added."""
     signature <<= 1
     return signature ^ (TAPS | 1 << WIDTH) if signature >> WIDTH else signature
 
@@ -49,7 +49,7 @@ def constant_addends(code: Microcode) -> set[int]:
 
 
 def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
-    """(slots before the judged one, what is read) of every constant a step adds to its signature.
+    """(slots before the judged one, source) of every constant that a step adds to its signature.
 
     Parameters
     ----------

@@ -24,8 +24,8 @@ from eskin.rtl.top.watchdog import Watchdog
 
 
 class HostedChain(wiring.Component):
-    """Frames in, decisions out, a host bus beside it, probes, a clock that may stop: what the chains for
-    recordings and for images have in common; members as of `Accelerator`.
+    """The common part of the chains for recordings and for images: frames in, decisions out, a host bus,
+    probes, a clock that may stop; members as of `Accelerator`.
 
     probes: their names. ``wired`` of a chain is (its module, whether its next clock edge is needed).
     """

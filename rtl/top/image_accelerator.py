@@ -20,7 +20,7 @@ LANES = (1, 2, 4, 8, 16)
 
 
 def refuse_hardware(config: AcceleratorConfig) -> None:
-    """Refuse (InputError) what the hardware for images does not have."""
+    """Refuse (InputError) features that the hardware for images does not have."""
     hardware = config.hardware
 
     def refuse(field: str, why: str) -> None:
@@ -135,7 +135,7 @@ class ImageAccelerator(HostedChain):
 def make_accelerator(
     config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, fed_by: FedBy | None = None
 ) -> Accelerator | ImageAccelerator:
-    """The chain that the configuration asks for; parameters as of `Accelerator`.
+    """The chain of the configuration; parameters as of `Accelerator`.
 
     Raises
     ------

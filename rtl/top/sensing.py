@@ -1,5 +1,5 @@
 """The accelerator behind a converter: pins in, decisions out (docs/specification.md section 12). Wiring, and
-what a broken frame does."""
+the effect of a broken frame."""
 
 from collections.abc import Mapping
 

@@ -21,7 +21,7 @@ from eskin.rtl.top.sensing import Sensing
 
 
 def refuse_standalone(config: AcceleratorConfig) -> None:
-    """Refuse (InputError) what a board without a host cannot do."""
+    """Refuse (InputError) features that a board without a host cannot have."""
     if config.interface.converter.name == "none":
         raise InputError(
             "--standalone: nothing delivers frames; add --converter NAME, or name one in the model's "
@@ -36,8 +36,7 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
 
 
 class SkinTop(wiring.Component):
-    """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`, and one of four
-    ways to get its model.
+    """`Sensing`, with `TouchPosition` and `Stimulation` as configured, and one of four ways to get its model.
 
     - In the bitstream (``loadable`` false): frames are read from reset on.
     - Out of the board's flash (`FlashLoader`): frames are read from its ``done`` on; if it fails, never.

@@ -35,7 +35,7 @@ def longest_wait(config: AcceleratorConfig) -> int:
 
 def bound(config: AcceleratorConfig) -> int:
     """Cycles after which the watchdog acts: the power of two above ``longest_wait``, so that one bit of its
-    counter says so."""
+    counter is enough."""
     return 1 << longest_wait(config).bit_length()
 
 

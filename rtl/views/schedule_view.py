@@ -1,4 +1,4 @@
-"""A schedule made visible: which unit does what in which cycle, as spans, text and a picture.
+"""A schedule made visible: the work of each unit in each cycle, as spans, text and a picture.
 
 Everything is read off a `eskin.rtl.program.scheduler.Schedule`, the same object that becomes the sequencer's
 microcode. Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an
@@ -170,7 +170,7 @@ def lanes_name(config: AcceleratorConfig) -> str:
 
 
 def title(plan: Schedule) -> str:
-    """Two lines: what runs on what, and how well."""
+    """Two lines: the cell and its lanes, and how busy they are."""
     s = summary(plan)
     busy = f"lanes busy {100 * s['busy_share']:.1f} %"
     if plan.shared:
@@ -242,9 +242,9 @@ PHASE_A = 0.4  # opacity of what needs only the old state
 
 
 def timeline(plan: Schedule):
-    """The picture, a matplotlib Figure: a row a unit, that of the lanes as high as there are lanes at work;
-    coloured by block, pale where only the old state is needed; long steps go on in further lines of the same
-    scale."""
+    """The picture, a matplotlib Figure: a row per unit, that of the lanes as high as the number of busy
+    lanes; coloured by block, pale where only the old state is needed; long steps continue in further lines of
+    the same scale."""
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
     from matplotlib.patches import Patch
 
@@ -320,7 +320,7 @@ def save_figure(figure, kind: str) -> Callable[[Path], None]:
 
 
 def drawing_files(plan: Schedule) -> dict[str, Callable[[Path], None]]:
-    """The files of a drawing by name, each as what writes it to a path."""
+    """Files of a drawing by name, each as a function that writes it to a path."""
     picture = timeline(plan)
     values = {"summary": summary(plan), "spans": [asdict(span) for span in spans(plan)]}
     return {

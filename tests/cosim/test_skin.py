@@ -140,10 +140,12 @@ def breaks_into_off(
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("level", ["rtl", "netlist"])
-def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
+@pytest.mark.parametrize(("level", "scan_every"), [("rtl", 1), ("rtl", 4), ("netlist", 1)])
+def test_from_converter_pins_to_stimulator_bytes(level, scan_every, tmp_path):
+    """Of a source of 4 kHz one frame in four is scanned: at 1 kHz, as the other boards."""
     board = target("icebreaker")
-    model = random_integer_model(CONFIG, 1)
+    sensor = {"scan_every": scan_every, "sample_rate_hz": scan_every * CONFIG.sensor.sample_rate_hz}
+    model = random_integer_model(CONFIG.replace(**sensor), 1)
     config = model.config
     design = Wiring(config=config, target=board, sensing=True).design(
         memory_images(config, model.arrays), config.hardware.clock_hz, None
@@ -154,7 +156,7 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
     else:
         synthesise(design, board.family, tmp_path / "net")
         hardware = netlist_hardware(tmp_path / "net" / "accelerator.v", "ice40", "icebreaker", probes=False)
-    made = random_recordings(config, (520, 450, 400), seed=6)
+    made = random_recordings(config, (520, 450, 400), seed=6).scanned(scan_every)
     # nobody touches at the end: the last frame is held until the stimulator is silent
     for end in made.offsets[1:]:
         made.samples[end - 150 : end] = made.samples[0]

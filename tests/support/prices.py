@@ -15,6 +15,7 @@ def cost_by_size(config: AcceleratorConfig) -> Cost:
         cells=config.multiplies,
         latency_s=1e-6 * config.classes,
         touch_s=config.touch_s,
+        average_w=1e-6 * config.sensor.scan_rate_hz,
     )
 
 

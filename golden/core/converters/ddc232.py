@@ -63,7 +63,7 @@ class DdcPlan(Plan):
     dvalid: int
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        """Ports of a board in wiring order, and the pin of each."""
         return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in PINS}
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
@@ -71,6 +71,7 @@ class DdcPlan(Plan):
         chip, first = config.interface.converter, self.places.index(0)
         assert isinstance(chip, Ddc232)
         return {
+            "TAXELS": config.sensor.taxels,
             "FIRST": first + 1 if chip.ascending else CHANNELS - first,
             "ASCENDING": int(chip.ascending),
             "DELAY": chip.dvalid_clocks,

@@ -34,7 +34,7 @@ class MatrixPlan(Plan):
     port: SpiPlan
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        """Ports of a board in wiring order, and the pin of each."""
         wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
         for name, count in (("row", self.rows), ("column", self.columns)):
             bits = max(1, (count - 1).bit_length())

@@ -1,4 +1,4 @@
-"""The MPR121, 12 capacitive electrodes on I2C: what its data sheet and application notes say, and the plan
+"""The MPR121, 12 capacitive electrodes on I2C: figures of its data sheet and application notes, and the plan
 for one configuration.
 
 Rows and columns of an array are electrodes; with one chip a place between two electrodes is their mean, with
@@ -79,12 +79,12 @@ class MprPlan(Plan):
         return (FULL - np.maximum(rows[:, :, None], columns[:, None, :])).reshape(len(codes), -1)
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, and what each goes to."""
+        """Ports of a board, and the pin of each."""
         return {"scl": f"{chip}, SCL (pull-up)", "sda": f"{chip}, SDA (pull-up)"}
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
         """Parameters of the model in cosim/converters."""
-        return {"CHIPS": self.chips}
+        return {"CHIPS": self.chips, "ELECTRODES": self.pin_codes(config)}
 
     @property
     def scan_cycles(self) -> int:

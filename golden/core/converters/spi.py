@@ -133,7 +133,7 @@ class SpiPlan(Plan):
     high: int
 
     def wires(self, chip: str) -> dict[str, str]:
-        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        """Ports of a board in wiring order, and the pin of each."""
         many = {"miso": self.lines, "cs_n": self.selects}
         functions = {"cs_n": "CS", "mosi": "data in", "miso": "data out", "sclk": "clock"}
         further = [(name, k) for name, count in many.items() for k in range(1, count)]
@@ -149,7 +149,12 @@ class SpiPlan(Plan):
         """Parameters of the model in cosim/converters."""
         fields = ("channel_bit", "delay", "code_bit", "code_bits", "tag_bit", "tag_bits", "zeros", "channels")
         values = {name.upper(): getattr(self.chip, name) for name in fields}
-        return values | {"LINES": self.lines, "SELECTS": self.selects, "FRAME_BITS": self.chip.bits}
+        return values | {
+            "LINES": self.lines,
+            "SELECTS": self.selects,
+            "FRAME_BITS": self.chip.bits,
+            "TAXELS": config.sensor.taxels,
+        }
 
     @property
     def transfer_cycles(self) -> int:

@@ -62,9 +62,9 @@ def test_the_cheapest_within_a_standard_error_of_the_paired_difference(right, wo
 def test_what_is_least_is_what_is_preferred_and_the_board_has_the_say():
     linear, small, large = judged("linear", None, 90), judged("gru", 4, 90), judged("gru", 8, 90)
     rows = {
-        linear.config: Cost(energy_touch_j=3.0, cells=30, latency_s=2.0, touch_s=1.0),
-        small.config: Cost(energy_touch_j=1.0, cells=30, latency_s=3.0, touch_s=1.0),
-        large.config: Cost(energy_touch_j=2.0, cells=20, latency_s=3.0, touch_s=0.5),
+        linear.config: Cost(energy_touch_j=3.0, cells=30, latency_s=2.0, touch_s=1.0, average_w=0.0),
+        small.config: Cost(energy_touch_j=1.0, cells=30, latency_s=3.0, touch_s=1.0, average_w=0.0),
+        large.config: Cost(energy_touch_j=2.0, cells=20, latency_s=3.0, touch_s=0.5, average_w=0.0),
     }
     for prefer, expected in {"energy": small, "cells": large, "latency": linear}.items():
         market = priced(cost_of=rows.__getitem__, prefer=prefer)

@@ -20,6 +20,11 @@ def test_chips_times_power_times_the_touch(name, count):
     assert power["per_touch_j"] == pytest.approx(
         power["power_w"] * 6144 / 3000
     ) and "not measured" in in_words(power)
+    half = converter_power(THESIS.replace(converter=name, scan_every=2))
+    assert (
+        half["scanning_w"] == pytest.approx(power["scanning_w"] / 2)
+        and 0 < half["scanning_w"] < power["power_w"] / 2
+    )
 
 
 def test_without_a_figure_or_a_converter_nothing_is_made_up():
