@@ -39,6 +39,7 @@ from eskin.choose.choice_table import (
     front_end_words,
     network_name,
     unseen,
+    where_it_fails,
     windows_brief,
 )
 from eskin.choose.cost import pareto
@@ -503,6 +504,14 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
         ):
             place = row[key], row["accuracy"]
             colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
+            if row.get("stress"):
+                # a share of false onsets is drawn as what is left
+                figures = [abs(one["figure"] - (one["bound"] < 0.5)) for one in row["stress"]]
+                down = row["stressed_accuracy"], min(figures)
+                axes.vlines(
+                    row[key], min(down), row["accuracy"], color=colour, linewidth=0.8, alpha=0.6, zorder=1
+                )
+                axes.plot([row[key]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
             axes.errorbar(
                 *place,
                 yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
@@ -623,6 +632,7 @@ def _values(result: Result) -> Record:
         "things": result.things,
         "unseen": unseen,
         "candidates": [] if result.config.is_image else _candidates(result.run),
+        "fails": where_it_fails([] if result.config.is_image else _candidates(result.run)),
         "network_name": network_name,
         "front_end_brief": front_end_brief,
         "windows_brief": windows_brief,

@@ -60,7 +60,7 @@ class Recordings:
     groups:
         Groups (person, trial, ...): name -> array of length recordings.
     source:
-        Where they come from, for messages and the report.
+        Source of the recordings, for messages and the report.
     volt_per_code:
         Value of one code, in volt or the unit of the real samples; 0 if unknown.
     unit:
@@ -340,7 +340,7 @@ def recordings_of(
     Parameters
     ----------
     source:
-        Where they come from, for messages.
+        Source of the recordings, for messages.
     groups:
         Name -> one value a recording; None: the other arrays of that length.
     scale:
