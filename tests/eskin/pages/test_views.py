@@ -35,6 +35,6 @@ def test_a_file_with_a_name_that_says_nothing_is_called_by_its_folder():
 def test_names_of_rows_are_kept_whole_on_a_narrow_terminal():
     name = "an object with a long name"
     out = io.StringIO()
-    table = terminal_table("", ["class", "sentence"], [(name, "words " * 30)])
-    Console(file=out, width=50).print(table)
+    table = terminal_table("", ["class", *"abcdefgh"], [(name, *["unbreakable"] * 8)])
+    Console(file=out, width=60).print(table)
     assert name in out.getvalue()
