@@ -6,8 +6,7 @@ of another kind is a cocotb test of its own that starts from `Bench`.
 """
 
 import json
-from collections import deque
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,9 +29,11 @@ from eskin.cosim.scoreboard import (
 from eskin.golden.core import AcceleratorConfig
 
 CYCLE_NS = 10
-STAGES = ("sum", "fault", "feature", "state", "logit", "step", "decision")
-KINDS = (*STAGES, *"frame waited sent scan rested lost unstable unknown stuck".split())
-"""Kinds of events, as cosim/wrapper.sv numbers them; of a network for images ``state`` is ``map``."""
+KINDS = (
+    *"sum fault feature state map logit step decision".split(),
+    *"frame waited sent scan rested lost unstable unknown stuck".split(),
+)
+"""Kinds of events, as cosim/wrapper.sv numbers them."""
 EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
 SLICE = 16
 """Events in one word of ``wrapper.events``."""
@@ -119,20 +120,20 @@ class HostBus:
     async def write(self, register: str | int, word: int) -> None:
         """A 16-bit word to a register, by its name or its address."""
         dut = self._dut
-        dut.bus_addr.value = self._registers[register] if isinstance(register, str) else register
-        dut.bus_w_data.value = word
-        dut.bus_w_stb.value = 1
+        dut.bus__addr.value = self._registers[register] if isinstance(register, str) else register
+        dut.bus__w_data.value = word
+        dut.bus__w_stb.value = 1
         await FallingEdge(dut.clk)
-        dut.bus_w_stb.value = 0
+        dut.bus__w_stb.value = 0
 
     async def read(self, register: str, offset: int = 0) -> int:
         """A register, or the one ``offset`` behind it; fails on an X bit."""
         dut = self._dut
-        dut.bus_addr.value = self._registers[register] + offset
-        dut.bus_r_stb.value = 1
+        dut.bus__addr.value = self._registers[register] + offset
+        dut.bus__r_stb.value = 1
         await FallingEdge(dut.clk)
-        dut.bus_r_stb.value = 0
-        value = dut.bus_r_data.value
+        dut.bus__r_stb.value = 0
+        value = dut.bus__r_data.value
         assert value.is_resolvable, f"register {register} reads {value}"
         return value.to_unsigned()
 
@@ -153,16 +154,16 @@ class FrameSource:
 
     Attributes
     ----------
-    frames: taken so far. overruns: of these, those that were due before the hardware was ready. waited: cycles in which
-    a number was offered and not taken. taken: frame of the recording (from 1 on) -> cycle of its last number, of those
-    that were marked.
+    frames: sent so far. overruns: of these, those that were due before the hardware was ready. waited: cycles in which
+    a number was offered and not taken. longest: cycles of a frame, from its first number's offer on. taken: cycle of the
+    last number of each frame of the recording.
     """
 
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
-        self._free, self._marked = Event(), deque[int]()
-        self.frames = self.overruns = self.waited = self._toggle = self._sent = 0
-        self.taken: dict[int, int] = {}
+        self._free = Event()
+        self.frames = self.overruns = self.waited = self.longest = self._last = self._sent = 0
+        self.taken: list[int] = []
         events.take |= {
             "sent": lambda _: self._free.set(),
             "waited": self._has_waited,
@@ -184,34 +185,27 @@ class FrameSource:
             busy = np.concatenate([[*[0] * gap, 1] for gap in gaps.tolist()])[:PATTERN]
             pattern.value = int("".join(map(str, busy)), 2)
 
-    async def send(self, frames: np.ndarray, marks: Iterable[int] = ()) -> None:
-        """Offer the recording's next frames (frames, numbers); returns when the last block is on its way. ``marks``:
-        frames whose end is to be noted in ``taken``."""
-        dut, numbers = self._dut, self._sent + 1 + np.arange(len(frames))
-        dues = np.ceil(self._due + (numbers - 1) * self.period) * (self.period > 0)
-        marked = np.isin(numbers, list(marks))
-        words = dues.astype("<u8") | marked.astype("<u8") << np.uint64(47)
+    async def send(self, frames: np.ndarray) -> None:
+        """Offer the recording's next frames (frames, numbers); returns when the last block is on its way."""
+        dut, places = self._dut, self._sent + np.arange(len(frames))
+        dues = np.ceil(self._due + places * self.period) * (self.period > 0)
         for low in range(0, len(frames), self._block):
             of = slice(low, low + self._block)
-            part, six = frames[of], words[of].view("u1").reshape(-1, 8)[:, :6]
-            dut.block.value = int.from_bytes(part.astype(self._type).tobytes(), "little")
-            dut.dues.value = int.from_bytes(six.tobytes(), "little")
-            dut.frames.value = len(part)
-            self._toggle ^= 1
-            dut.sent.value = self._toggle
-            self._marked += numbers[of][marked[of]].tolist()
-            self._sent += len(part)
+            dut.block.value = int.from_bytes(frames[of].astype(self._type).tobytes(), "little")
+            dut.dues.value = int.from_bytes(dues[of].astype("<u8").tobytes(), "little")
+            dut.frames.value = self._last = len(frames[of])
+            self._sent += self._last
+            self.frames += self._last
             self._free.clear()
             await self._free.wait()
 
     @property
     def position(self) -> int:
         """Frame of the recording (from 1 on) that is being offered."""
-        return max(0, self._sent - self._dut.frames.value.to_unsigned()) + int(self._dut.frame.value) + 1
+        return max(0, self._sent - self._last) + int(self._dut.frame.value) + 1
 
     async def through(self) -> None:
         """All frames that were sent are taken."""
-        self.frames += self._sent
         await FallingEdge(self._dut.clk)
         if not self._dut.through.value:
             await RisingEdge(self._dut.through)
@@ -222,8 +216,8 @@ class FrameSource:
         self.waited += int((values.codes & 0x7FFFFFFF).sum())
 
     def _was_taken(self, values: Values) -> None:
-        for cycle in values.cycles.tolist():
-            self.taken[self._marked.popleft()] = cycle
+        self.taken += values.cycles.tolist()
+        self.longest = max(self.longest, *values.codes.tolist())
 
 
 class ScanMonitor:
@@ -251,7 +245,7 @@ class ScanMonitor:
 
     def end(self, recording: Recording) -> None:
         """A recording is over."""
-        through = list(self._source.taken.values())
+        through = self._source.taken
         scans, rests = (np.array(self._cycles[name]) for name in ("scan", "rested"))
         begins, ends = (at[np.searchsorted(at, through, side="right") - 1] for at in (scans, rests))
         late = begins - begins[:1] - np.arange(len(begins)) * self._source.period
@@ -311,7 +305,7 @@ class Bench:
         self.scoreboard.begin(self.recordings[0])
         for stage in (*flat_stages(self.config), "decision", "step"):
             monitor = StageMonitor(stage)
-            events.take["state" if stage == "map" else stage] = monitor.put
+            events.take[stage] = monitor.put
             cocotb.start_soon(self._guarded(self._follow(monitor)))
         events.unknown = lambda kind, cycle, bits: self._differs(
             kind, "a value with unknown bits", bits, cycle
@@ -348,14 +342,13 @@ class Bench:
         seed = settings["stalls"]
         source.begin(None if seed is None else np.random.default_rng([seed, recording.number]))
         frames = recording[settings["frames"]]
-        marks = range(1, len(frames) + 1) if self.scans else recording["decision_frame"].tolist()
         held = settings.get("write_at")
         if held and held[0] == recording.number:
-            await source.send(frames[: held[1]], marks)
+            await source.send(frames[: held[1]])
             await self.settle()
             self.result["probe"] = await self.refused_write()
             frames = frames[held[1] :]
-        await source.send(frames, marks)
+        await source.send(frames)
         await source.through()
         await self.bus.command("FINISH")
         await self.settle()
@@ -426,9 +419,9 @@ class Bench:
             read = self.bus.read
             self.result["registers"] = {name: await read(name) for name in REGISTERS}
         dut, source = self.dut, self.source
-        counts = {name: getattr(source, name) for name in ("frames", "overruns", "waited")}
-        names = ("cycle", "longest", "measured_cycles", "clocked_cycles", "violations")
-        counts |= {name: getattr(dut, name).value.to_unsigned() for name in names}
+        counts = {name: getattr(source, name) for name in ("frames", "overruns", "waited", "longest")}
+        for name in ("cycle", "measured_cycles", "clocked_cycles", *["violations"] * bool(self.scans)):
+            counts[name] = getattr(dut, name).value.to_unsigned()
         if self.scans:
             self.result["conversion"] = self.scans.result
         self.result |= {**counts, **self.measured.counts, "compared": dict(self.scoreboard.compared)}

@@ -85,7 +85,7 @@ def play(
                         measured.counts["steps"] += local_decisions(codes)
                 scoreboard.check(stage, codes, cycles)
             ends = device.seen()["cycle"][device.seen()["stage"] == FRAME_END].tolist()
-            measured.end(recording["decision_frame"].tolist(), dict(enumerate(ends, start=1)))
+            measured.end(recording["decision_frame"].tolist(), ends)
             device.forget()
             frames += len(ends)
             last = {name: read(address[name]) for name in REGISTERS}

@@ -126,17 +126,11 @@ class Run:
         """What the cocotb tests of module ``bench`` answer, with these settings beside the run's own, and the wall time in
         seconds."""
         config, hardware, settings = self.config, self.hardware, {**self.settings, **settings}
-        parameters = {"FRAMES": settings["block"], "PATIENCE": settings["patience"]}
-        parameters |= {"TAXELS": config.sensor.taxels, "SAMPLE_BITS": config.sensor.sample_bits}
-        if settings["frames"] == "codes":
-            parameters |= converter_parameters(config)
-        options = [
-            *hardware.options,
-            *["-DNO_PROBES"] * (not hardware.probes),
-            *["-DIMAGES"] * config.is_image,
-        ]
+        parameters = {"FRAMES": settings["block"], "PATIENCE": settings["patience"], "BITS": settings["bits"]}
+        parameters |= {"BEATS": self.expected[settings["frames"]].shape[1]}
+        parameters |= {"SAMPLE_BITS": config.sensor.sample_bits}
         built = runner.build(
-            self.simulator, hardware.sources, parameters, self.builds, options=options, waves=waves
+            self.simulator, hardware.sources, parameters, self.builds, options=hardware.options, waves=waves
         )
         work.mkdir(parents=True, exist_ok=True)
         (work / "bench.json").write_text(json.dumps(settings))
@@ -384,7 +378,12 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
     chip that has no model of its own."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter.name
     models = (folder / f"{model}.sv" for model in (name, "spi"))
-    return (folder / "pins.svh", next(filter(Path.is_file, models))), (f"-DCONVERTER_{name}",)
+    values = converters.converter_plan(config).parameters(config)
+    values |= {"CYCLE_PS": round(1e12 / config.hardware.clock_hz)}
+    given = ",".join(f".{field}({value})" for field, value in values.items())
+    wired = [f"-D{field}={values.get(field, 1)}" for field in ("LINES", "SELECTS")]
+    options = (f"-DCONVERTER_{name}", f"-DMODEL_PARAMETERS={given}", *wired)
+    return (folder / "pins.svh", next(filter(Path.is_file, models))), options
 
 
 JOINED: dict[str, Callable[[list[Any]], Any]] = {
@@ -543,13 +542,6 @@ def _open_touch(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]:
     )
 
 
-def converter_parameters(config: AcceleratorConfig) -> dict[str, int]:
-    """Parameters of the converter's model, by the fields of the configuration and the data sheet."""
-    plan = converters.converter_plan(config)
-    values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": plan.pin_codes(config)}
-    return values | plan.parameters(config)
-
-
 def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     """The number format of each flat stage, as on the probes."""
     if config.is_image:
@@ -573,7 +565,7 @@ def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> Pat
     settings = settings | {"waves_from": max(0, since - WAVES_BEFORE)}
     said, _ = run.of_recordings([position]).play(folder, settings, waves=True)
     formats = stage_formats(run.config)
-    signals = {f"wrapper.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
+    signals = {f"wrapper.probe__{stage}__value": str(fmt) for stage, fmt in formats.items()}
     described = {"mismatch": said["mismatch"], "formats": signals}
     (folder / "signals.json").write_text(json.dumps(described, indent=2) + "\n")
     return folder

@@ -5,7 +5,7 @@ first rising edge at which that window's decision can be taken, in cycles.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -39,13 +39,13 @@ class Measured:
         """The cycles in which the next decisions of a recording could first be taken."""
         self._offered += map(int, offered)
 
-    def end(self, frames: Iterable[int], taken: Mapping[int, int]) -> None:
-        """A recording is over. frames: that complete the decisions' windows, 0: none does. taken: frame -> cycle of its
-        last taxel."""
+    def end(self, frames: Iterable[int], taken: Sequence[int]) -> None:
+        """A recording is over. frames: that complete the decisions' windows, from 1 on, 0: none does. taken: cycle of the
+        last taxel of each frame."""
         self.counts["decisions"] += len(self._offered)
         for frame, cycle in zip(frames, self._offered, strict=False):
-            if frame in taken:
-                self._extreme("latency_max", max, cycle - taken[frame])
+            if 0 < frame <= len(taken):
+                self._extreme("latency_max", max, cycle - taken[frame - 1])
         self._offered = []
 
     def _extreme(self, name: str, which: Callable[[int, int], int], value: int) -> None:

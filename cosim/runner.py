@@ -33,9 +33,10 @@ WRAPPER = Path(__file__).with_name("wrapper.sv")
 SIMULATORS = ("verilator", "icarus")
 COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
 COMPILE_OPTIONS = ("OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
+"""Of a device in this process, which plays for minutes."""
 QUICKLY_COMPILED = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
-"""For a flat netlist with its own clock divider and delays: one function of 20 000 lines, over which g++ -O2
-sits for minutes, -O1 for half a minute of processor time."""
+"""Of a simulator under cocotb, which plays a few recordings; of a flat netlist with delays g++ -O2 makes one function
+for minutes."""
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
 PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
 """Paths that make takes: none with a blank, for one."""
@@ -71,10 +72,9 @@ def verilator_command() -> tuple[Path, dict[str, str]]:
 
 
 class _Limited(cocotb_runner.Runner):
-    """With a wall-clock limit, seconds. compiling: how g++ optimises what Verilator writes."""
+    """With a wall-clock limit, seconds."""
 
     limit_s = 3600.0
-    compiling: Sequence[str] = ()
 
     def _get_sim_cmd_prefix(self) -> list[str]:
         return ["timeout", "-k", "5", f"{self.limit_s:.3f}"]
@@ -104,13 +104,13 @@ class _Verilator(_Limited, cocotb_runner.Verilator):
             f"-Wl,-rpath,{shlex.quote(str(libraries))} -L{_plain(libraries, folder)} -lcocotbvpi_verilator"
         )
         words = [plain.get(word, word) for word in verilate if word != "--public-flat-rw"]
-        return [words, [*make, *self.compiling]]
+        return [words, [*make, *QUICKLY_COMPILED]]
 
     def _execute_cmds(self, cmds: Any, cwd: Any, stdout: Any = None) -> None:
         for command in cmds:
             shared = command[0] == "make"
             with (
-                _shared_runtime(Path(cwd), ["cocotb", self.waves, *self.compiling])
+                _shared_runtime(Path(cwd), ["cocotb", self.waves, *QUICKLY_COMPILED])
                 if shared
                 else nullcontext()
             ):
@@ -141,7 +141,6 @@ def build(
     waves: bool = False,
     wrapper: Path | None = WRAPPER,
     top: str = "wrapper",
-    compiling: Sequence[str] = COMPILE_OPTIONS,
 ) -> Build:
     """The wrapper around ``design`` as a simulator; an unchanged one is taken from ``root``.
 
@@ -161,8 +160,6 @@ def build(
         Able to write a VCD (Verilator needs code for it, which is slower).
     wrapper, top:
         What is simulated, and its module; None: ``top`` is in ``design``.
-    compiling:
-        How g++ optimises what Verilator writes.
 
     Raises
     ------
@@ -188,7 +185,7 @@ def build(
     described = {
         **chosen,
         "python": sys.executable,
-        "compiling": compiling,
+        "compiling": QUICKLY_COMPILED,
         "cocotb": importlib.metadata.version("cocotb"),
         "verilator": str(verilator_command()[0].stat().st_mtime_ns) if verilator else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
@@ -197,7 +194,6 @@ def build(
     def make(folder: Path) -> None:
         log = folder / "build.log"
         runner: _Limited = _Verilator() if verilator else _Icarus()
-        runner.compiling = compiling
         try:
             runner.build(
                 sources=[_plain(path, folder) for path in sources],
@@ -214,14 +210,7 @@ def build(
     return Build(simulator, kept(root, simulator, described, make), waves, top)
 
 
-def run(
-    simulator: Build,
-    work: Path,
-    *,
-    limit_s: float,
-    bench: str = "eskin.cosim.bench",
-    plusargs: Mapping[str, int] | None = None,
-) -> float:
+def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cosim.bench") -> float:
     """Run the cocotb tests of module ``bench`` in ``work``; the wall time in seconds.
 
     They answer in ``result.json`` there.
@@ -245,7 +234,6 @@ def run(
             build_dir=simulator.folder,
             test_dir=work,
             extra_env={"OPENBLAS_NUM_THREADS": "1"},
-            plusargs=[f"+{name}={value}" for name, value in (plusargs or {}).items()],
             log_file=log,
         )
     wall_s = time.monotonic() - begin

@@ -97,3 +97,22 @@ def test_a_missing_tool_is_named_with_the_command_that_installs_it(tools, name, 
     (tools / name).unlink()
     status, said = check_tools(tools, "python3", "test")
     assert status == 1 and said.count("\n") == 1 and name in said and f"apt-get install {package}" in said
+
+
+@pytest.mark.parametrize("root", [True, False])
+def test_root_installs_what_is_missing_unless_it_is_forbidden(tools, root, monkeypatch):
+    """An apt-get that installs what it is asked for."""
+    for name in ("iverilog", "perl"):
+        (tools / name).unlink()
+    program(tools, "id", f"echo {0 if root else 1000}")
+    install = f'for word in "$@"; do case $word in perl|iverilog) echo "#!/bin/sh" > {tools}/$word; /bin/chmod +x {tools}/$word;; esac; done'
+    program(tools, "apt-get", f'echo "$*" >> {tools}/asked; {install}')
+    for forbidden in (True, False):
+        monkeypatch.setenv("ESKIN_NO_APT", "1" if forbidden else "")
+        status, said = check_tools(tools, "python3", "test")
+        if forbidden or not root:
+            assert status == 1 and said.count("\n") == 2 and not (tools / "asked").exists()
+        else:
+            assert (
+                status == 0 and said.count("\n") == 1 and "ESKIN_NO_APT=1" in said and "perl iverilog" in said
+            )

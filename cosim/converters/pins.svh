@@ -1,4 +1,4 @@
-// How the pins of a design with a converter and those of the converter's model are wired in a harness, by the macro CONVERTER_<name>.
+// How the pins of a design with a converter and those of the converter's model are wired, by the macro CONVERTER_<name>.
 // PORT_BUSY is high while the converter's port moves; it rests after a frame's last channel.
 `ifdef CONVERTER_ddc232
 `define PIN_WIRES wire ddc_clk, reset_n, conv, din_cfg, clk_cfg, dclk, dvalid_n, dout;
@@ -6,26 +6,20 @@
     .pins__dclk(dclk), .pins__dvalid_n(dvalid_n), .pins__dout(dout)
 `define MODEL_PINS .clk(ddc_clk), .reset_n(reset_n), .conv(conv), .din_cfg(din_cfg), .clk_cfg(clk_cfg), .dclk(dclk), .dvalid_n(dvalid_n), \
     .dout(dout)
-`define MODEL_PARAMETERS .TAXELS(TAXELS), .CYCLE_PS(CYCLE_PS), .FIRST(FIRST), .ASCENDING(ASCENDING), .CLOCK_PS(CLOCK_PS), .DELAY(DELAY)
 `define PORT_BUSY dclk
 `elsif CONVERTER_mpr121
 `define PIN_WIRES wire scl_low, sda_low, sda;
 `define DESIGN_PINS .pins__scl_low(scl_low), .pins__sda_low(sda_low), .pins__sda(sda)
 `define MODEL_PINS .scl_low(scl_low), .sda_low(sda_low), .sda(sda)
-`define MODEL_PARAMETERS .ELECTRODES(PIN_CODES), .CHIPS(CHIPS), .CYCLE_PS(CYCLE_PS)
 `define PORT_BUSY (scl_low | sda_low)
 `elsif CONVERTER_matrix
 `define PIN_WIRES wire [31:0] row, column; wire cs_n, sclk, miso;
 `define DESIGN_PINS .pins__row(row), .pins__column(column), .pins__cs_n(cs_n), .pins__sclk(sclk), .pins__miso(miso)
 `define MODEL_PINS .row(row), .column(column), .cs_n(cs_n), .sclk(sclk), .miso(miso)
-`define MODEL_PARAMETERS .ROWS(ROWS), .COLUMNS(COLUMNS), .CYCLE_PS(CYCLE_PS), .SETTLE_PS(SETTLE_PS)
 `define PORT_BUSY (!cs_n)
 `else
-`define PIN_WIRES wire [SELECTS-1:0] cs_n; wire [LINES-1:0] miso; wire sclk, mosi;
+`define PIN_WIRES wire [`SELECTS-1:0] cs_n; wire [`LINES-1:0] miso; wire sclk, mosi;
 `define DESIGN_PINS .pins__cs_n(cs_n), .pins__sclk(sclk), .pins__mosi(mosi), .pins__miso(miso)
 `define MODEL_PINS .cs_n(cs_n), .sclk(sclk), .mosi(mosi), .miso(miso)
-`define MODEL_PARAMETERS .TAXELS(TAXELS), .LINES(LINES), .SELECTS(SELECTS), .CYCLE_PS(CYCLE_PS), .FRAME_BITS(FRAME_BITS), \
-    .CHANNELS(CHANNELS), .CHANNEL_BIT(CHANNEL_BIT), .DELAY(DELAY), .CODE_BIT(CODE_BIT), .CODE_BITS(CODE_BITS), .TAG_BIT(TAG_BIT), \
-    .TAG_BITS(TAG_BITS), .ZEROS(ZEROS)
 `define PORT_BUSY (!(&cs_n))
 `endif

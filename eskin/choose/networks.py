@@ -8,7 +8,7 @@ A linear cell is fitted as a logistic regression and by least squares (`eskin.tr
 does better depends on how many touches there are for its weights. Where the recipe augments touches, which
 helps or harms by what tells the classes apart, both are fitted to touches as they were recorded too; and a
 logistic regression of these with a weaker penalty. All cost the same, so all are tried on the cheapest front
-end and the best of them on the others. Logistic regressions, whose margins are logarithms of odds, come first.
+end, and on the others the best of either kind that is not out of reach. Logistic regressions, whose margins are logarithms of odds, come first.
 
 Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
@@ -26,11 +26,13 @@ from typing import Any
 import numpy as np
 
 from eskin.choose.candidate import Candidate, Judged, best_of, choose
+from eskin.choose.choice_table import network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
 from eskin.golden.model import with_network
 from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
+from eskin.training.level import is_level
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 
 AUTO = "auto"
@@ -233,9 +235,15 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
     fits = {fit: wish.possible(cheapest, "linear", None, fit) for fit in effort.fits}
     first = yield from judged(fits.values())
     if first and not any(one.settled for one in first):
-        best = best_of(first).candidate
-        fit = next(fit for fit, candidate in fits.items() if candidate == best)
-        yield from judged(wish.possible(on, "linear", None, fit) for on in (*others, *front_ends.sturdier))
+        best = best_of(first)
+        near = [one for one in first if is_level(best.correct, one.correct, OUT_OF_REACH)]
+        kinds = [
+            [one for one in near if one.candidate.recipe.squares == squares] for squares in (False, True)
+        ]
+        taken = [best_of(kind).candidate for kind in kinds if kind]
+        kept = [fit for fit, candidate in fits.items() if candidate in taken]
+        places = (*others, *front_ends.sturdier)
+        yield from judged(wish.possible(on, "linear", None, fit) for on in places for fit in kept)
     on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
         on = (yield from best_probe(probes)).front_end
@@ -307,7 +315,7 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
             for number in numbers
             for test in parts[number].tests
         ]
-        called = terms.called(candidate.network["cell"])
+        called = terms.called(network_name(candidate.network))
         try:
             trained = train_pieces(terms.datasets, pieces, int(seeds[0]), called)
         except InputError:

@@ -38,7 +38,7 @@ def inspect(asked: InspectRequest) -> Record:
 )
 def convert(asked: ConvertRequest) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
-    from eskin.data import Reading, image_size, load_recordings, resized
+    from eskin.data import Reading, load_recordings
     from eskin.golden.data import for_model, save_archive
 
     if asked.out.suffix != ".npz":
@@ -75,6 +75,8 @@ def convert(asked: ConvertRequest) -> None:
             )
         recordings = for_model(recordings, model)
     if asked.size is not None:
+        from eskin.study.image_size import image_size, resized
+
         recordings = resized(recordings, *image_size(asked.size))
     save_archive(recordings, asked.out)
     show("convert", source=asked.source, recordings=recordings, out=asked.out)

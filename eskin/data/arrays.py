@@ -43,33 +43,25 @@ class Group:
         if array.size == 1 and array.dtype.kind in "iufbU":
             self.attributes[name] = array.reshape(-1)[0].item()
 
-    def below(self, above: str = "") -> Iterator[tuple[str, Group]]:
-        """This group and all below it, with the paths of each."""
-        yield above, self
+    def shapes(self, above: str = "") -> Iterator[str]:
+        """Name and shape of each array, and of those in groups below."""
+        for name, array in self.arrays.items():
+            yield f"{above}{name} {' x '.join(map(str, array.shape))}".strip()
         for name, inner in self.groups.items():
-            yield from inner.below(f"{above}{name}/")
+            yield from inner.shapes(f"{above}{name}/")
 
     def listed(self) -> str:
         """What arrays there are, with their shapes."""
-        arrays = [
-            f"{above}{name} {' x '.join(map(str, array.shape))}".strip()
-            for above, group in self.below()
-            for name, array in group.arrays.items()
-        ]
-        return ", ".join(arrays[:12]) or "none"
+        return ", ".join([*self.shapes()][:12]) or "none"
 
 
-def tables_of(
-    root: Group, path: Path, reading: Reading, refuse: Refuse, *, alone: bool, from_one: bool
-) -> list[Table]:
+def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, alone: bool) -> list[Table]:
     """The recordings of a file: samples in one array or in cells, with labels; or every array of samples one.
 
     Parameters
     ----------
     alone:
         The file is the whole source, no recording of a folder by class.
-    from_one:
-        Labels that are numbers count the class names from 1, as in MATLAB.
 
     Raises
     ------
@@ -79,13 +71,8 @@ def tables_of(
     found = _Arrays(root, path, reading, refuse)
     named = reading.samples or next((name for name in SAMPLES if name in root.arrays), "")
     label = reading.label or next((name for name in LABELS if name in root.arrays), "")
-    for above, group in root.below():
-        if above and _plain(above[:-1]) == reading.label:
-            fields = ", ".join((*group.arrays, *group.groups))
-            why = f"--class {reading.label}: is a group or struct with the fields {fields}"
-            refuse(f"{why}; name one of them, as in {reading.label}.label")
     if alone and named in root.arrays:
-        tables = found.of_one_array(named, label, from_one)
+        tables = found.of_one_array(named, label)
     else:
         tables = [] if alone and label in root.arrays else [*found.of_group(root, (), {})]
     if not tables:
@@ -127,7 +114,7 @@ class _Arrays:
                      units=units, clock=taxels if clock else None, row_is="row", **more)  # fmt: skip
 
     # ------------------------------------------------------------------ an array of all recordings
-    def of_one_array(self, name: str, label: str, from_one: bool) -> list[Table]:
+    def of_one_array(self, name: str, label: str) -> list[Table]:
         """Samples as cells of (frames, taxels), as (recordings, frames, taxels), or one after the other with
         offsets; labels; class names. Every other array of one value a recording is an attribute."""
         arrays, parts = self.root.arrays, self.parts(self.root.arrays[name], name)
@@ -152,15 +139,14 @@ class _Arrays:
                 self.refuse("is no list of text", named)
             names = texts
         if named and values.dtype.kind != "U":
-            last = len(names) - 1 + from_one
-            if values.min() < from_one or values.max() > last:
+            first = int(self.path.suffix.lower() == ".mat")  # MATLAB counts from 1
+            last = len(names) - 1 + first
+            if values.min() < first or values.max() > last:
                 why = f"runs from {values.min()} to {values.max()} and there are {len(names)} class names"
-                self.refuse(f"{why}, numbered {int(from_one)} to {last}", label)
-            values = names[values - from_one]
-            notes.append(f"classes are numbered from {int(from_one)}")
+                self.refuse(f"{why}, numbered {first} to {last}", label)
+            values = names[values - first]
+            notes.append(f"classes are numbered from {first}")
         shared = {**self.root.attributes, **self.root.of_arrays.get(name, {})}
-        if len(parts) == 1:
-            own = {}
         own.pop(named, None)
         tables = []
         for number, part in enumerate(parts):
@@ -204,7 +190,8 @@ class _Arrays:
 
         known = known | group.attributes
         asked = (self.reading.label or "").replace(".", "/").rpartition("/")[2]
-        known |= {str(self.reading.label): known[asked]} if asked in group.attributes else {}
+        if asked in group.attributes:
+            known[str(self.reading.label)] = known[asked]
         arrays = {
             name: group.arrays[name]
             for name in sorted(group.arrays, key=natural)
@@ -232,7 +219,7 @@ class _Arrays:
     def asked(self, full: str) -> bool:
         """Whether --samples names an array: by its name, its path, the group that it stands in, or a pattern
         with a *."""
-        plain = _plain(full)
+        plain = re.sub(r"[(]\d+[)]", "", full)  # without the numbers of structs
         asked = (self.reading.samples or "*").replace(".", "/").strip("/")
         ends = (plain, full, plain.rpartition("/")[2])
         return any(fnmatchcase(each, asked) for each in ends) or f"/{asked}/" in f"/{plain}/"
@@ -258,11 +245,6 @@ class _Arrays:
         if clocks and not fitting:
             self.refuse(f"{where} a time of another length than the samples: {listed}; write it again")
         return (fitting[0], vectors[fitting[0]]) if fitting else None
-
-
-def _plain(path: str) -> str:
-    """A path without the numbers of structs."""
-    return re.sub(r"[(]\d+[)]", "", path)
 
 
 def _vector(array: np.ndarray) -> np.ndarray | None:

@@ -8,12 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-import numpy as np
-
-from eskin.data.arrays import Group, tables_of
-from eskin.data.hdf5 import read_hdf5
+from eskin.data.array_files import ARRAYS
+from eskin.data.arrays import tables_of
 from eskin.data.logs import is_log, read_log
-from eskin.data.matlab import read_matlab
 from eskin.data.meaning import understand
 from eskin.data.pictures import load_pictures
 from eskin.data.scene import scene_of
@@ -77,10 +74,11 @@ def load_recordings(
     if str(data) == SCENE:
         return turn_recordings() if config is None else scene_of(config)
     path = Path(data)
-    option = "--clock" if reading.clock != "log" else "--labels" if reading.labels is not None else ""
-    if option and not is_log(path):
-        why = f"{option} is for one log, a .mcap file or a ROS bag; leave it out"
-        raise InputError(f"recordings '{path}': {why}")
+    asked = "--clock" if reading.clock != "log" else "--labels" if reading.labels else ""
+    if asked and not is_log(path):
+        raise InputError(
+            f"recordings '{path}': {asked} is for one log, a .mcap file or a ROS bag; leave it out"
+        )
     try:
         return _load(path, reading, config)
     except ModuleNotFoundError as error:
@@ -102,8 +100,9 @@ def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Rec
         worth = config.sensor.volt_per_code or None if config else None
         return load_archive(path, reading.scale or worth, asked=reading.scale is not None)
     if _kind(path) in (None, "pictures"):
-        why = f"ends in '{path.suffix}', which is no format of recordings"
-        raise InputError(f"recordings '{path}': {why}; give {FORMS}")
+        raise InputError(
+            f"recordings '{path}': ends in '{path.suffix}', which is no format of recordings; give {FORMS}"
+        )
     tables = open_file(path, reading, alone=True)
     if is_log(path):
         reading = replace(reading, label=None, recording=None)
@@ -133,13 +132,7 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
         check_regular(path, refuse)
     try:
         if is_log(path):
-            table = read_log(path, reading)
-            if alone and reading.label is None and reading.labels is None:
-                refuse(
-                    "says no classes; write an archive with them, eskin convert SOURCE --out FILE.npz with --class TOPIC "
-                    "or --labels TABLE.csv, or put each class's logs into a folder named after the class"
-                )
-            return [table]
+            return [read_log(path, reading)]
         if suffix == ".parquet":
             return [_parquet(path, refuse)]
         root = ARRAYS[suffix](path, refuse)
@@ -148,18 +141,10 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
     except Exception as error:  # a damaged file can fail anywhere inside the libraries
         if isinstance(error, OSError) and error.errno and not isinstance(error, BlockingIOError):
             raise
-        kind = suffix or "log"
-        refuse(f"is damaged or no {kind} file ({type(error).__name__}); write it again, or try its own tools")
-    return tables_of(root, path, reading, refuse, alone=alone, from_one=suffix == ".mat")
-
-
-def _npy(path: Path, refuse: Refuse) -> Group:
-    root = Group()
-    root.take(path.stem, np.load(path, allow_pickle=False))
-    return root
-
-
-ARRAYS = {".mat": read_matlab, ".h5": read_hdf5, ".hdf5": read_hdf5, ".npy": _npy}
+        refuse(
+            f"is damaged or no {suffix or 'log'} file ({type(error).__name__}); write it again, or try its own tools"
+        )
+    return tables_of(root, path, reading, refuse, alone=alone)
 
 
 def _parquet(path: Path, refuse: Refuse) -> Table:

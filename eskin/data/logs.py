@@ -33,11 +33,6 @@ TYPES = ("MultiArray", "TactileState")
 """How the types of messages end that are frames."""
 CLOCK_OFF_S = 1.0
 """A header's clock that is further off the log's is told."""
-_INTERVAL = {
-    "start": ("start", "begin", "from"),
-    "end": ("end", "stop", "to"),
-    "class": ("class", "label", "class_name"),
-}
 
 
 class _Log(NamedTuple):
@@ -76,19 +71,16 @@ def read_log(path: Path, reading: Reading) -> Table:
     frame = pd.DataFrame(rows, columns=[f"t{column}" for column in range(rows.shape[1])])
     frame.insert(0, "time", (times - times[0]) / 1e9)
     if reading.labels is not None or reading.label is not None:
-        asked = reading.labels is not None
         labels = _intervals(reading.labels, times) if reading.labels else _marks(log, reading, refuse)
         spans = pd.IntervalIndex.from_arrays(labels["start"], labels["end"], closed="left")
         number = spans.get_indexer(times)
         inside = number >= 0
         empty = labels[~labels.index.isin(number)]
-        if not inside.any() or (asked and len(empty)):
-            which = [
-                f" of '{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
-                for _, row in empty.iterrows()
-            ]
-            where = f"no frame lies in the label{''.join(which[:1])}"
-            refuse(f"{where}; give seconds from its first frame, or of its clock")
+        if reading.labels is None and inside.any():
+            empty = empty[:0]
+        for _, row in empty.iterrows():
+            where = f"'{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
+            refuse(f"no frame lies in the label {where}; give seconds from its first frame, or of its clock")
         told = labels.drop(columns=["start", "end"]).iloc[number[inside]].reset_index(drop=True)
         told.insert(0, "recording", number[inside])
         frame = pd.concat([told, frame[inside].reset_index(drop=True)], axis=1)
@@ -161,8 +153,7 @@ def _of_clocks(stamps: np.ndarray, topic: str, reading: Reading) -> list[str]:
     if not len(stamped):
         return []
     notes = [f"times of frames and labels are the {reading.clock}'s (--clock log or header)"]
-    missing = len(stamps) - len(stamped)
-    if missing:
+    if missing := len(stamps) - len(stamped):
         notes.append(f"{missing} of {len(stamps)} stamps in the headers of topic {topic} are 0")
     off = np.abs(np.diff(stamped)).max() / 1e9
     if off > CLOCK_OFF_S:
@@ -191,16 +182,11 @@ def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
     from the first frame, or as the clock of ``times`` where they begin after its last."""
     table = read_text(path, Reading())
     names = [name.lower() for name in table.names]
-    for what, words in _INTERVAL.items():
-        place = next((names.index(word) for word in words if word in names), None)
-        if place is None:
-            why = f"has no column {what} ({', '.join(words)})"
-            table.refuse(f"{why}; give start, end and class, a row a recording", 0)
-        names[place] = what
+    if missing := {"start", "end", "class"} - {*names}:
+        table.refuse(f"has no column {min(missing)}; give start, end and class, a row a recording", 0)
     seconds = table.numbers([names.index("start"), names.index("end")])
-    wrong = np.flatnonzero(seconds[:, 1] <= seconds[:, 0])
-    if len(wrong):
-        table.refuse("ends before it starts; correct the line", int(wrong[0]))
+    for row in np.flatnonzero(seconds[:, 1] <= seconds[:, 0]).tolist():
+        table.refuse("ends before it starts; correct the line", row)
     order = np.argsort(seconds[:, 0], kind="stable")
     for before, row in pairwise(order.tolist()):
         if seconds[row, 0] < seconds[before, 1]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from eskin.data.folds import no_group
 from eskin.data.table import TIME, Reading, Table
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.recordings import Recordings, natural, recordings_of
 
 RATE_TOLERANCE = 0.02
@@ -76,11 +76,8 @@ def understand(
     taxels = found.taxels()
     rate, why = found.rate(config)
     values, scale = table.numbers(taxels), reading.scale
-    if scale is None and config is not None and (table.volts or not np.array_equal(values, np.rint(values))):
+    if scale is None and config is not None and not np.array_equal(values, np.rint(values)):
         scale = config.sensor.volt_per_code or None
-    elif scale is None and table.volts:  # codes of the thesis's converter, where it can have given them
-        worth = PRESETS["thesis"].sensor.volt_per_code
-        scale = worth if values.min() >= 0 and values.max() <= 65535 * worth else None
     names = [table.names[column] if table.names else str(column + 1) for column in taxels]
     said = {str(value) for name in found.attributes if name in UNIT for value in found.fact(name)}
     arrays = {
@@ -88,7 +85,7 @@ def understand(
         "offsets": found.offsets,
         "labels": found.labels,
         "sample_rate_hz": np.array(rate),
-        "unit": np.array(table.unit(taxels) or (said.pop() if len(said) == 1 else "")),
+        "unit": np.array(table.units_of(taxels) or (said.pop() if len(said) == 1 else "")),
     }
     if of_one_file and table.class_names:
         arrays["class_names"] = np.array(table.class_names)
@@ -158,11 +155,13 @@ class _Meaning:
 
         table = self.table
         named = [column for column in table.frame if table.names and TIME.match(table.names[column])]
-        clocks = [each for each in (table.clock, *named) if each is not None and each not in self.chosen]
-        if clocks and table.is_text(clocks[0]):
-            with suppress(ValueError, TypeError):  # refused with its place when its numbers are asked for
-                table.frame[clocks[0]] = pd.to_datetime(table.frame[clocks[0]], format="ISO8601")
-        return clocks[0] if clocks else None
+        clocks = (each for each in (table.clock, *named) if each is not None and each not in self.chosen)
+        for time in clocks:
+            if table.is_text(time):
+                with suppress(ValueError, TypeError):  # refused with its place when its numbers are asked for
+                    table.frame[time] = pd.to_datetime(table.frame[time], format="ISO8601")
+            return time
+        return None
 
     def _class(self) -> int | str | None:
         """What says the class: a column, an attribute by its name, or None, the first level of the path."""
@@ -170,21 +169,21 @@ class _Meaning:
         there = ", ".join((*self.attributes, *table.names))[:300] or "no header, so no names"
         if asked is not None:
             if self.attributes and asked not in (*self.attributes, *table.names):
-                table.refuse(f"--class {asked[:40]}: is no attribute or column; there are {there}")
+                fields = f"of a struct or group name a field, as in {asked[:40]}.label"
+                table.refuse(f"--class {asked[:40]}: is no attribute or column; there are {there}; {fields}")
             return asked if asked in self.attributes else table.find(asked, "--class")
-        for words in (CLASS, _CLASS_TOO):
-            named: list[int | str] = [
-                name for word in words for name in self.attributes if name.lower() == word
-            ]
-            named += [] if self.on_path else self._named(words)
-            if len(named) > 1 and words is _CLASS_TOO:
-                called = " and ".join(each if isinstance(each, str) else table.names[each] for each in named)
-                table.refuse(f"{called} may say the class; name it with --class")
-            if named:
-                return named[0]
+        names = (*self.attributes, *(() if self.on_path else table.names))
+        sure, maybe = (
+            [name for word in words for name in names if name.lower() == word]
+            for words in (CLASS, _CLASS_TOO)
+        )
+        if not sure and len(maybe) > 1:
+            table.refuse(f"{' and '.join(maybe)} may say the class; name it with --class")
+        for name in (sure or maybe)[:1]:
+            return name if name in self.attributes else table.find(name, "--class")
         if not self.on_path:
             why = f"has no column or attribute that says the class ({', '.join(CLASS[:2])}, ...)"
-            table.refuse(f"{why}; it has {there}: name it with --class")
+            table.refuse(f"{why}; it has {there}: name it with --class, of a log also with --labels")
         return None
 
     def _changes(self, column: int) -> np.ndarray:
@@ -313,8 +312,6 @@ class _Meaning:
         self._check_sorted([*self.taken, *self._named(_GROUPS)])
         if self.time is not None:
             self.notes.insert(0, f"{table.called(self.time)} is time")
-        named = [name for name in self.groups if name not in ("source_file", "recording")]
-        self.notes += [f"groups: {', '.join(named)}"] if named else []
         return taxels
 
     def _role(self, column: int) -> tuple[str, str]:
@@ -326,7 +323,7 @@ class _Meaning:
         text = table.is_text(column)
         values = _codes(table.frame[column]) if text else table.parsed(column)
         course, same = _course(values, self.starts), not text and bool((values == values[0]).all())
-        level, runs = course == "level", course == "runs"
+        level, runs = course == "level", course in ("up", "down")
         said = name in (*_RECORDING, *CLASS, *_CLASS_TOO)
         series = [re.sub(r"\d+", "#", each) for each in (name, *names)]
         in_series = "#" in series[0] and series.count(series[0]) > 2
@@ -342,14 +339,12 @@ class _Meaning:
             (said and level, "group", "says more of a recording"),
             (said, "left out", "changes inside recordings, is no group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is no taxel,"),
-            (in_series and level, "taxel", "keeps its value in each recording and was taken as a taxel"),
+            (level and (in_series or same), "taxel", "keeps its value in each recording and was taken as a taxel"),
             (in_series, "taxel", ""),
-            (level and same, "taxel", "keeps its value in all recordings and was taken as a taxel"),
             (level and names, "group", "has one value in each recording and is a group"),
             (is_clock, "time", ""),
             (runs, "left out", "runs on like a time or numbers the rows"),
             (level, "refused", "has one value in each recording"),
-            (course, "refused", "is level in some recordings and runs on like a time in others"),
             (True, "taxel", ""),
         )  # fmt: skip
         return next((role, why) for fits, role, why in rules if fits)
@@ -385,13 +380,30 @@ class _Meaning:
 
     def _of_clock(self, time: int) -> list[tuple[float, str]]:
         """Frames a second of each recording of two frames or more, by its time column."""
-        seconds = self.table.numbers([time])[:, 0]
-        dates = self.table.frame[time].dtype.kind == "M"
-        rates = []
+        table, rates = self.table, []
+        seconds, called = table.numbers([time])[:, 0], table.called(time)
+        instead = "--rate HZ, or --clock header" if table.row_is == "message" else "--rate HZ"
         for number, (first, end) in enumerate(pairwise(self.offsets.tolist())):
-            if end - first > 1:
-                unit = 1.0 if dates else _second(self.tables[self.table.source(first)], time)
-                rates.append((self._own_rate(time, seconds[first:end], first, unit), self._called(number)))
+            part = seconds[first:end]
+            steps = np.diff(part)
+            if not len(steps):
+                continue
+            middle = float(np.median(steps))
+            wrong = (steps <= 0) | (np.abs(steps - middle) > 0.5 * middle)
+            if wrong.any():
+                row = int(np.argmax(wrong)) + 1
+                why = "does not go up" if steps[row - 1] <= 0 else "jumps"
+                how = f"from {part[row - 1]:g} to {part[row]:g} where others go by {middle:g}"
+                table.refuse(
+                    f"{called} {why}, {how}; split the recording there, or give {instead}", first + row
+                )
+            dates = table.frame[time].dtype.kind == "M"
+            unit = 1.0 if dates else _second(self.tables[table.source(first)], time)
+            rate = len(steps) / float(part[-1] - part[0]) / (unit or 1.0)
+            if not unit and rate < 2:
+                why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"
+                table.refuse(f"{why}; name its unit in the header, time_ms say, or give --rate HZ", first + 1)
+            rates.append((float(f"{rate:.5g}"), self._called(number)))
         return rates
 
     def rate(self, config: AcceleratorConfig | None) -> tuple[float, str]:
@@ -426,36 +438,16 @@ class _Meaning:
             table.refuse(f"{why}; give recordings of one rate, or the rate of all with --rate HZ")
         return middle, f"the sample rate is that of the {'files' if self.time is None else 'time columns'}"
 
-    def _own_rate(self, time: int, seconds: np.ndarray, first: int, unit: float) -> float:
-        """Frames a second of a recording by its time column from row ``first`` on. unit: s; 0: not said."""
-        table, steps = self.table, np.diff(seconds)
-        middle = float(np.median(steps))
-        called = table.called(time)
-        instead = "--rate HZ, or --clock header" if table.row_is == "message" else "--rate HZ"
-        for wrong, why in ((steps <= 0, "does not go up"), (np.abs(steps - middle) > 0.5 * middle, "jumps")):
-            if wrong.any():
-                row = int(np.argmax(wrong)) + 1
-                how = f"from {seconds[row - 1]:g} to {seconds[row]:g} where others go by {middle:g}"
-                table.refuse(
-                    f"{called} {why}, {how}; split the recording there, or give {instead}", first + row
-                )
-        rate = (len(seconds) - 1) / float(seconds[-1] - seconds[0]) / (unit or 1.0)
-        if not unit and rate < 2:
-            why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"
-            table.refuse(f"{why}; name its unit in the header, time_ms say, or give --rate HZ", first + 1)
-        return float(f"{rate:.5g}")
-
 
 def _second(table: Table, column: int) -> float:
     """Seconds of one of a time column: by the unit in its name; 0: it does not say."""
     match = TIME.match(table.names[column]) if table.names else None
     of_name = match and (match[1] or match[0])
-    return _SECONDS.get((table.unit([column]) or of_name or "").lower().replace("seconds", "s"), 0.0)
+    return _SECONDS.get((table.units_of([column])[0] or of_name or "").lower().replace("seconds", "s"), 0.0)
 
 
 def _course(values: np.ndarray, starts: np.ndarray) -> str:
-    """How a column goes, in every recording: "level", "runs" (up or down, as a time does), "either"; "" as
-    signals do."""
+    """How a column goes in every recording: "level", "up" or "down" as a time does; "" as signals do."""
     if len(values) - len(starts) < LEAST_STEPS or not np.isfinite(values).all():
         return ""
     courses = set()
@@ -465,9 +457,7 @@ def _course(values: np.ndarray, starts: np.ndarray) -> str:
             down = bool((steps < 0).all())
             up = (steps > 0).all() or (not down and _is_clock(part))
             courses.add("level" if not steps.any() else "down" if down else "up" if up else "")
-            if "" in courses or {"up", "down"} <= courses:
-                return ""
-    return "level" if courses == {"level"} else "either" if "level" in courses else "runs"
+    return courses.pop() if len(courses) == 1 else ""
 
 
 def _is_clock(values: np.ndarray) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from eskin.golden.core import InputError
-from eskin.golden.data.codes import place_of
+from eskin.golden.data.codes import Worth, place_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +42,7 @@ class Reading:
     recording: str | None = None
     label: str | None = None
     delimiter: str | None = None
-    scale: float | None = None
+    scale: Worth | None = None
     samples: str | None = None
     labels: Path | None = None
     clock: str = "log"
@@ -57,7 +57,7 @@ class Table:
     marks. firsts: the first row of each. breaks: rows before which a source itself has a blank line or a new
     head. paths: the class's folder, levels between, file of each source. attributes: of each source, values
     that hold for all of its rows. units: of each column. clock: the time column, where the source's form says
-    it. volts: the samples are in volt, whatever numbers they are.
+    it.
     class_names: the classes in order, where the source lists them.
     """
 
@@ -70,7 +70,6 @@ class Table:
     attributes: tuple[Mapping[str, Any], ...] = ({},)
     units: tuple[str, ...] = ()
     clock: int | None = None
-    volts: bool = False
     row_is: str = "line"
     class_names: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -115,12 +114,13 @@ class Table:
         """The columns' names; how a table calls its time may differ."""
         return [TIME.sub("time", self.names[column]) for column in self.frame] if self.names else []
 
-    def unit(self, columns: Sequence[int]) -> str:
-        """The one unit of columns: as the source says it, or behind their names as in ``a (mV)``."""
+    def units_of(self, columns: Sequence[int]) -> list[str]:
+        """The unit of each column, or the one of all: as the source says it, or behind their names as in
+        ``a (mV)``. None where some have none."""
         behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
         texts = self.units or [match[1] if match else "" for match in behind]
-        units = {texts[column].strip("()[] ") for column in columns} if texts else {""}
-        return units.pop() if len(units) == 1 else ""
+        units = [texts[column].strip("()[] ") for column in columns] if texts else [""]
+        return units[:1] if len(set(units)) == 1 else units if all(units) else []
 
     def is_missing(self, column: int) -> np.ndarray:
         """(rows) where a cell has no value, or one of the words for none."""
@@ -156,9 +156,9 @@ class Table:
             return self.names.index(name)
         if re.fullmatch(r"\d{1,9}", name) and int(name) - 1 in self.frame:
             return int(name) - 1
-        listed = ", ".join(self.names[:12]) if self.names else f"numbers 1..{self.frame.shape[1]}"
+        there = ", ".join(self.names[:12]) or f"numbers 1..{self.frame.shape[1]}"
         several = "has several columns of that name; give a number from 1"
-        why = several if name in self.names else f"has no such column; it has {listed}"
+        why = several if name in self.names else f"has no such column; it has {there}"
         self.refuse(f"{option} {name[:40]}: the file {why}")
 
     def parsed(self, column: int) -> np.ndarray:
@@ -221,8 +221,7 @@ def table_of(frame: pd.DataFrame, source: str, **more: Any) -> Table:
 
 def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:
     """Refuse a file that unpacks to more than UNPACKED_BYTES and MOST_TIMES its size."""
-    files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
-    size = sum(file.stat().st_size for file in files)
+    size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
     if unpacked > max(UNPACKED_BYTES, MOST_TIMES * size):
         refuse(
             f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB or more, which recordings do not; write it "

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from io import StringIO
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -21,11 +22,10 @@ import numpy as np
 from eskin.data.table import NUMBER, Reading, Table, check_regular
 from eskin.golden.core import InputError
 
-DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+DELIMITERS = {";": "semicolon", "\t": "tab", ",": "comma", " ": "blank"}
 LONGEST_LINE = 100_000
 """Letters; 256 taxels take 8000 at most."""
 
-_SPOKEN = {"tab": "\t", "\\t": "\t", "blank": " ", "space": " ", "comma": ",", "semicolon": ";"}
 _WITH_COMMA = re.compile(r"(?<![\w.,])[-+]?\d+(?:,\d+)+(?:\.\d*)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
 _HEAD = re.compile(
@@ -51,12 +51,11 @@ def read_text(path: Path, reading: Reading) -> Table:
 
     file = _File(path, reading.delimiter)
     names, units = file.header()
-    commas = file.commas()
+    comma = file.decimal_comma()
     width, most = file.width(len(names))
-    blanks = file.delimiter == " "
     frame = pd.read_csv(
         StringIO("\n".join(file.lines[row] for row in file.rows)),
-        sep=r"\s+" if blanks else file.delimiter,
+        sep=r"\s+" if file.delimiter == " " else file.delimiter,
         header=None,
         names=range(most),
         usecols=range(width),
@@ -67,20 +66,20 @@ def read_text(path: Path, reading: Reading) -> Table:
         skipinitialspace=True,
         skip_blank_lines=False,
         quoting=file.quoting,
-        **commas,
+        decimal="," if comma else ".",
     )
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
         cells = frame[column].fillna("").astype(str).str.strip()
-        frame[column] = (
-            cells.str.replace(r"^([-+]?\d*),(\d)", r"\1.\2", regex=True) if "decimal" in commas else cells
-        )
+        if comma:
+            cells = cells.str.replace(r"^([-+]?\d*),(\d)", r"\1.\2", regex=True)
+        frame[column] = cells
     frame.index = [row + 1 for row in file.rows]
     breaks = sorted({int(at) for at in np.searchsorted(file.rows, file.breaks)} - {0, len(frame)})
     # two lines or more between two such places: a blank line behind every line parts nothing
     if len(frame) > 1 and np.diff([0, *breaks, len(frame)]).max() < 2:
         breaks = []
-    more: dict[str, Any] = {"breaks": tuple(breaks), "notes": tuple(file.notes)}
-    table = Table(frame, names[:width], (f"'{path}'",), units=units[:width], **more)
+    table = Table(frame, names[:width], (f"'{path}'",), units=units[:width])
+    table = replace(table, breaks=tuple(breaks), notes=tuple(file.notes))
     return _of_labview(table, file) if file.lvm else table
 
 
@@ -145,8 +144,7 @@ class _File:
         separators = []
         for row, line in enumerate(self.lines):
             if len(line) > LONGEST_LINE:
-                why = f"has more than {LONGEST_LINE} letters, which no frame has"
-                self.refuse(f"{why}; repair or remove the line", row)
+                self.refuse(f"has more than {LONGEST_LINE} letters; repair or remove the line", row)
             if not line.strip(" \t;,\r"):
                 separators += [row] if line.strip() else []
                 self.breaks += [] if self.lvm else [row]
@@ -179,14 +177,16 @@ class _File:
         may be a decimal point where something else separates."""
         shown = self.rows[:200]
         if asked is not None:
-            asked = _SPOKEN.get(asked, asked)
+            asked = next((sign for sign, word in DELIMITERS.items() if word == asked), asked)
             if len(asked) != 1 or asked.isalnum() or asked in '".-+\n\r\0':
                 self.refuse(
                     f"--delimiter {asked!r}: cannot separate numbers; give a comma, a semicolon, tab or blank"
                 )
             if max(map(len, self._cells(asked, shown))) < 2:
-                split = f"is one column when it is split at {DELIMITERS.get(asked, repr(asked))}"
-                self.refuse(f"{split}; give another --delimiter, or leave it out", 0)
+                self.refuse(
+                    f"is one column when it is split at {asked!r}; give another --delimiter, or leave it out",
+                    0,
+                )
             return asked
 
         def share_of_numbers(delimiter: str) -> float:
@@ -230,8 +230,8 @@ class _File:
         self.rows.pop(0)
         return tuple(first), tuple(rest[0])
 
-    def commas(self) -> dict[str, str]:
-        """What commas in numbers are, as pandas takes it. Of a number such as 1,234 alone nobody knows."""
+    def decimal_comma(self) -> bool:
+        """Whether numbers have decimal commas. Of a number such as 1,234 alone nobody knows."""
         text = "\n".join(self.lines[row] for row in self.rows)
         text = "\n".join(re.findall(r'"[^"]*"', text)) if self.delimiter == "," else text
         found = _WITH_COMMA.findall(text)
@@ -241,24 +241,21 @@ class _File:
             and all(map(_THOUSANDS.fullmatch, found))
         ):
             row = next(row for row in self.rows if found[0] in self.lines[row])
-            why = f"'{found[0]}' may have a decimal comma or separators of thousands"
-            self.refuse(f"{why}; write a decimal point and no separators", row)
-        return {"decimal": ","} if found else {}
+            fix = "write a decimal point and no separators"
+            self.refuse(f"'{found[0]}' may have a decimal comma or separators of thousands; {fix}", row)
+        return bool(found)
 
     def width(self, names: int) -> tuple[int, int]:
         """The cells of every row, and the most that one has: empty ones more, and in LabVIEW's form remarks
         behind the numbers, are left out. A last row with fewer is dropped."""
-        counts = Counter(map(len, self._cells(self.delimiter, self.rows)))
+        first = next(self._cells(self.delimiter, self.rows))
+        width = names or len(first)
         if self.lvm:
-            usual = counts.most_common(1)[0][0]
-            cells = next(cells for cells in self._cells(self.delimiter, self.rows) if len(cells) == usual)
-            while len(cells) > 2 and not NUMBER.fullmatch(cells[-1]):
-                cells.pop()
-            width = len(cells)
-        else:
-            width = names or next(iter(counts))
+            width = 1 + len([*takewhile(NUMBER.fullmatch, first[1:])])
+        most = 0
         remarks, last = 0, self.rows[-1]
         for row, cells in zip([*self.rows], self._cells(self.delimiter, self.rows), strict=True):
+            most = max(most, len(cells))
             while len(cells) > width and not cells[-1]:
                 cells.pop()
             if self.lvm and len(cells) > width and not NUMBER.fullmatch(cells[width]):
@@ -267,11 +264,11 @@ class _File:
                 self._cut(self.rows.pop())
             elif len(cells) != width:
                 of = "the header" if names else f"line {self.rows[0] + 1}"
-                why = f"has {len(cells)} cells where {of} has {width}"
-                self.refuse(f"{why}; repair or remove the line, or give --delimiter", row)
+                fix = "repair or remove the line, or give --delimiter"
+                self.refuse(f"has {len(cells)} cells where {of} has {width}; {fix}", row)
         if remarks:
             self.notes.append(f"remarks behind {remarks} rows of '{self.path.name}' were left out")
-        return width, max(counts)
+        return width, most
 
 
 def _of_labview(table: Table, file: _File) -> Table:
@@ -293,14 +290,7 @@ def _of_labview(table: Table, file: _File) -> Table:
     unit = "V" if unit.lower() in ("volts", "volt", "v") else unit
     names = table.names or ("x_value", *[""] * (table.frame.shape[1] - 1))
     units = table.units or tuple("s" if name.lower().startswith("x_value") else unit for name in names)
-    return replace(
-        table,
-        frame=frame,
-        units=units,
-        clock=0 if 0 in frame else None,
-        volts=unit == "V",
-        attributes=(rate,),
-    )
+    return replace(table, frame=frame, units=units, clock=0 if 0 in frame else None, attributes=(rate,))
 
 
 # ---------------------------------------------------------------------- cells

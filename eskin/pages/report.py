@@ -39,6 +39,7 @@ from eskin.choose.choice_table import (
     front_end_words,
     network_name,
     unseen,
+    where_it_fails,
     windows_brief,
 )
 from eskin.choose.cost import pareto
@@ -441,8 +442,8 @@ def _draw_raw(
     samples, rate = trace["samples"].astype(float), config.sensor.scan_rate_hz
     level = np.median(samples[: max(1, config.rest_level.rest_frames or min(64, len(samples) // 8))], axis=0)
     scale, worth = (1000.0, "mV") if unit == "V" else (1.0, unit or "unit of the samples")
-    volts = scale * config.sensor.volt_per_code
-    signal = (samples - level) * (volts or 1)
+    volts = np.any(config.sensor.volt_per_code)
+    signal = (samples - level) * (scale * np.array(config.sensor.volt_per_code) if volts else 1)
     events = draw_events(axes, samples, rate, first=1)
     if events:
         signal = np.broadcast_to(np.arange(samples.shape[1]), samples.shape)
@@ -503,6 +504,14 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
         ):
             place = row[key], row["accuracy"]
             colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
+            if row.get("stress"):
+                # a share of false onsets is drawn as what is left
+                figures = [abs(one["figure"] - (one["bound"] < 0.5)) for one in row["stress"]]
+                down = row["stressed_accuracy"], min(figures)
+                axes.vlines(
+                    row[key], min(down), row["accuracy"], color=colour, linewidth=0.8, alpha=0.6, zorder=1
+                )
+                axes.plot([row[key]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
             axes.errorbar(
                 *place,
                 yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
@@ -545,6 +554,29 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 name.remove()
             else:
                 places.append(_placed(name, axes.get_window_extent(), places))
+    return figure
+
+
+def draw_scans(rows: Sequence[Record]) -> Figure | None:
+    """Accuracy of the best front end at every ``scan_every``, by the linear classifier that chose front ends, with its
+    energy of a touch; None where one alone was judged."""
+    best: dict[int, Record] = {}
+    for row in sorted(rows, key=lambda row: -row["accuracy"]):
+        best.setdefault(row.get("scan_every", 1), row)
+    if len(best) < 2:
+        return None
+    figure, (axes,) = panel_row(1, 5.2, 2.6)
+    for place, (_, row) in enumerate(sorted(best.items())):
+        bars = share_bars([row["accuracy"]], [row["standard_error"]])
+        axes.errorbar(place, row["accuracy"], yerr=bars, fmt="o", capsize=2, color=FLOAT_COLOUR)
+        energy = f"{1e6 * row['energy_touch_j']:.3g} µJ"
+        axes.annotate(
+            energy, (place, row["accuracy"]), (7, 0), textcoords="offset points", va="center", fontsize=8
+        )
+    axes.set_xticks(range(len(best)), [str(every) for every in sorted(best)])
+    axes.set(xlabel="one frame in so many is scanned", ylabel="accuracy, linear, unquantised")
+    axes.margins(x=0.2)
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     return figure
 
 
@@ -600,6 +632,7 @@ def _values(result: Result) -> Record:
         "things": result.things,
         "unseen": unseen,
         "candidates": [] if result.config.is_image else _candidates(result.run),
+        "fails": where_it_fails([] if result.config.is_image else _candidates(result.run)),
         "network_name": network_name,
         "front_end_brief": front_end_brief,
         "windows_brief": windows_brief,
@@ -614,7 +647,7 @@ def _candidates(run: Record) -> list[Record]:
 
 def _render(result: Result) -> str:
     splits, config, run = result.training["cross_validation"], result.config, result.run
-    candidates = _candidates(run)
+    candidates, front_end = _candidates(run), run.get("front_end")
     names = config.network.class_names
     with rc_context(STYLE):
         drawn: dict[str, Figure | None] = {"confusion": draw_confusion(splits, names, result.things)}
@@ -624,6 +657,7 @@ def _render(result: Result) -> str:
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
                 "training": draw_training(splits),
                 "candidates": draw_candidates(candidates) if candidates else None,
+                "scans": draw_scans([front_end["chosen"], *front_end["rivals"]]) if front_end else None,
             }
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
     values = _values(result)
@@ -641,7 +675,6 @@ def _render(result: Result) -> str:
         errors = {row["stage"]: row for row in result.evaluate["stages"]}
         formats = describe_formats(config)
         return page("images.html.j2", **values, errors=errors, formats=formats)
-    front_end = run.get("front_end")
     return page(
         "report.html.j2",
         **values,

@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eskin.data import image_size, resized
 from eskin.golden.core import (
     NETWORKS,
     AcceleratorConfig,
@@ -30,6 +29,7 @@ from eskin.golden.core.images import BIAS_BITS, SIZES, parse_layer
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.jobs import Jobs
+from eskin.study.image_size import image_size, resized
 from eskin.study.sweep import Judging, Request, expand, lanes_name, split_figures
 from eskin.training.image_models import image_config, judged_pieces, pieces_of, split_of
 from eskin.training.train_images import ImageRecipe, judge, size_of

@@ -6,9 +6,7 @@
 
 module testbench #(
     parameter integer TAXELS = 16, parameter integer FRAMES = 1, parameter integer PERIOD = 4000, parameter integer DIVISOR = 12,
-    parameter integer CYCLE_PS = 83333, parameter integer LINES = 1, parameter integer SELECTS = 1, parameter integer FRAME_BITS = 16,
-    parameter integer CHANNELS = 16, parameter integer CHANNEL_BIT = 7, parameter integer DELAY = 2, parameter integer CODE_BIT = 0,
-    parameter integer CODE_BITS = 12, parameter integer TAG_BIT = 12, parameter integer TAG_BITS = 4, parameter integer ZEROS = 0
+    parameter integer CYCLE_PS = 83333
 );
     reg clk = 1'b0;
     always #5 clk = !clk;
@@ -27,7 +25,7 @@ module testbench #(
     reg [32*TAXELS-1:0] analog;
     wire [31:0] violations;
     integer resting = 0;
-    converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(3'd0), .violations(violations));
+    converter #(.TAXELS(TAXELS), .CYCLE_PS(CYCLE_PS)) model (`MODEL_PINS, .analog(analog), .fault(3'd0), .violations(violations));
     always @(posedge clk) begin
         first <= first | `PORT_BUSY;
         resting <= `PORT_BUSY ? 0 : resting + 1;

@@ -86,9 +86,13 @@ ARRAYS = {
 @pytest.mark.parametrize(("name", "model"), [("ad7476", "ad7476.sv"), ("adc128s102", "spi.sv")])
 def test_a_chip_without_a_model_of_its_own_is_played_by_that_of_any_spi_converter(name, model):
     """The second is no row of ours: what a newcomer adds."""
-    config = SimpleNamespace(interface=SimpleNamespace(converter=SimpleNamespace(name=name)))
+    plan = SimpleNamespace(parameters=lambda config: {"LINES": 2})
+    chip = SimpleNamespace(name=name, plan=lambda config, clock_hz: plan)
+    clock = SimpleNamespace(clock_hz=1e9)
+    config = SimpleNamespace(interface=SimpleNamespace(converter=chip), hardware=clock)
     sources, options = flow.converter_model(config)
-    assert [path.name for path in sources] == ["pins.svh", model] and options == (f"-DCONVERTER_{name}",)
+    assert [path.name for path in sources] == ["pins.svh", model]
+    assert options[:2] == (f"-DCONVERTER_{name}", "-DMODEL_PARAMETERS=.LINES(2),.CYCLE_PS(1000)")
     assert all(path.is_file() for path in sources)
 
 

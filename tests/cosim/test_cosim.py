@@ -227,9 +227,9 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
     assert bulk["mismatch_list"][0].startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
     kept = Path(result["waves"])
     formats = json.loads((kept / "signals.json").read_text())["formats"]
-    assert formats["wrapper.state"] == str(CONFIG.formats.state_format)
+    assert formats["wrapper.probe__state__value"] == str(CONFIG.formats.state_format)
     waves = (kept / "waves.vcd").read_text()
-    assert " state " in waves and waves.count("\n#") > 2 * WAVES_AFTER
+    assert " probe__state__value " in waves and waves.count("\n#") > 2 * WAVES_AFTER
 
 
 def test_one_weight_bit_is_found_in_the_state(design, vectors, tmp_path):

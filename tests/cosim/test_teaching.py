@@ -21,7 +21,6 @@ from eskin.live.feed import Differs
 from eskin.live.feed import Hardware as HardwareEvent
 from eskin.live.sources import BoardSource
 from eskin.rtl.asic.synthesis import process_of
-from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.fpga.export import export, export_board
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.fpga.synthesis import synthesise
@@ -206,10 +205,9 @@ def test_teaching_on_recordings_as_rtl_netlist_and_in_icarus(name, shared_data, 
     (tmp_path / "accelerator.v").write_text(export(model.config, model.arrays))
     synthesise(make_accelerator(model.config), target("icebreaker").family, tmp_path / "net")
     netlist = netlist_hardware(tmp_path / "net" / "accelerator.v", "ice40", "icebreaker", probes=False)
-    bits = decision_layout(model.config).size
     for count, hardware in ((DATA[name] // 3, Hardware((tmp_path / "accelerator.v",))), (2, netlist)):
         few = taught_at_random(model, recordings.subset(range(count)), BUILDS, seed=3)
-        print(hardware.level, count, few.device.replay(hardware, bits, tmp_path / hardware.level))
+        print(hardware.level, count, few.device.replay(hardware, tmp_path / hardware.level, BUILDS))
 
 
 class Upset(Taught):

@@ -23,10 +23,10 @@ async def play_with_a_fault(dut) -> None:
     await bench.bus.command("ARM")
     await bench.settle()
     bench.source.begin()
-    await bench.source.send(frames, range(1, len(frames) + 1))
+    await bench.source.send(frames)
     await bench.source.through()
     await bench.bus.command("FINISH")
     await bench.settle()
-    said = {"decisions": decisions, "taken": [*bench.source.taken.values()]}
+    said = {"decisions": decisions, "taken": bench.source.taken}
     said["faults"] = bench.scans.result["faults"]
     Path("result.json").write_text(json.dumps(said))

@@ -47,7 +47,7 @@ async def play(dut) -> None:
     """Reset, load, play every recording in order, write down what came back."""
     settings = json.loads(Path("link_bench.json").read_text())
     Clock(dut.clk, CLOCK_NS, unit="ns").start()
-    dut.rst.value = 1
+    dut.rst.value, dut.rx.value = 1, 1
     for _ in range(4):
         await FallingEdge(dut.clk)
     dut.rst.value = 0

@@ -1,17 +1,18 @@
 """A board without a host, from the converter's pins to the bytes on the stimulator's line."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from eskin.cosim import runner
-from eskin.cosim.flow import converter_model, converter_parameters
+from eskin.cosim.flow import converter_model
 from eskin.cosim.netlist import Hardware
 from eskin.golden.core import AcceleratorConfig
 from tests.support.stimulator import StimulatorModel
 
-HARNESS = Path(__file__).with_name("skin_harness.sv")
+BOARD = Path(__file__).with_name("skin_board.sv")
 FLASH = Path(__file__).with_name("spi_flash.sv")
 BAUD = 115200
 
@@ -70,46 +71,37 @@ def play(
         Cycles after which it ends although no scan has begun.
     """
     clock = config.hardware.clock_hz
-    parameters = converter_parameters(config) | {"TAXELS": config.sensor.taxels, "CLASSES": config.classes}
-    parameters |= {"PERIOD": round(clock / config.sensor.scan_rate_hz), "CLOCKS_PER_BIT": round(clock / BAUD)}
-    parameters |= {"HOST_CLOCKS": host_clocks} if host else {}
+    parameters = {"BEATS": codes.shape[1], "CLASSES": config.classes, "CYCLE_PS": round(1e12 / clock)}
     models, options = converter_model(config)
-    macros = ["-DFLASH"] * (flash is not None) + ["-DHOST"] * (host is not None)
     simulator = runner.build(
         "verilator",
         [*hardware.sources, *models, *[FLASH] * (flash is not None)],
         parameters,
         builds,
-        options=[*hardware.options, *options, *macros],
-        wrapper=HARNESS,
-        top=HARNESS.stem,
-        compiling=runner.COMPILE_OPTIONS if hardware.level == "rtl" else runner.QUICKLY_COMPILED,
+        options=[*hardware.options, *options, *["-DFLASH"] * (flash is not None)],
+        wrapper=BOARD,
+        top=BOARD.stem,
     )
     work.mkdir(parents=True, exist_ok=True)
-    codes.astype(">u4").tofile(work / "codes.bin")
-    settings = {"frames": len(codes), "tail": round(tail_s * clock), "fault_kind": fault_kind}
-    settings |= {
-        name: value for name, value in (("fault_frame", fault_frame), ("limit", limit)) if value is not None
+    np.save(work / "codes.npy", codes)
+    settings = {
+        "period": round(clock / config.sensor.scan_rate_hz),
+        "stim_clocks": round(clock / BAUD),
+        "host_clocks": host_clocks,
+        "tail": round(tail_s * clock),
+        "limit": limit or 1 << 40,
+        "fault_frame": len(codes) + 1 if fault_frame is None else fault_frame,
+        "fault_kind": fault_kind,
     }
+    settings |= {name: data.hex() for name, data in zip(("host", "last"), host or (b"", b""), strict=True)}
+    (work / "skin.json").write_text(json.dumps(settings))
     if flash is not None:
         (work / "flash.bin").write_bytes(flash)
-    if host is not None:
-        (work / "host.bin").write_bytes(host[0])
-        (work / "last.bin").write_bytes(host[1])
-    runner.run(simulator, work, plusargs=settings, limit_s=limit_s, bench="tests.support.skin_bench")
-    stim = [
-        (int(word, 16), int(cycle))
-        for word, cycle in (line.split() for line in (work / "stim.txt").read_text().splitlines())
-    ]
-    *lines, end = (line.split() for line in (work / "pins.txt").read_text().splitlines())
-    pins = [
-        (int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1")
-        for cycle, one_hot, valid, led in lines
-    ]
-    heard = (
-        bytes(int(word, 16) for word in (work / "host.txt").read_text().split()) if host is not None else b""
-    )
-    return Played(stim, pins, int(end[-1]), end[3] == "1", heard)
+    runner.run(simulator, work, limit_s=limit_s, bench="tests.support.skin_bench")
+    said = json.loads((work / "result.json").read_text())
+    heard = bytes(byte & 255 for byte, _ in said["host"]) if host is not None else b""
+    stim, pins = ([*map(tuple, said[name])] for name in ("stim", "pins"))
+    return Played(stim, pins, said["violations"], said["begun"], heard)
 
 
 def expected_electrodes(

@@ -5,63 +5,65 @@ Also what makes a simulation start in another state than the initial one, in X a
 `changed`.
 """
 
+import json
 import re
-import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from eskin.cosim.runner import SimulationError, build
+from eskin.cosim.netlist import Hardware
+from eskin.cosim.runner import build
+from eskin.cosim.runner import run as simulate
 from eskin.cosim.scoreboard import FLAT_STAGES
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.program.memory_map import Register
 from tests.support.link_flow import pack_decisions
-
-HARNESS = Path(__file__).with_name("traffic_harness.sv")
 
 
 @dataclass
 class Script:
-    """Operations of traffic_harness.sv; ``len`` is about how many cycles they take."""
+    """Operations of `tests.support.traffic_bench.Traffic`; ``segments`` is what follows each mark."""
 
-    lines: list[str] = field(default_factory=list)
+    segments: list[tuple[int, list[list]]] = field(default_factory=lambda: [(-2, [])])
 
-    def add(self, operation: int, a: int = 0, b: int = 0) -> None:
+    def add(self, operation: str, *words: int) -> None:
         """One operation."""
-        self.lines.append(f"{operation} {a} {b}")
+        self.segments[-1][1].append([operation, *map(int, words)])
 
     def write(self, address: int, word: int) -> None:
         """A bus write."""
-        self.add(0, address, word & 0xFFFF)
+        self.add("write", address, word & 0xFFFF)
 
     def read(self, address: int) -> None:
         """A bus read."""
-        self.add(1, address)
+        self.add("read", address)
 
     def beat(self, payload: int) -> None:
         """One beat, held until it is taken."""
-        self.add(2, payload)
+        self.add("beat", payload)
 
     def wait(self, cycles: int) -> None:
         """Nothing."""
-        self.add(3, cycles)
+        self.add("wait", cycles)
 
     def until_idle(self) -> None:
         """Wait for the accelerator."""
-        self.add(4)
+        self.add("until_idle")
 
     def mark(self, number: int) -> None:
         """What follows belongs to ``number``."""
-        self.add(5, number)
+        self.segments.append((number, []))
 
     def sink(self, seed: int) -> None:
         """Stalls of the decision stream; 0: none."""
-        self.add(6, seed)
+        self.add("sink", seed)
 
     def reset(self, cycles: int) -> None:
         """A reset so many cycles from now; what then is left up to the next mark is not done."""
-        self.add(7, cycles, 3)
+        self.add("reset", cycles)
 
     def recording(
         self, samples: np.ndarray, sample_bits: int, *, arm: tuple[int, int], finish: tuple[int, int]
@@ -84,69 +86,49 @@ def beat(sample: int, sample_bits: int, *, first: bool, last: bool) -> int:
 
 
 def run(
-    script: Script,
-    design: Sequence[Path],
-    sample_bits: int,
-    work: Path,
-    builds: Path,
-    *,
-    limit_s: float = 1200.0,
-) -> list[list[str]]:
-    """Run ``script`` on ``design``; the words of every line that the harness wrote.
+    script: Script, hardware: Hardware, work: Path, builds: Path, *, limit_s: float = 1200.0
+) -> list[list[Any]]:
+    """Run ``script`` on ``hardware`` in Icarus; what the bench wrote down: kind and words.
 
     Raises
     ------
     SimulationError
         The build or the run fails, or it takes longer than ``limit_s``.
     """
-    simulator = build(
-        "icarus", design, {"SAMPLE_BITS": sample_bits}, builds, wrapper=HARNESS, top=HARNESS.stem
-    )
+    design = [*hardware.sources]
+    simulator = build("icarus", design, {}, builds, options=hardware.options, wrapper=None, top="accelerator")
     work.mkdir(parents=True, exist_ok=True)
-    (work / "script.txt").write_text("\n".join(script.lines) + "\n")
-    try:
-        ended = subprocess.run(
-            ["vvp", "-n", str(simulator.folder / "sim.vvp")],
-            cwd=work,
-            capture_output=True,
-            text=True,
-            timeout=limit_s,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        raise SimulationError(f"the simulation took longer than {limit_s:.0f} s in {work}") from None
-    if ended.returncode:
-        raise SimulationError(
-            f"the simulation failed (status {ended.returncode}) in {work}\n{ended.stdout}{ended.stderr}"
-        )
-    return [line.split() for line in (work / "said.txt").read_text().splitlines()]
+    played = {"control": int(Register.CONTROL), "segments": script.segments}
+    (work / "script.json").write_text(json.dumps(played))
+    simulate(simulator, work, limit_s=limit_s, bench="tests.support.traffic_bench")
+    return json.loads((work / "result.json").read_text())
 
 
-def by_mark(said: Sequence[Sequence[str]]) -> dict[int, list[list[str]]]:
+def by_mark(said: Sequence[Sequence[Any]]) -> dict[int, list[Sequence[Any]]]:
     """The lines after each mark."""
-    parts: dict[int, list[list[str]]] = {}
-    current: list[list[str]] = []
-    for kind, *words in said:
-        if kind == "mark":
-            current = parts.setdefault(int(words[0]), [])
+    parts: dict[int, list[Sequence[Any]]] = {}
+    current: list[Sequence[Any]] = []
+    for line in said:
+        if line[0] == "mark":
+            current = parts.setdefault(line[1], [])
         else:
-            current.append([kind, *words])
+            current.append(line)
     return parts
 
 
 def differences(
-    config: AcceleratorConfig, lines: Sequence[Sequence[str]], expected: Mapping[str, np.ndarray], index: int
+    config: AcceleratorConfig, lines: Sequence[Sequence[Any]], expected: Mapping[str, np.ndarray], index: int
 ) -> list[str]:
     """What of one recording, number ``index`` of the vectors, is not as the golden model says; an X anywhere
     is a difference."""
-    found = [" ".join(line) for line in lines if line[0] in ("stuck", "unknown", "unstable")]
+    found = [" ".join(map(str, line)) for line in lines if line[0] in ("stuck", "unknown", "unstable")]
     for stage in (*FLAT_STAGES, "decision"):
         words = [line[1] for line in lines if line[0] == stage]
         low, high = expected[f"{stage}_offsets"][index : index + 2]
         wanted = expected[stage][low:high]
         if stage == "decision":
             wanted = pack_decisions(config, wanted)
-        wanted = [f"{int(value) & 0xFFFFFFFF:08x}" for value in wanted]
+        wanted = [int(value) & 0xFFFFFFFF for value in wanted]
         if words != wanted:
             place = next(
                 (k for k, pair in enumerate(zip(words, wanted, strict=False)) if pair[0] != pair[1]),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eskin.cosim.netlist import Hardware
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, random_integer_model, random_recordings, write_vectors
@@ -55,11 +56,11 @@ class Case:
         with np.load(write_vectors(folder / "vectors.npz", self.trace, self.recordings)) as archive:
             return dict(archive)
 
-    def design(self, folder: Path, verilog: str = "") -> list[Path]:
+    def design(self, folder: Path, verilog: str = "") -> Hardware:
         """The Verilog, or another, as a file."""
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "accelerator.sv").write_text(verilog or self.verilog)
-        return [folder / "accelerator.sv"]
+        return Hardware((folder / "accelerator.sv",))
 
     def load(self, script: Script) -> None:
         """Weights, constants, masks."""
@@ -188,7 +189,7 @@ def resets(case: Case, count: int, seed: int) -> Script:
 def judge(script: Script, case: Case, folder: Path, builds: Path, verilog: str = "") -> dict[int, list[str]]:
     """What differs from golden recording 1 after each mark from 0 on, and any X or standstill."""
     vectors = case.vectors(folder)
-    said = run(script, case.design(folder, verilog), case.config.sensor.sample_bits, folder, builds)
+    said = run(script, case.design(folder, verilog), folder, builds)
     parts = {number: lines for number, lines in by_mark(said).items() if number >= 0}
     return {number: differences(case.config, lines, vectors, 1) for number, lines in parts.items()}
 

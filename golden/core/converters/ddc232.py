@@ -71,6 +71,7 @@ class DdcPlan(Plan):
         chip, first = config.interface.converter, self.places.index(0)
         assert isinstance(chip, Ddc232)
         return {
+            "TAXELS": config.sensor.taxels,
             "FIRST": first + 1 if chip.ascending else CHANNELS - first,
             "ASCENDING": int(chip.ascending),
             "DELAY": chip.dvalid_clocks,

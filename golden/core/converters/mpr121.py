@@ -84,7 +84,7 @@ class MprPlan(Plan):
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
         """Parameters of the model in cosim/converters."""
-        return {"CHIPS": self.chips}
+        return {"CHIPS": self.chips, "ELECTRODES": self.pin_codes(config)}
 
     @property
     def scan_cycles(self) -> int:

@@ -149,7 +149,12 @@ class SpiPlan(Plan):
         """Parameters of the model in cosim/converters."""
         fields = ("channel_bit", "delay", "code_bit", "code_bits", "tag_bit", "tag_bits", "zeros", "channels")
         values = {name.upper(): getattr(self.chip, name) for name in fields}
-        return values | {"LINES": self.lines, "SELECTS": self.selects, "FRAME_BITS": self.chip.bits}
+        return values | {
+            "LINES": self.lines,
+            "SELECTS": self.selects,
+            "FRAME_BITS": self.chip.bits,
+            "TAXELS": config.sensor.taxels,
+        }
 
     @property
     def transfer_cycles(self) -> int:

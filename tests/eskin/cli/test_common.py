@@ -8,9 +8,9 @@ import pytest
 
 from eskin.cli.common import INPUT_WORDS, OUTPUTS, app, check_outputs, how_many
 from eskin.cli.main import VERBS
-from eskin.data import image_size
 from eskin.golden.core import InputError
 from eskin.requests import EnrolRequest, lanes_of
+from eskin.study.image_size import image_size
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
 

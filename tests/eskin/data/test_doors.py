@@ -109,7 +109,7 @@ def test_a_bag_with_classes_by_topic_and_by_times(tmp_path, known, kind, plugin)
         check(load_recordings(source, reading=Reading(label="/touched")), known, groups=False)
         check(load_recordings(source, reading=Reading(labels=tmp_path / "times.csv")), known)
     with pytest.raises(
-        InputError, match="says no classes; write an archive with them, .* --class TOPIC or --labels"
+        InputError, match="no column or attribute that says the class .* --class, of a log also with --labels"
     ):
         load_recordings(source)
     with pytest.raises(InputError, match=r"--samples /x: is no topic; there are /skin"):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from eskin.data import image_size, load_recordings, resized
+from eskin.data import load_recordings
 from eskin.golden.core import InputError
+from eskin.study.image_size import image_size, resized
 from tests.support.image_scenes import shapes
 from tests.support.table import each_row
 
@@ -49,7 +50,7 @@ def test_a_folder_by_class_is_an_archive_of_images(tmp_path, mode):
         ),
         (
             lambda folder: Image.new("L", (9, 257)).save(folder / "cup" / "z.png"),
-            "z.png': has 257 x 9 pixels, and a side at most 256; save it smaller",
+            "z.png': has 257 x 9 pixels and the first one 6 x 9",
         ),
         (
             lambda folder: Image.new("I;16", (9, 6)).save(folder / "cup" / "z.png"),

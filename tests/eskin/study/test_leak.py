@@ -7,6 +7,7 @@ import numpy as np
 
 from eskin.choose import doubts
 from eskin.golden.model import find_onsets, find_touches, random_integer_model
+from eskin.golden.model.pipeline import run
 from eskin.study.leak import known_from_first_frames, known_without_touch, without_touches
 from eskin.training import recipe as recipes
 from eskin.training.datasets import Datasets
@@ -19,13 +20,15 @@ from tests.support.touch_scenes import SMALL, scene
 RECIPE = dataclasses.replace(recipes.RECIPES["onset"], updates=80, batch=32)
 
 
-def checked(recordings, config=SMALL, left_in=0):
+def checked(recordings, config=SMALL, left_in=0, cut=True):
     """What a network trained on half of the recordings knows of the other half without their touches; where
-    the gate opens at once, of their first frames."""
+    the gate opens at once, of their first frames. cut: False: its accuracy on whole recordings."""
     halves = [recordings.subset(np.arange(begin, len(recordings), 2)) for begin in (0, 1)]
     data = Datasets(halves[0]).of(config, RECIPE)
     (model,) = fit_networks(data, config, RECIPE, [np.arange(len(data.touches))], 0, lambda done, total: None)
     integer = quantise_model(model, profile(model, data.touches))
+    if not cut:
+        return run(integer, halves[1]).accuracy(halves[1].labels)
     if config.opens_at_once:
         return known_from_first_frames(integer, halves[1])
     return known_without_touch(integer, halves[1], left_in=left_in)
@@ -125,3 +128,6 @@ def test_a_gate_that_opens_at_once_is_checked_by_the_first_frames():
     assert "by their first 64 frames, repeated" in doubts.leaks(**vars(leak))[0]["text"]
     clean = checked(resting(), at_once)
     assert clean.frames == 64 and clean.accuracy <= clean.limit
+    long = at_once.replace(steps=16)  # the touches tell it, and begin about there
+    whole = checked(scene(90, seed=1), long, cut=False)
+    assert whole > 0.65 > checked(scene(90, seed=1), long).accuracy

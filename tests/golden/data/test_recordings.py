@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.data import load_recordings
+from eskin.data import Reading, load_recordings
 from eskin.data.folds import grouped_folds
 from eskin.golden.core import PRESETS, InputError
 from eskin.golden.data import Recordings
@@ -323,7 +323,7 @@ GOOD_TEXTS = [
 
 @each_row("text", GOOD_TEXTS)
 def test_lvm_texts_of_every_habit_give_the_same_codes(tmp_path, text):
-    recordings = load_recordings(folder_of(tmp_path, text))
+    recordings = load_recordings(folder_of(tmp_path, text), reading=Reading(scale=LSB))
     assert len(recordings) == 2
     assert recordings.class_names == ("brush", "roll")
     assert list(recordings.labels) == [0, 1]
@@ -335,7 +335,8 @@ def test_lvm_texts_of_every_habit_give_the_same_codes(tmp_path, text):
 
 def test_a_first_row_of_whole_numbers_is_a_frame(tmp_path):
     recordings = load_recordings(
-        folder_of(tmp_path, "T\tA\tB\n0\t2\t1\n0.001\t1.5\t1.25\n0.002\t1.5\t1.25\n")
+        folder_of(tmp_path, "T\tA\tB\n0\t2\t1\n0.001\t1.5\t1.25\n0.002\t1.5\t1.25\n"),
+        reading=Reading(scale=LSB),
     )
     assert recordings.recording(0).tolist() == [[32000, 16000], [24000, 20000], [24000, 20000]]
 

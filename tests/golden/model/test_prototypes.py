@@ -175,3 +175,20 @@ def test_arrays_that_do_not_fit_the_readout_are_refused():
         IntegerModel(dense, model.arrays)
     with pytest.raises(InputError, match="field readout: is 'dense', which is trained and not taught"):
         teach(random_integer_model(dense, 1), model.arrays["taught"][0, 0], 0)
+
+
+def test_a_class_is_taught_by_index_or_name_and_nothing_else():
+    """None, 1.5 and True ended in numpy's own errors, or taught class 1."""
+    model = taught_model("gru")
+    names, touch = model.config.network.class_names, model.arrays["taught"][0, 0]
+    for wrong in (3, -1, None, 1.5, float("nan"), True, np.True_, "nobody", [1], np.array([1])):
+        stream = Stream(model)
+        for act, *arguments in ((teach, model, touch, wrong), (stream.teach, wrong)):
+            with pytest.raises(InputError, match="class .*: is none of the model's"):
+                act(*arguments)
+        with pytest.raises(InputError, match="class .*: is none of the model's"):
+            stream.teach(wrong, following=True)
+    by_name = teach(model, touch, names[1])
+    for right in (1, np.int64(1), 1.0):
+        assert by_name.content == teach(model, touch, right).content
+    assert forget(by_name, names[1]).content == forget(by_name, 1).content != by_name.content
