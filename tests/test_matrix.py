@@ -94,6 +94,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         f"train {JUDGED} --folds 2 --prefer latency --fits ulx3s --out {{out}}/model",
         ("linear",),
     ),
+    "train --stress": (
+        f"train {JUDGED} --folds 2 --cell auto --stress on --out {{out}}/model",
+        ("linear", "image"),
+    ),
     "import": (
         "import {weights} --config {config} {scale} --out {out}/model",
         ("linear", "gru-before", "gru-after", "image"),

@@ -117,7 +117,7 @@ class Judged:
     @cached_property
     def stressed(self) -> np.ndarray | None:
         """(recordings) the share of disturbances under which each was decided correctly; NaN: not disturbed."""
-        if self.stress is None or self.wrong is None:
+        if self.stress is None or self.wrong is None or not len(self.wrong):
             return None
         return self.stress.stressed(self.config, self.wrong)
 
@@ -214,6 +214,7 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
     row: Record = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
     if onset.onset == "baseline":
         row["onset_threshold"] = onset.onset_threshold
+    row |= {"onset_hits": onset.onset_hits, "onset_span": onset.onset_span, "clip": config.rest_level.clip}
     row |= {"scan_every": config.sensor.scan_every}
     row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
     row["feature_kinds"] = list(features.feature_kinds)

@@ -212,7 +212,9 @@ def fit_sturdy(
     gram, sums = x.T @ x / touches, x.mean(axis=0)
     cross, share = x.T @ indicators / touches, indicators.mean(axis=0)
     live = (~np.array(config.input_mask)).astype(float)
-    rest = shaped(np.broadcast_to(-mu / sigma * live, features.shape)).mean(axis=0)
+    # a level that is not taken off stays what it is when nothing moves
+    at_rest = features.mean(axis=0) if config.rest_level.rest == "none" else -mu / sigma * live
+    rest = shaped(np.broadcast_to(at_rest, features.shape)).mean(axis=0)
     number = max(len(config.sensor.live), 1)
     total, moments, targets, weight = gram.copy(), sums.copy(), cross.copy(), 1.0
 
