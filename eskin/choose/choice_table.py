@@ -30,7 +30,7 @@ def _windows(row: Record) -> str:
     )
     kinds, every = "+".join(row["feature_kinds"]), row.get("scan_every", 1)
     scans = "" if every == 1 else f", one frame in {every} scanned"
-    return f"{row['steps']} windows of {row['window']} every {row['hop']}{scans}, {kinds}{activity}"
+    return f"{row['steps']} window{'s' * (row['steps'] != 1)} of {row['window']} every {row['hop']}{scans}, {kinds}{activity}"
 
 
 def front_end_brief(row: Record) -> str:
