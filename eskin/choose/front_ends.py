@@ -602,7 +602,7 @@ def _fewer_scans(
     best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]
 ) -> Iterator[AcceleratorConfig]:
     """The best at every ``scan_every``, also with hops of whole eighths. Means of fewer frames are noisier and a single
-    frame weighs more in them: so with every threshold of gates of its kind, and with deviations clipped at twice that."""
+    frame weighs more in them: so with every threshold of gates of its kind, and with deviations clipped at twice or three times that."""
     rests, onset, hop = best.rest_level, best.onset_rule.onset, best.windows.hop
     rules = [(best.onset_rule.onset_threshold, rests.clip)]
     if onset == "baseline":
@@ -612,7 +612,11 @@ def _fewer_scans(
             if (configs[0].rest_level.rest, configs[0].onset_rule.onset) == (rests.rest, onset)
         ]
         thresholds = dict.fromkeys([best.onset_rule.onset_threshold, *alike])
-        rules = [(threshold, clip) for threshold in thresholds for clip in (rests.clip, 2 * threshold)]
+        rules = [
+            (threshold, clip)
+            for threshold in thresholds
+            for clip in (rests.clip, 2 * threshold, 3 * threshold)
+        ]
     for whole in dict.fromkeys((hop, max(hop - hop % 8, 1))):
         block = block_of(whole) if best.features.activity_block > 1 else 1
         windows = dict(hop=whole, window=2 * whole, activity_block=block) if whole != hop else {}
