@@ -63,7 +63,7 @@ coverage: $(INSTALLED)
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_fuzz.py \
-		-k 'ends_well or lasting_harm or from_python'
+		-k 'ends_well or lasting_harm or from_python or recorders_file'
 
 designs: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_random_designs.py -k drawn -m "slow or not slow"

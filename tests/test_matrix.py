@@ -94,6 +94,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         f"train {JUDGED} --folds 2 --prefer latency --fits ulx3s --out {{out}}/model",
         ("linear",),
     ),
+    "train --stress": (
+        f"train {JUDGED} --folds 2 --cell auto --stress on --out {{out}}/model",
+        ("linear", "image"),
+    ),
     "import": (
         "import {weights} --config {config} {scale} --out {out}/model",
         ("linear", "gru-before", "gru-after", "image"),
@@ -241,13 +245,15 @@ def archives(folder: Path) -> None:
 
 
 def pushed_or_shaken() -> Recordings:
-    """Touches of four taxels that answer differently: the force on two of them tells one half of the class, how it
-    shakes on two of them the other."""
+    """Touches of four taxels that answer differently: how hard two of them are pushed, slowly, tells one half of the
+    class, whether the other two shake the other half."""
     rng, gains, samples = np.random.default_rng(0), np.array([400, 40, 4000, 100]), []
     push, shake = (np.arange(48) // step % 2 for step in (1, 2))
+    frame = np.arange(90)[:, None]
+    grip = np.clip(np.minimum(frame, frame[::-1]) / 40, 0, 1)
     for index in range(48):
-        force = 0.5 + 0.5 * push[index] * np.array([1, 1, 0, 0]) + 0.1 * rng.normal(size=(1, 4))
-        force = force + 0.3 * shake[index] * rng.choice([-1, 1], (90, 4)) * np.array([0, 1, 1, 0])
+        force = grip * (0.5 + push[index] * np.array([0, 1, 0, 1]) + 0.1 * rng.normal(size=(1, 4)))
+        force = force + 0.3 * shake[index] * rng.choice([-1, 1], (90, 4)) * np.array([1, 0, 1, 0])
         touch = np.concatenate([np.zeros((30, 4)), gains * force])
         samples.append(np.rint(8000 + touch + rng.normal(0, 1, touch.shape)).astype(int))
     person = {"person": np.arange(48) % 12 // 4}
@@ -381,7 +387,7 @@ class Case:
     def asked(self) -> tuple[str, ...]:
         """What train is asked: the kind's configuration, or to choose one."""
         if self.kind == "chosen-kinds":
-            return ("--group", "person", "--folds", "3", "--seeds", "1")
+            return ("--group", "person", "--folds", "3", "--seeds", "1", "--cell", "linear")
         return ("--config", f"{self.config()}", "--folds", "0")
 
     def result(self) -> Path:

@@ -2,8 +2,8 @@
 
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
 by its decisions on recordings that it has not seen, sound ones and, where there is a `Stress`, disturbed ones:
-its score is the mean of both accuracies. **The rule** (`choose`): of those that are level with the
-best score the cheapest. Level is what `eskin.training.level` says;
+its score is the mean of both accuracies. **The rule** (`choose`): of those that are level with the most
+accurate, and of them with the best score, the cheapest. Level is what `eskin.training.level` says;
 what is cheap says `eskin.choose.cost.Market`. The rule serves front ends alone, which are judged with a
 linear network that is solved in closed form (`eskin.choose.front_ends`), whole networks
 (`eskin.choose.networks`), and both again inside the training part of every fold.
@@ -117,7 +117,7 @@ class Judged:
     @cached_property
     def stressed(self) -> np.ndarray | None:
         """(recordings) the share of disturbances under which each was decided correctly; NaN: not disturbed."""
-        if self.stress is None or self.wrong is None:
+        if self.stress is None or self.wrong is None or not len(self.wrong):
             return None
         return self.stress.stressed(self.config, self.wrong)
 
@@ -187,23 +187,25 @@ def best_of(judged: Sequence[Judged]) -> Judged:
 
 
 def choose(judged: Sequence[Judged], market: Market) -> Judged:
-    """Of those level with the best the cheapest; of equal price the first. A board decides between level
-    ones; one that was named has to hold the best, too.
+    """Of those level with the most accurate those level with the best score, and of these the cheapest; of equal
+    price the first. A board decides between level ones; one that was named has to hold the best, too.
 
     Raises
     ------
     InputError
         Nothing fits the named board.
     """
-    ordered = sorted(judged, key=lambda one: -one.score)
-    best = next((one for one in ordered if market.is_candidate(one.config)), None)
-    if best is None:
+    usable = [one for one in judged if market.is_candidate(one.config)]
+    if not usable:
         raise InputError(
             f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
             "larger board"
         )
+    accurate = max(usable, key=lambda one: one.accuracy)
+    sound = [one for one in judged if is_level(accurate.correct, one.correct)]
+    best = best_of([one for one in sound if market.is_candidate(one.config)])
     level = sorted(
-        (one for one in judged if is_level(best.scores, one.scores)), key=lambda one: market.price(one.config)
+        (one for one in sound if is_level(best.scores, one.scores)), key=lambda one: market.price(one.config)
     )
     return next((one for one in level if market.fits(one.config)), level[0])
 
@@ -214,6 +216,7 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
     row: Record = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
     if onset.onset == "baseline":
         row["onset_threshold"] = onset.onset_threshold
+    row |= {"onset_hits": onset.onset_hits, "onset_span": onset.onset_span, "clip": config.rest_level.clip}
     row |= {"scan_every": config.sensor.scan_every}
     row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
     row["feature_kinds"] = list(features.feature_kinds)

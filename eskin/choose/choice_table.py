@@ -18,8 +18,10 @@ def front_end_words(row: Record) -> str:
         row["onset"], f"onset at {row.get('onset_threshold')} codes"
     )
     preset = f"preset {row['name']}: " if row["name"] in PRESETS else ""
+    defences = f", {row['onset_hits']} of {row['onset_span']} checks" if row.get("onset_span", 1) > 1 else ""
+    defences += f", clip at {row['clip']} codes" if row.get("clip") else ""
     scale = "one scale" if row["feature_scale"] == "array" else "a scale a taxel"
-    return f"{preset}{levels}, {gate}, {_windows(row)}, {scale}"
+    return f"{preset}{levels}, {gate}, {_windows(row)}, {scale}{defences}"
 
 
 def _windows(row: Record) -> str:
@@ -28,7 +30,7 @@ def _windows(row: Record) -> str:
     )
     kinds, every = "+".join(row["feature_kinds"]), row.get("scan_every", 1)
     scans = "" if every == 1 else f", one frame in {every} scanned"
-    return f"{row['steps']} windows of {row['window']} every {row['hop']}{scans}, {kinds}{activity}"
+    return f"{row['steps']} window{'s' * (row['steps'] != 1)} of {row['window']} every {row['hop']}{scans}, {kinds}{activity}"
 
 
 def front_end_brief(row: Record) -> str:
@@ -78,6 +80,60 @@ def network_name(row: Record) -> str:
     if row["cell"] != "linear":
         return f"{row['cell'].upper()} {row['hidden']}"
     return "linear" if row["recipe"] == "linear" else f"linear ({row['recipe']})"
+
+
+def where_it_fails(candidates: Sequence[Record]) -> Record | None:
+    """The network taken under disturbance beside the cheapest one that knows of none; None without a panel.
+
+    Returns
+    -------
+    {rows: [{mode, figure, bound, held, plain (its figure in the other, None: not judged there)}], the weakest
+    first; held, modes (how many); plain (the other's name), sentence (what would mend the weakest)}.
+    """
+    taken = next((row for row in candidates if row["chosen"] and row.get("stress")), None)
+    if taken is None:
+        return None
+    plain = min((row for row in candidates if not row["robust"]), key=lambda row: row["energy_touch_j"])
+
+    def beyond(row: Record) -> float:
+        return abs(row["figure"] - row["bound"]) * (1 - 2 * row["held"])
+
+    of_plain = {row["mode"]: row["figure"] for row in plain["stress"]}
+    rows = [row | {"plain": of_plain.get(row["mode"])} for row in taken["stress"]]
+    rows.sort(key=beyond, reverse=True)
+    return {
+        "rows": rows,
+        "held": sum(row["held"] for row in rows),
+        "modes": len(rows),
+        "plain": f"{network_name(plain)}, {front_end_brief(plain)}",
+        "sentence": _mended(rows[0], taken, candidates),
+    }
+
+
+def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str:
+    """What candidate would mend the weakest mode, and what it costs."""
+    sign = (
+        1 if weakest["figure"] < weakest["bound"] else -1
+    )  # accuracies are to be high, shares of onsets low
+    found = [
+        (sign * row["figure"], -other["energy_touch_j"], other)
+        for other in candidates
+        for row in other["stress"]
+        if row["mode"] == weakest["mode"]
+    ]
+    name = f"The weakest is '{weakest['mode']}': {weakest['figure']:.1%}, bound {weakest['bound']:.1%}."
+    if weakest["held"]:
+        return f"{name} Every bound holds."
+    best = max(found, key=lambda one: one[:2])[2]
+    (figure,) = (row["figure"] for row in best["stress"] if row["mode"] == weakest["mode"])
+    if sign * (figure - weakest["figure"]) < 0.005:
+        return f"{name} No candidate does better there."
+    joule = 1e6 * (best["energy_touch_j"] - taken["energy_touch_j"])
+    points = 100 * (best["accuracy"] - taken["accuracy"])
+    return (
+        f"{name} {network_name(best)} on {front_end_words(best['front_end'])} has {figure:.1%} there, for {joule:+.2f} uJ "
+        f"a touch, {best['cells'] - taken['cells']:+d} logic cells and {points:+.1f} points on undisturbed recordings."
+    )
 
 
 def left_out(groups: Sequence[str]) -> str:

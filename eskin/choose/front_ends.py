@@ -34,6 +34,7 @@ from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.groups import Features
 from eskin.golden.data import Recordings
+from eskin.golden.data.codes import UNEVEN
 from eskin.golden.model import normalise, normaliser_constants, real_features
 from eskin.training.datasets import scaling
 from eskin.training.derive import (
@@ -308,6 +309,15 @@ class FrontEnds:
 
     def __init__(self, recordings: Recordings, progress: Callable[[str, int, int], None] | None = None):
         self._base, self.reasons = sensor_sizes(recordings)
+        low, high = np.quantile(
+            recordings.samples[:: max(1, recordings.frames // 100_000)], (0.01, 0.99), axis=0
+        )
+        moves = (high - low)[high > low]
+        if len(moves) and moves.max() > UNEVEN * moves.min():
+            self._base["feature_scale"] = "taxel"
+            self.reasons.append(
+                f"taxels differ by {moves.max() / moves.min():.3g} in range: a scale a taxel comes first"
+            )
         self.looked_at = recordings.evenly(_how_many(recordings))
         self.recordings = recordings.subset(self.looked_at)
         self.inside = self.recordings.evenly(INSIDE_ON)
@@ -480,7 +490,7 @@ def _longer(configs: Sequence[AcceleratorConfig]) -> list[AcceleratorConfig]:
     return [one for one in configs if one.windows.steps == STEPS and one.last_frame > configs[0].last_frame]
 
 
-GATES = ((1, 1, 1.0), (3, 4, 1.0), (5, 6, 1.0), (3, 4, 1.5), (5, 6, 1.5), (5, 6, 2.0), (5, 6, 3.0))
+GATES = ((3, 4, 1.0), (5, 6, 1.0), (3, 4, 1.5), (5, 6, 1.5), (5, 6, 2.0), (5, 6, 3.0))
 """Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
 the rule's mean for four judged frames."""
 
@@ -492,33 +502,40 @@ def sturdier(
     config: AcceleratorConfig, screen: Screen, false_onsets: Callable[[AcceleratorConfig], float]
 ) -> AcceleratorConfig | None:
     """``config`` with a tracked rest level, the first of GATES that a disturbance before the touch does not open
-    (else the one that it opens least), and a clip near the largest deviations; where it opens at once with a
-    level that is taken off. None: it is that already, or no accelerator has it. No label is looked at."""
+    (else the one that it opens least), and a clip near the largest deviations; where it opens at once with the
+    clip alone. None: it is that already, or no accelerator has it. No label is looked at."""
     if config.onset_rule.onset == "band":
         return None
-    settle = config.rest_level.rest_frames or settling_frames(config.sensor.sample_rate_hz)
-    rest = "initial" if config.opens_at_once else "tracked"
-    level = _valid(config, rest=rest, rest_frames=settle)
+    at_once = config.opens_at_once
+    level = config if at_once else _valid(config, rest="tracked")
     if level is None or not len(touches := screen.touches(level)):
         return None
     touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
-    clip = int(np.ceil(CLIP_OVER * np.quantile(np.concatenate(touched), 1 - CLIPPED)))
+    # what is not taken off is no deviation, so less of it may be cut
+    share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
+    clip = int(np.ceil(CLIP_OVER * np.quantile(np.concatenate(touched), 1 - share)))
     clip = min(max(clip, 1), config.rest_level.clip or 65535)
     rule = config.onset_rule
     gates: list[Record] = [{}]
-    if not config.opens_at_once:
-        gates = [
+    if not at_once:
+        gates += [
             dict(onset_hits=hits, onset_span=span, onset_threshold=max(1, round(over * rule.onset_threshold)))
             for hits, span, over in GATES
         ]
     tried = [
         one
         for gate in gates
-        if (one := _valid(level, clip=max(clip, 2 * gate.get("onset_threshold", 0)), **gate))
+        if (
+            one := _valid(
+                level,
+                clip=max(clip, 2 * gate.get("onset_threshold", rule.onset_threshold * (not at_once))),
+                **gate,
+            )
+        )
     ]
     best, least = None, np.inf
     for one in tried:
-        opened = 0.0 if config.opens_at_once else false_onsets(one)
+        opened = 0.0 if at_once else false_onsets(one)
         if opened < least:
             best, least = one, opened
         if not least:
@@ -585,7 +602,7 @@ def _fewer_scans(
     best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]
 ) -> Iterator[AcceleratorConfig]:
     """The best at every ``scan_every``, also with hops of whole eighths. Means of fewer frames are noisier and a single
-    frame weighs more in them: so with every threshold of gates of its kind, and with deviations clipped at twice that."""
+    frame weighs more in them: so with every threshold of gates of its kind, and with deviations clipped at twice or three times that."""
     rests, onset, hop = best.rest_level, best.onset_rule.onset, best.windows.hop
     rules = [(best.onset_rule.onset_threshold, rests.clip)]
     if onset == "baseline":
@@ -595,7 +612,11 @@ def _fewer_scans(
             if (configs[0].rest_level.rest, configs[0].onset_rule.onset) == (rests.rest, onset)
         ]
         thresholds = dict.fromkeys([best.onset_rule.onset_threshold, *alike])
-        rules = [(threshold, clip) for threshold in thresholds for clip in (rests.clip, 2 * threshold)]
+        rules = [
+            (threshold, clip)
+            for threshold in thresholds
+            for clip in (rests.clip, 2 * threshold, 3 * threshold)
+        ]
     for whole in dict.fromkeys((hop, max(hop - hop % 8, 1))):
         block = block_of(whole) if best.features.activity_block > 1 else 1
         windows = dict(hop=whole, window=2 * whole, activity_block=block) if whole != hop else {}

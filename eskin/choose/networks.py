@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from eskin.choose.candidate import Candidate, Judged, best_of, choose
+from eskin.choose.choice_table import network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
@@ -314,7 +315,7 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
             for number in numbers
             for test in parts[number].tests
         ]
-        called = terms.called(candidate.network["cell"])
+        called = terms.called(network_name(candidate.network))
         try:
             trained = train_pieces(terms.datasets, pieces, int(seeds[0]), called)
         except InputError:

@@ -85,7 +85,7 @@ def understand(
         "offsets": found.offsets,
         "labels": found.labels,
         "sample_rate_hz": np.array(rate),
-        "unit": np.array(table.unit(taxels) or (said.pop() if len(said) == 1 else "")),
+        "unit": np.array(table.units_of(taxels) or (said.pop() if len(said) == 1 else "")),
     }
     if of_one_file and table.class_names:
         arrays["class_names"] = np.array(table.class_names)
@@ -443,7 +443,7 @@ def _second(table: Table, column: int) -> float:
     """Seconds of one of a time column: by the unit in its name; 0: it does not say."""
     match = TIME.match(table.names[column]) if table.names else None
     of_name = match and (match[1] or match[0])
-    return _SECONDS.get((table.unit([column]) or of_name or "").lower().replace("seconds", "s"), 0.0)
+    return _SECONDS.get((table.units_of([column])[0] or of_name or "").lower().replace("seconds", "s"), 0.0)
 
 
 def _course(values: np.ndarray, starts: np.ndarray) -> str:

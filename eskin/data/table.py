@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from eskin.golden.core import InputError
-from eskin.golden.data.codes import place_of
+from eskin.golden.data.codes import Worth, place_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +42,7 @@ class Reading:
     recording: str | None = None
     label: str | None = None
     delimiter: str | None = None
-    scale: float | None = None
+    scale: Worth | None = None
     samples: str | None = None
     labels: Path | None = None
     clock: str = "log"
@@ -114,12 +114,13 @@ class Table:
         """The columns' names; how a table calls its time may differ."""
         return [TIME.sub("time", self.names[column]) for column in self.frame] if self.names else []
 
-    def unit(self, columns: Sequence[int]) -> str:
-        """The one unit of columns: as the source says it, or behind their names as in ``a (mV)``."""
+    def units_of(self, columns: Sequence[int]) -> list[str]:
+        """The unit of each column, or the one of all: as the source says it, or behind their names as in
+        ``a (mV)``. None where some have none."""
         behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
         texts = self.units or [match[1] if match else "" for match in behind]
-        units = {texts[column].strip("()[] ") for column in columns} if texts else {""}
-        return units.pop() if len(units) == 1 else ""
+        units = [texts[column].strip("()[] ") for column in columns] if texts else [""]
+        return units[:1] if len(set(units)) == 1 else units if all(units) else []
 
     def is_missing(self, column: int) -> np.ndarray:
         """(rows) where a cell has no value, or one of the words for none."""

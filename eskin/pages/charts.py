@@ -2,12 +2,16 @@
 
 import base64
 import io
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
+from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from eskin.pages.views import count
@@ -37,13 +41,19 @@ STYLE: dict[Any, Any] = {
 def svg(figure: Figure) -> str:
     """The figure as a data address for an ``img``: an image of its own, so that ids of two figures never
     meet."""
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    # the layout's last digits vary from call to call and would change the names inside the image
-    for axes in figure.axes:
-        axes.set_position(np.round(axes.get_position().bounds, 6))
+    letters = {ord(letter) for text in figure.findobj(Text) for letter in text.get_text()}
+    known = get_font(findfont(STYLE["font.family"])).get_charmap().keys() | {ord("\n")}
+    # what the font has no letters for is left to the reader's browser, as text
+    other: dict[Any, Any] = {} if letters <= known else {"svg.fonttype": "none"}
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    with rc_context(other), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+        # the layout's last digits vary from call to call and would change the names inside the image
+        for axes in figure.axes:
+            axes.set_position(np.round(axes.get_position().bounds, 6))
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 

@@ -272,7 +272,7 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
         samples = recordings.recording(index)
         level = np.median(samples[: max(1, min(64, len(samples) // 8))], axis=0)
         time_s = np.arange(len(samples)) / recordings.sample_rate_hz
-        values = (samples - level) * (unit or 1)
+        values = (samples - level) * np.array(unit or 1)
         events = draw_events(axes, samples, recordings.sample_rate_hz)
         if events:
             pass

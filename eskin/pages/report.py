@@ -39,6 +39,7 @@ from eskin.choose.choice_table import (
     front_end_words,
     network_name,
     unseen,
+    where_it_fails,
     windows_brief,
 )
 from eskin.choose.cost import pareto
@@ -441,8 +442,8 @@ def _draw_raw(
     samples, rate = trace["samples"].astype(float), config.sensor.scan_rate_hz
     level = np.median(samples[: max(1, config.rest_level.rest_frames or min(64, len(samples) // 8))], axis=0)
     scale, worth = (1000.0, "mV") if unit == "V" else (1.0, unit or "unit of the samples")
-    volts = scale * config.sensor.volt_per_code
-    signal = (samples - level) * (volts or 1)
+    volts = np.any(config.sensor.volt_per_code)
+    signal = (samples - level) * (scale * np.array(config.sensor.volt_per_code) if volts else 1)
     events = draw_events(axes, samples, rate, first=1)
     if events:
         signal = np.broadcast_to(np.arange(samples.shape[1]), samples.shape)
@@ -503,6 +504,14 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
         ):
             place = row[key], row["accuracy"]
             colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
+            if row.get("stress"):
+                # a share of false onsets is drawn as what is left
+                figures = [abs(one["figure"] - (one["bound"] < 0.5)) for one in row["stress"]]
+                down = row["stressed_accuracy"], min(figures)
+                axes.vlines(
+                    row[key], min(down), row["accuracy"], color=colour, linewidth=0.8, alpha=0.6, zorder=1
+                )
+                axes.plot([row[key]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
             axes.errorbar(
                 *place,
                 yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
@@ -623,6 +632,7 @@ def _values(result: Result) -> Record:
         "things": result.things,
         "unseen": unseen,
         "candidates": [] if result.config.is_image else _candidates(result.run),
+        "fails": where_it_fails([] if result.config.is_image else _candidates(result.run)),
         "network_name": network_name,
         "front_end_brief": front_end_brief,
         "windows_brief": windows_brief,

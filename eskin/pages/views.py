@@ -20,6 +20,10 @@ from rich.table import Column, Table
 from eskin.golden.core import Record, replacing
 
 TEMPLATES = Path(__file__).with_name("templates")
+USUAL_NAMES = ("recordings", "train", "training", "test", "data", "dataset")
+"""Names of files that say nothing of what is in them."""
+MOST_LETTERS = 40
+"""Of a row's name that a table keeps however narrow the terminal is."""
 GAP = "\u00a0"
 """Between a number and its unit: no line ends there."""
 
@@ -71,8 +75,10 @@ def count(value: float) -> str:
     return f"{round(value):,}".replace(",", "\u202f")
 
 
-def number(value: float | None, spec: str, factor: float = 1) -> str:
+def number(value: float | Sequence[float] | None, spec: str, factor: float = 1) -> str:
     """``value`` times ``factor`` as a format says."""
+    if isinstance(value, Sequence):  # of each taxel: the least and the most
+        return f"{number(min(value), spec, factor)} to {number(max(value), spec, factor)}"
     return "-" if value is None else format(value * factor, spec)
 
 
@@ -214,7 +220,14 @@ def tables(text: str) -> Iterator[Rows]:
 def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[Any]]) -> Table:
     """A table for the terminal; its cells are text, whatever they hold."""
     first, *further = columns
-    table = Table(Column(first, no_wrap=True), *further, title=escape(title), title_justify="left")
+    cells = list(cells)
+    widest = max((len(str(row[0])) for row in cells if row), default=1)  # the name of a row is never cut
+    table = Table(
+        Column(first, no_wrap=True, min_width=min(widest, MOST_LETTERS)),
+        *further,
+        title=escape(title),
+        title_justify="left",
+    )
     for row in cells:
         table.add_row(*(escape(str(cell)) for cell in row))
     return table
@@ -224,4 +237,4 @@ def short_name(data: str) -> str:
     """A name for recordings: the file's without its ending, or the folder's where the file has the usual
     name."""
     path = Path(os.path.abspath(data))
-    return path.parent.name if path.name == "recordings.npz" else path.stem or "recordings"
+    return path.parent.name if path.stem in USUAL_NAMES else path.stem or "recordings"

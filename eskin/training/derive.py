@@ -171,7 +171,7 @@ def settling_frames(rate: float) -> int:
 def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
     rate = recordings.sample_rate_hz
     reasons = [
-        f"{recordings.taxels} taxels at {rate:g} Hz with {recordings.sample_format} codes fit no preset, so "
+        f"{recordings.taxels} taxel{'s' * (recordings.taxels > 1)} at {rate:g} Hz with {recordings.sample_format} codes fit no preset, so "
         "the sizes were derived"
     ]
     base, why = sensor_sizes(recordings)
@@ -187,7 +187,7 @@ def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorCon
     hop = int(np.clip(min(max(round(pace_s * rate), 4), fit), 1, 65535))
     steps = STEPS if fit >= 1 else max(1, available - 1)
     reasons.append(
-        f"{steps} windows of {2 * hop} frames every {hop} ({1000 * hop / rate:.3g} ms), "
+        f"{steps} window{'s' * (steps > 1)} of {2 * hop} frames every {hop} ({1000 * hop / rate:.3g} ms), "
         f"{(steps + 1) * hop / rate:.3g} s in all"
     )
     return for_recordings(

@@ -533,6 +533,7 @@ class _Steps:
         notify("golden model", 0, len(played))
         vectors = expected_of(model, played, folder / "vectors.npz", numbers)
         shown = one_of_each(played.labels)
+        notify("golden model done; compiling the simulator and playing", 0, len(played))
         outcome = job(design, vectors, cocotb=shown, work=folder / "work", builds=BUILDS.resolve())
         if outcome is not None and outcome["waves"]:
             waves = Path(outcome["waves"])

@@ -571,7 +571,7 @@ class AcceleratorConfig:
     def feature_unit(self, length: int, kind: str) -> float:
         """Divisor from a window's value to the feature before scaling.
 
-        Of a mean the frames of a window of ``length``, of an activity its blocks, of companded values two to
+        For a mean: frames of a window of ``length``; for an activity: its blocks; for companded values: two to
         the power of their fraction bits.
         """
         if kind == "integral":

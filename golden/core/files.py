@@ -85,8 +85,8 @@ def replacing_folder(folder: str | Path, check: Callable[[], None] = lambda: Non
     """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends
     without an error; who may read it is as for any new folder of the process (its umask).
 
-    What may be replaced is for the caller to decide. ``check`` is called right before, while no other process
-    replaces a folder beside it; where it raises, ``folder`` stays as it is.
+    The caller decides whether it may be replaced. ``check`` is called right before, while no other process
+    replaces a folder beside it; if it raises, ``folder`` stays as it is.
 
     Raises
     ------

@@ -82,7 +82,11 @@ def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
         return f"give one of {context['expected'].replace(chr(39), '').replace(' or ', ', ')}"
     if kind == "value_error":
         return str(context["error"])
-    for bounds in get_args(get_type_hints(group, include_extras=True)[field]):
+    parts = get_args(get_type_hints(group, include_extras=True)[field])
+    for bounds in (
+        *parts,
+        *(inner for part in parts[:1] for inner in get_args(part)),
+    ):  # or of a union's first
         match bounds:
             case _ if not kind.startswith(("greater_than", "less_than")):
                 break

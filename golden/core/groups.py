@@ -78,7 +78,8 @@ class Sensor(Group):
     - scan_every: the chain takes the first of every N frames of the source; all other fields in frames count the frames
       that it takes.
     - sample_bits, sample_signed: format of an A/D code.
-    - volt_per_code: volt per code; 0 if the recordings are not voltages.
+    - volt_per_code: volt per code, or the unit that the samples had; one for each taxel where columns are of different
+      kinds; 0 if it is not known.
     - masked_taxels: indices (from 0) of taxels that are out of use after a reset.
     """
 
@@ -87,7 +88,7 @@ class Sensor(Group):
     scan_every: Literal[1, 2, 4, 8, 16] = 1
     sample_bits: Annotated[StrictInt, Interval(ge=1, le=16)] = 16
     sample_signed: StrictBool = False
-    volt_per_code: Annotated[Real, Ge(0)] = 0.0
+    volt_per_code: Annotated[Real, Ge(0)] | tuple[Annotated[Real, Gt(0)], ...] = 0.0
     masked_taxels: tuple[StrictInt, ...] = ()
 
     @property
@@ -109,6 +110,11 @@ class Sensor(Group):
             yield "masked_taxels", f"names a taxel outside 0..{self.taxels - 1}"
         if len(set(self.masked_taxels)) != len(self.masked_taxels):
             yield "masked_taxels", "names a taxel twice; name each once"
+        if isinstance(self.volt_per_code, tuple) and len(self.volt_per_code) != self.taxels:
+            yield (
+                "volt_per_code",
+                f"has {len(self.volt_per_code)} values for {self.taxels} taxels; give one for each",
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

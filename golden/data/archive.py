@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from eskin.golden.core import ArchiveError, InputError, read_arrays, replacing
-from eskin.golden.data.recordings import Recordings, recordings_of
+from eskin.golden.data.codes import Worth
+from eskin.golden.data.recordings import UNITS, Recordings, recordings_of
 
 
-def load_archive(path: Path, scale: float | None = None, *, asked: bool = False) -> Recordings:
+def load_archive(path: Path, scale: Worth | None = None, *, asked: bool = False) -> Recordings:
     """The recordings of an npz archive. ``scale``: value of one code if samples are real and the archive does
     not have it. ``asked``: as `eskin.golden.data.codes.to_codes`.
 
@@ -27,6 +28,12 @@ def load_archive(path: Path, scale: float | None = None, *, asked: bool = False)
         ) from None
 
     return recordings_of(arrays, str(path), scale=scale, asked=asked)
+
+
+def _units(recordings: Recordings) -> str | list[str]:
+    """The unit of the samples, or of each taxel where they differ."""
+    units = recordings.unit.split(UNITS)
+    return units if len(units) == recordings.taxels > 1 else recordings.unit
 
 
 def save_archive(recordings: Recordings, path: str | Path) -> None:
@@ -48,7 +55,7 @@ def save_archive(recordings: Recordings, path: str | Path) -> None:
             **({"lsb_volt": np.array(volt)} if volt else {}),
             **({"channel_names": np.array(recordings.channel_names)} if recordings.channel_names else {}),
             # volt is what a reader takes for granted beside lsb_volt
-            **({"unit": np.array(recordings.unit)} if recordings.unit != ("V" if volt else "") else {}),
+            **({"unit": np.array(_units(recordings))} if recordings.unit != ("V" if volt else "") else {}),
         }
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays, **recordings.groups)

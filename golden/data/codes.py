@@ -11,6 +11,10 @@ HEADROOM = 2.0
 """Factor by which later recordings may exceed the largest value of those that choose the scale."""
 MOST_CLIPPED = 0.01
 """Largest share of a taxel's samples that a requested scale may clip."""
+UNEVEN = 8.0
+"""Factor by which columns differ in range from which on each needs a scale of its own."""
+Worth = float | tuple[float, ...]
+"""What one code is worth: of all taxels, or of each."""
 FEW_CODES = 16
 """A taxel that moves by fewer codes, from its 1 % to its 99 % quantile, has lost its signal to the scale."""
 
@@ -48,14 +52,31 @@ def clipped_to(codes: np.ndarray, fmt: QFormat, names: Sequence[str] = ()) -> tu
     return outside, [f"{share:.2g} of the samples lie beyond {span} and were held at its ends: {which}"]
 
 
+def in_words(worth: Worth) -> str:
+    """What a code is worth, of taxels of several kinds the least and the most."""
+    return " to ".join(f"{value:.6g}" for value in sorted({float(np.min(worth)), float(np.max(worth))}))
+
+
+def scale_a_kind(values: np.ndarray, kinds: Sequence[str], top: int) -> tuple[float, ...] | None:
+    """A scale for each column, equal for columns of one kind; None where all are of one, or where the largest
+    values of the kinds differ by UNEVEN at most."""
+    largest = np.abs(values).max(axis=0)
+    of_kind = {kind: max(largest[[kind == other for other in kinds]]) for kind in kinds}
+    moving = [value for value in of_kind.values() if value > 1e-300]
+    if len(moving) < 2 or max(moving) <= UNEVEN * min(moving):
+        return None
+    return tuple(round_step(HEADROOM * (of_kind[kind] or max(moving)), top) for kind in kinds)
+
+
 def to_codes(
     values: np.ndarray,
     source: str,
-    scale: float | None = None,
+    scale: Worth | None = None,
     *,
     names: Sequence[str] = (),
+    kinds: Sequence[str] = (),
     asked: bool = False,
-) -> tuple[np.ndarray, float, list[str]]:
+) -> tuple[np.ndarray, Worth, list[str]]:
     """Finite real samples as codes ``rint(value / scale)``.
 
     Parameters
@@ -65,10 +86,12 @@ def to_codes(
     source:
         Name of the samples in messages.
     scale:
-        Value of one code; None: whole numbers of at most 16 bits are codes already, others get a scale
-        that leaves twice their range.
+        Value of one code, of all taxels or of each; None: whole numbers of at most 16 bits are codes
+        already, others get a scale that leaves twice their range.
     names:
         Names of the taxels, for messages; none: their numbers.
+    kinds:
+        Of the taxels: each kind gets a scale of its own where they need it (`scale_a_kind`).
     asked:
         The user requested this scale: it is refused if it clips more than MOST_CLIPPED of a taxel's samples.
 
@@ -81,12 +104,12 @@ def to_codes(
     InputError
         The scale is no positive number, or all values are 0.
     """
-    if scale is not None and not (math.isfinite(scale) and scale > 0):
+    if scale is not None and not (np.isfinite(scale).all() and np.greater(scale, 0).all()):
         raise InputError(
             f"{source}: a scale of {scale} makes no codes; give what one code is worth, a number above 0"
         )
     low, high = float(values.min()), float(values.max())
-    if scale is not None and not math.isfinite(max(-low, high) / scale):
+    if scale is not None and not math.isfinite(max(-low, high) / np.min(scale)):
         raise InputError(
             f"{source}: a scale of {scale} makes infinite codes of samples up to {max(-low, high):.6g}; "
             "give a larger one"
@@ -105,20 +128,27 @@ def to_codes(
     if scale is None:
         if largest < 1e-300:
             raise InputError(f"{source}: every sample is 0; nothing can be scaled")
-        scale = round_step(HEADROOM * largest, bounds.max_code)
-        origin = f"twice the largest value of {largest:.6g} fits 16 bits"
-    codes = np.rint(values / scale)
+        scale = scale_a_kind(values, kinds, bounds.max_code)
+        origin = f"twice the largest value of each of {len(set(kinds))} kinds of column fits 16 bits"
+        if scale is None:
+            scale = round_step(HEADROOM * largest, bounds.max_code)
+            origin = f"twice the largest value of {largest:.6g} fits 16 bits"
+    codes = np.rint(values / np.asarray(scale))
     clipped, held = clipped_to(codes, bounds, names)
     if asked and clipped.max() > MOST_CLIPPED:
         worst = int(np.argmax(clipped))
         raise InputError(
-            f"{source}, {called([worst], names)}: a scale of {scale:.6g} puts {clipped[worst]:.1%} of its samples beyond "
+            f"{source}, {called([worst], names)}: a scale of {in_words(scale)} puts {clipped[worst]:.1%} of its samples beyond "
             f"16 bits; give {round_step(largest, bounds.max_code):.6g}, which holds all, or leave --scale out"
         )
-    notes = [f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {scale:.6g} ({origin})"]
+    notes = [
+        f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {in_words(scale)} ({origin})"
+    ]
     notes += held
     # every so many frames: a quantile of some 100 000 is as good as of all
-    moves = np.subtract(*np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)) / scale
+    moves = np.subtract(
+        *np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)
+    ) / np.asarray(scale)
     coarse = np.flatnonzero((moves < FEW_CODES) & (moves > 0))
     if len(coarse):
         notes.append(

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat, array_of
 from eskin.golden.core.config import IMAGE_ROWS_HZ
-from eskin.golden.data.codes import clipped_to, place_of, to_codes
+from eskin.golden.data.codes import Worth, clipped_to, in_words, place_of, to_codes
 
 ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz")
 """The arrays every archive must hold."""
@@ -60,7 +60,7 @@ class Recordings:
     groups:
         Groups (person, trial, ...): name -> array of length recordings.
     source:
-        Where they come from, for messages and the report.
+        Source of the recordings, for messages and the report.
     volt_per_code:
         Value of one code, in volt or the unit of the real samples; 0 if unknown.
     unit:
@@ -85,7 +85,7 @@ class Recordings:
     sample_rate_hz: float
     groups: Arrays = field(default_factory=dict)
     source: str = "recordings"
-    volt_per_code: float = 0.0
+    volt_per_code: Worth = 0.0
     unit: str = ""
     sample_bits: int = 16
     sample_signed: bool = False
@@ -126,7 +126,7 @@ class Recordings:
         sample_rate_hz: float,
         class_names: Sequence[str] | None = None,
         groups: Mapping[str, Any] | None = None,
-        scale: float | None = None,
+        scale: Worth | None = None,
         source: str = "recordings",
     ) -> Recordings:
         """Recordings of arrays in memory.
@@ -331,7 +331,7 @@ def recordings_of(
     source: str,
     *,
     groups: Mapping[str, Any] | None = None,
-    scale: float | None = None,
+    scale: Worth | None = None,
     asked: bool = False,
     notes: Sequence[str] = (),
 ) -> Recordings:
@@ -340,7 +340,7 @@ def recordings_of(
     Parameters
     ----------
     source:
-        Where they come from, for messages.
+        Source of the recordings, for messages.
     groups:
         Name -> one value a recording; None: the other arrays of that length.
     scale:
@@ -398,8 +398,8 @@ def recordings_of(
 
 
 def _samples(
-    arrays: Arrays, source: str, scale: float | None, asked: bool, refuse: Refuse
-) -> tuple[np.ndarray, float, list[str]]:
+    arrays: Arrays, source: str, scale: Worth | None, asked: bool, refuse: Refuse
+) -> tuple[np.ndarray, Worth, list[str]]:
     """The codes, the value of one in volt (0: unknown), and sentences about a scale that was chosen."""
     samples = arrays["samples"]
     if samples.dtype.kind not in "iuf":
@@ -411,11 +411,12 @@ def _samples(
         refuse("samples", f"has shape {samples.shape}; it must be (frames, taxels)")
     if not len(samples):
         refuse("samples", "holds no frame; an archive needs at least one recording")
-    volt = _positive_number(arrays["lsb_volt"]) if "lsb_volt" in arrays else 0.0
+    volt = _worth(arrays["lsb_volt"], samples.shape[1]) if "lsb_volt" in arrays else 0.0
     if volt is None:
         refuse(
             "lsb_volt",
-            f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array out",
+            f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or of one of each taxel, or "
+            "leave the array out",
         )
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
@@ -432,6 +433,7 @@ def _samples(
             f"recordings '{source}'",
             volt or scale,
             names=_channel_names(arrays, samples.shape[1]),
+            kinds=_kinds(arrays, samples.shape[1]),
             asked=asked and not volt,
         )
     return samples, volt, []
@@ -473,11 +475,27 @@ def _channel_names(arrays: Arrays, taxels: int) -> tuple[str, ...]:
 
 
 def _unit(arrays: Arrays) -> str:
-    """Unit of the samples: the text of the array unit; volt if there is only lsb_volt."""
+    """The unit of the samples: the text of the array unit, the texts of all taxels separated by UNITS; volt
+    where there is none and lsb_volt is."""
     named = arrays.get("unit")
-    if named is not None and named.size == 1 and named.dtype.kind in "US":
-        return str(named.reshape(()).astype(str))
+    if named is not None and named.size and named.dtype.kind in "US":
+        texts = named.reshape(-1).astype(str).tolist()
+        return UNITS.join(texts if len(set(texts)) > 1 else texts[:1])
     return "V" if "lsb_volt" in arrays else ""
+
+
+def _kinds(arrays: Arrays, taxels: int) -> list[str]:
+    """The kind of each taxel: its unit, where these differ; else its name without the number or the axis at
+    its end, where that puts some together; none where the source says neither."""
+    units = _unit(arrays).split(UNITS)
+    if len(units) == taxels > 1:
+        return units
+    names = [re.sub(r"[\W_]*(\d+|[xyzXYZ])$", "", name) for name in _channel_names(arrays, taxels)]
+    return names if len(set(names)) < len(names) else []
+
+
+UNITS = ", "
+"""Between the units of taxels of different kinds."""
 
 
 Refuse = Callable[[str, str], NoReturn]
@@ -633,19 +651,41 @@ def _positive_number(value: np.ndarray) -> float | None:
     return number if np.isfinite(number) and number > 0 else None
 
 
+def _worth(value: np.ndarray, taxels: int) -> Worth | None:
+    """The finite number above 0 that ``value`` holds, or those of each taxel where they differ; or None."""
+    if value.shape != (taxels,) or value.dtype.kind not in "iuf":
+        return _positive_number(value)
+    numbers = tuple(map(float, value))
+    if not all(np.isfinite(number) and number > 0 for number in numbers):
+        return None
+    return numbers if len(set(numbers)) > 1 else numbers[0]
+
+
 def _shown(value: np.ndarray) -> str:
     return str(value.reshape(())) if value.size == 1 else f"of shape {value.shape}"
+
+
+def _other_worth(recordings: Recordings, config: AcceleratorConfig) -> np.ndarray | None:
+    """How many of a configuration's codes one of the recordings is; None where that is one, or where one of
+    them does not say it."""
+    step, of_model = np.array(recordings.volt_per_code), np.array(config.sensor.volt_per_code)
+    if recordings.taxels != config.sensor.taxels or not (step.all() and of_model.all()):
+        return None
+    ratio = step / of_model
+    return None if (abs(ratio - 1.0) <= 0.01).all() else ratio
 
 
 def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
     """``recordings`` in the codes of a configuration's sensor, if both have a value per code and these
     differ; the share that clips is in their notes."""
-    step, of_model = recordings.volt_per_code, config.sensor.volt_per_code
-    if not (step and of_model) or abs(step / of_model - 1.0) <= 0.01:
+    of_model = config.sensor.volt_per_code
+    ratio = _other_worth(recordings, config)
+    if ratio is None:
         return recordings
     fmt, unit = config.sample_format, recordings.unit or "V"
-    codes = np.rint(recordings.samples * (step / of_model))
-    said = f"one code is {step:.6g} {unit}, of configuration '{config.name}' {of_model:.6g}: brought to its codes"
+    codes = np.rint(recordings.samples * ratio)
+    step = in_words(recordings.volt_per_code)
+    said = f"one code is {step} {unit}, of configuration '{config.name}' {in_words(of_model)}: brought to its codes"
     return dataclasses.replace(
         recordings,
         samples=np.clip(codes, fmt.min_code, fmt.max_code).astype(np.int32),
@@ -720,12 +760,11 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
             "array samples",
             f"runs from {low} to {high} and configuration '{config.name}', field sample_bits, takes {span}",
         )
-    step, of_model = recordings.volt_per_code, config.sensor.volt_per_code
-    if step and of_model and abs(step / of_model - 1.0) > 0.01:
+    if _other_worth(recordings, config) is not None:
+        worth, of_model = map(in_words, (recordings.volt_per_code, config.sensor.volt_per_code))
         refuse(
             "array lsb_volt",
-            f"says that a code is worth {step:.6g} and configuration '{config.name}', field volt_per_code, "
-            f"{of_model:.6g}",
+            f"says that a code is worth {worth} and configuration '{config.name}', field volt_per_code, {of_model}",
         )
     rate = recordings.sample_rate_hz * recordings.scan_every
     if abs(rate / config.sensor.sample_rate_hz - 1.0) > 0.02:

@@ -318,11 +318,11 @@ def run(
     Parameters
     ----------
     touches:
-        Those of ``find_touches(model.config, recordings)``, if they are known already.
+        Result of ``find_touches(model.config, recordings)``, if it is known already.
     progress:
         Called with (recordings done, recordings in all).
     readout:
-        Of a float model: as `decide_touches`.
+        For a float model: as `decide_touches`.
 
     Raises
     ------

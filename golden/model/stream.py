@@ -260,7 +260,7 @@ class Stream:
         if samples.dtype.kind == "f" and worth:
             # float16 cannot hold the codes, float64 not every long double: infinities are clipped below
             with np.errstate(over="ignore"):
-                real = samples.astype(np.float64) / worth
+                real = samples.astype(np.float64) / np.array(worth)
             if np.isnan(real).any():
                 raise InputError("frames: hold values that are not a number; give samples that are finite")
             samples = np.clip(np.rint(real), fmt.min_code, fmt.max_code).astype(np.int32)

@@ -127,7 +127,7 @@ def cell_blocks(packed: Record, signals: dict[str, str], border: str = "") -> di
     Parameters
     ----------
     signals:
-        Of `signal_blocks`.
+        Result of `signal_blocks`.
     border:
         The submodule across whose border nothing was optimised: cells outside it are the top's, whatever
         reads them.

@@ -121,7 +121,7 @@ def place(
     pins:
         Site of each port.
     folder:
-        Where everything is written; made if missing.
+        Output folder; made if missing.
     border:
         The submodule that the netlist was kept apart for (`eskin.rtl.fpga.synthesis.synthesise`, ``keep``).
 

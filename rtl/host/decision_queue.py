@@ -58,7 +58,7 @@ class DecisionQueue(wiring.Component):
     clear : In(1)
         Drop the waiting words and the word that is taken in this cycle.
     word : Out(32), waits : Out(1)
-        What ``asked`` asks for; one waits.
+        The word that ``asked`` requests; a word waits.
     global_waits : Out(1)
         One of those that wait is a global one.
     asked : In(1)

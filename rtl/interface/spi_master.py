@@ -27,7 +27,7 @@ class SpiMaster(wiring.Component):
     """One transfer of ``plan.chip.bits`` clocks, most significant bit first, mode 0: both sides change their
     data when the clock falls.
 
-    What came in is taken at the end of the clock's high half: a chip may take all but two cycles of a whole
+    The input is sampled at the end of the clock's high half: a chip may take all but two cycles of a whole
     period to answer.
 
     Parameters

@@ -26,8 +26,8 @@ class StimulatorFrames(wiring.Component):
     """While ``request`` is high: SD, SF, SW, SA, C1, C2, ON for ``electrode``, then nothing; OFF as soon as
     anything ends it.
 
-    What ends it: ``request`` falls, another electrode, ``fault``, ``on_cycles`` since the burst began. The
-    frame under way is finished first (cut short, it would swallow the OFF), then OFF is sent twice. After a
+    A burst ends when ``request`` falls, the electrode changes, ``fault`` is high, or ``on_cycles`` have passed. The
+    current frame is finished first (cut short, it would swallow the OFF), then OFF is sent twice. After a
     fault or the time limit there is no new burst until ``request`` has been low without a fault. After a
     reset OFF is sent 16 times before anything else.
 

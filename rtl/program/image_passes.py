@@ -200,7 +200,7 @@ class ImagePlan:
     stages:
         `eskin.golden.core.images.stages_of`.
     weight_bits, shifts, logit_format:
-        Of its numbers; a shift for each layer with weights.
+        Number formats: bits of a weight, a shift for each layer with weights, the format of logits.
     checksum:
         Passes and biases have check words and bits (`eskin.rtl.program.image_signature`).
     lanes:

@@ -66,7 +66,7 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
 def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
     """Cycles that a frame takes on average: one of a touch, and one without a touch.
 
-    Where hops run on, frames without a touch end blocks, but no window. Elsewhere they end at the ring: a
+    If hops run on, frames without a touch end blocks, but no window. Otherwise they end at the ring: a
     cycle a taxel and the way to the ring. A touch that has caught up goes past a ring of one port.
     """
     if config.is_image:

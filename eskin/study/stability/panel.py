@@ -166,6 +166,10 @@ class Panel:
                 wrong.append(share)
         for where in list(waiting):
             find(where)
+        if not found:  # gates alone, or nothing that applies
+            none = np.zeros(0, dtype=np.int64)
+            shares = np.array(wrong).reshape(-1, len(self.rows))
+            return _OnFrontEnd(modes, shares, scene.touches, none.astype(bool), none, none)
         touches, case, row = zip(*found, strict=True)
         joined = {
             name: np.concatenate([getattr(part, name) for part in touches])

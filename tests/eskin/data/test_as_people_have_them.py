@@ -106,7 +106,8 @@ def test_a_unit_stays_with_its_samples(tmp_path):
     [
         ("time,a,b,c\nms,kPa,kPa,kPa", "kPa", 500.0),
         ("time (s),a [N],b [N],c [N]", "N", 0.5),
-        ("time,a,b,c\ns,N,N,V", "", 0.5),
+        ("time,a,b,c\ns,N,N,V", "N, N, V", 0.5),
+        ("time (s),a [N],b,c [V]", "", 0.5),
     ],
 )
 def test_units_of_a_header(tmp_path, header, unit, rate):

@@ -1,12 +1,19 @@
 """Scales: one sensor written twice has one scale or is brought to it, and a scale that loses samples is named."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import eskin
-from eskin.golden.data import load_archive
-from eskin.golden.model import load_config
+from eskin.choose.choice import choose_front_end
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.data import check_fit, load_archive, save_archive
+from eskin.golden.data.recordings import recordings_of, rescaled
+from eskin.golden.model import Stream, load_config, random_integer_model
 from eskin.verbs import main_job
+from tests.support.prices import priced
 
 COLUMNS = ("left", "middle", "right")
 
@@ -94,3 +101,88 @@ def test_a_scale_that_clips_is_refused_with_the_column_and_one_that_holds_it(fir
     status, _, err = call("convert", "a", "--out", "s.npz", "--scale", "1e-5")
     assert status == 2 and "taxel left: a scale of 1e-05 puts" in err and "give 5e-05, which holds all" in err
     assert call("convert", "a", "--out", "s.npz", "--scale", "5e-5")[0] == 0
+
+
+# ---------------------------------------------------------------------- columns of different kinds
+KINDS = ("encoder1", "encoder2", "acc_x", "acc_y", "acc_z")
+
+
+def mixed(count: int = 24, seed: int = 3) -> dict:
+    """An archive of encoders of some 3000 and accelerations of about 1, which alone tell the class."""
+    rng = np.random.default_rng(seed)
+    labels = np.arange(count) % 2
+    encoders = rng.normal(0, 1000, (count, 80, 2))
+    turned = np.stack([np.sin(0.3 * np.arange(80)) * side for side in (0.2, -0.2)])[labels]
+    samples = np.concatenate([encoders, rng.normal(0, 0.05, (count, 80, 3)) + turned[..., None]], axis=2)
+    return {
+        "samples": samples.reshape(-1, 5).astype(np.float32),
+        "offsets": 80 * np.arange(count + 1),
+        "labels": labels,
+        "class_names": np.array(["left", "right"]),
+        "sample_rate_hz": np.array(50.0),
+        "channel_names": np.array(KINDS),
+    }
+
+
+def test_columns_of_different_kinds_get_a_scale_each(tmp_path):
+    """By their names or their units; of one kind, or where nothing tells kinds, one scale stays."""
+    arrays = mixed()
+    made = recordings_of(arrays, "mixed")
+    encoder, other, *accelerations = made.volt_per_code
+    assert encoder == other > 1000 * accelerations[0] and len(set(accelerations)) == 1
+    assert np.ptp(made.samples, axis=0).min() > 10_000
+    units = np.array(["deg", "deg", "g", "g", "g"])
+    by_unit = recordings_of(arrays | {"unit": units, "channel_names": np.array(list("abcde"))}, "units")
+    assert by_unit.volt_per_code == made.volt_per_code and by_unit.unit == "deg, deg, g, g, g"
+    for names in (list("abcde"), ["taxel1", "taxel2", "taxel3", "taxel4", "taxel5"]):
+        assert isinstance(
+            recordings_of(arrays | {"channel_names": np.array(names)}, "one").volt_per_code, float
+        )
+    save_archive(by_unit, tmp_path / "kept.npz")
+    with np.load(tmp_path / "kept.npz") as kept:
+        assert kept["lsb_volt"].shape == (5,) and kept["unit"].tolist() == units.tolist()
+    again = load_archive(tmp_path / "kept.npz")
+    assert again.volt_per_code == made.volt_per_code and again.unit == by_unit.unit
+    assert again.content == by_unit.content
+
+
+def test_a_model_of_mixed_columns_reads_codes_streams_and_other_scales(tmp_path):
+    recordings = recordings_of(mixed(), "mixed")
+    config = AcceleratorConfig.of(
+        taxels=5,
+        sample_rate_hz=50.0,
+        sample_signed=True,
+        volt_per_code=recordings.volt_per_code,
+        class_names=recordings.class_names,
+    )
+    assert AcceleratorConfig.from_dict(json.loads(config.to_json())) == config
+    finer = replace(
+        recordings,
+        samples=2 * recordings.samples // 3,
+        volt_per_code=tuple(1.5 * worth for worth in recordings.volt_per_code),
+    )
+    brought = rescaled(finer, config)
+    assert (
+        brought.volt_per_code == config.sensor.volt_per_code and "brought to its codes" in brought.notes[-1]
+    )
+    assert np.abs(brought.samples - recordings.samples).max() <= 1
+    check_fit(brought, config)
+    with pytest.raises(
+        InputError, match="array lsb_volt: says that a code is worth .* to .* and configuration"
+    ):
+        check_fit(finer, config)
+    stream = Stream(random_integer_model(config, 1))
+    real = recordings.recording(0) * np.array(recordings.volt_per_code)
+    assert stream.push(real) == Stream(random_integer_model(config, 1)).push(recordings.recording(0))
+    with pytest.raises(InputError, match="volt_per_code: has 2 values for 5 taxels; give one for each"):
+        config.replace(volt_per_code=(1.0, 2.0))
+    with pytest.raises(InputError, match="array lsb_volt: is of shape"):
+        recordings_of(mixed() | {"lsb_volt": np.array([1.0, 2, 3, 4, -5])}, "bad")
+
+
+def test_what_small_columns_tell_is_found_beside_large_ones():
+    front_end = choose_front_end(recordings_of(mixed(), "mixed"), priced())
+    assert front_end.screened[0].accuracy > 0.9
+    one = recordings_of(mixed() | {"channel_names": np.array(list("abcde"))}, "one scale")
+    uneven = choose_front_end(one, priced())
+    assert any("differ by" in reason and "a scale a taxel" in reason for reason in uneven.reasons)

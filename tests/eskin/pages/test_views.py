@@ -1,9 +1,12 @@
 """eskin/pages/views.py: figures in words; what a value holds never becomes a bar, a row, a heading or markup."""
 
+import io
+
 import jinja2
 import pytest
+from rich.console import Console
 
-from eskin.pages.views import Rows, parts, words
+from eskin.pages.views import Rows, parts, short_name, terminal_table, words
 
 HOSTILE = ("a|b", "[b]a", "\\|", "two\nlines", "{{ 1 }}", "")
 
@@ -19,3 +22,19 @@ def test_a_value_stays_in_its_cell():
 def test_a_figure_that_is_missing_is_no_empty_cell():
     with pytest.raises(jinja2.UndefinedError, match="recordings_looked_at"):
         words("front_ends", rows=[], split=[])
+
+
+def test_a_file_with_a_name_that_says_nothing_is_called_by_its_folder():
+    assert [short_name(path) for path in ("a/glove/train.npz", "a/glove/recordings.npz", "a/hand.npz")] == [
+        "glove",
+        "glove",
+        "hand",
+    ]
+
+
+def test_names_of_rows_are_kept_whole_on_a_narrow_terminal():
+    name = "an object with a long name"
+    out = io.StringIO()
+    table = terminal_table("", ["class", "sentence"], [(name, "words " * 30)])
+    Console(file=out, width=50).print(table)
+    assert name in out.getvalue()

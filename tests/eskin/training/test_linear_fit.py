@@ -4,6 +4,7 @@ import numpy as np
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.training import linear_fit
 from eskin.training.linear_fit import QUIETEST, cut_short, discriminants, fit_least_squares, fit_linear
 
 CONFIG = AcceleratorConfig.of(
@@ -84,3 +85,39 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
         shares.append((right[held_out & (held == 2)].mean(), right[held_out & (held == 6)].mean()))
     (before, whole_before), (after, whole_after) = shares
     assert after > before + 0.05 and whole_after > whole_before - 0.05, shares
+
+
+def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch):
+    """In closed form and copy by copy: a taxel lost, at rest or masked; touches cut short; other rates."""
+    for name in ("OFFSET", "COMMON", "DRIFT"):
+        monkeypatch.setattr(linear_fit, name, 0.0)
+    rng = np.random.default_rng(4)
+    labels, penalty = np.arange(50) % 2, 1e-2
+    features = rng.normal(0, 1, (50, 6, 4)) + (labels[:, None, None] - 0.5) * rng.normal(1, 1, (6, 4))
+    config = CONFIG.replace(rest="initial", rest_frames=4)
+    arrays = linear_fit.fit_sturdy(config, features, np.ones((50, 6)), labels, (3.0, 2.0), penalty)
+    copies = [(1.0, features)]
+    for taxel in range(4):
+        for level in (-1.5, 0.0):
+            lost = features.copy()
+            lost[:, :, taxel] = level
+            copies.append((linear_fit.LOST / 8, lost))
+    for part in linear_fit.CUT_AFTER:
+        copies.append((linear_fit.CUT, features * (np.arange(6) < round(part * 6))[:, None]))
+    for factor in linear_fit.RATES:
+        at = np.minimum(np.arange(6) * factor, 5)
+        moved = [[np.interp(at, np.arange(6), taxel) for taxel in touch.T] for touch in features]
+        copies.append((linear_fit.RATE, np.array(moved).swapaxes(1, 2)))
+    x = np.concatenate([copy.reshape(50, -1) for _, copy in copies])
+    weight = np.repeat([of for of, _ in copies], 50)
+    weight = weight / weight.sum()
+    indicators = np.tile(np.eye(2)[labels], (len(copies), 1))
+    mean, share = weight @ x, weight @ indicators
+    unit = features.reshape(50, -1).var(axis=0).sum()
+    gram = (x - mean).T @ (weight[:, None] * (x - mean)) + penalty * unit / 50 * np.eye(24)
+    weights = np.linalg.solve(gram, (x - mean).T @ (weight[:, None] * (indicators - share)))
+    fitted = (x - mean) @ weights + share
+    turn, bias = linear_fit.discriminants_of((weight[:, None] * indicators).T @ fitted, np.array([25, 25]))
+    logits = (features.reshape(50, -1) - mean) @ weights + share
+    mine = np.einsum("nkd,kcd->nc", features, arrays["V"]) + arrays["b_y"]
+    assert np.allclose(mine, logits @ turn + bias, rtol=1e-6, atol=1e-9)

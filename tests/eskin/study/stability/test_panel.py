@@ -1,0 +1,141 @@
+"""The panel of disturbances that networks are chosen by: the suite's own figures, and the rule that heeds them."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from eskin.choose.candidate import Candidate, Judged, choose
+from eskin.choose.choice import train_chosen
+from eskin.choose.choice_table import where_it_fails
+from eskin.choose.cost import Cost
+from eskin.choose.front_ends import Screen, sturdier
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.study.stability.panel import PANEL, Panel, panel_of
+from eskin.study.stability.table import MODES
+from eskin.training.recipe import RECIPES
+from tests.support import stability_case
+from tests.support.prices import cost_by_size, priced
+
+MASKED = "one taxel stuck at full scale, masked, worst"
+
+
+@pytest.mark.parametrize("make", [stability_case.bench, stability_case.linear_bench])
+def test_the_panel_gives_the_figures_of_the_suite(make):
+    """Touches are found once for a front end there and here for each mode; all recordings in both."""
+    bench, names = make(), [*PANEL, MASKED]
+    panel = Panel(bench.recordings, dict.fromkeys(names, 1.0))
+    wrong = panel.wrong(bench.config, bench.model, np.arange(len(bench.recordings)))
+    suite = dataclasses.replace(bench, few=len(bench.recordings), memo={})
+    figures = panel.figures(bench.config, wrong, bench.clean_accuracy)
+    assert [row["mode"] for row in figures] == names
+    for row in figures:
+        mode = MODES[row["mode"]]
+        assert row["figure"] == pytest.approx(mode.run(suite).value), row["mode"]
+        assert row["bound"] == mode.bound(suite) and row["held"] == mode.holds(row["figure"], row["bound"])
+    told = ~np.isnan(wrong)
+    assert told.mean(axis=1).max() == 1 and 0 < np.nanmean(panel.stressed(bench.config, wrong)) <= 1
+
+
+def test_only_what_a_network_has_not_seen_and_what_is_disturbed_is_judged():
+    bench = stability_case.bench()
+    panel, test = Panel(bench.recordings, {"spikes": 1.0, "mains hum": 0.0}, 6), np.arange(12)
+    assert list(panel.weights) == ["spikes"] and len(panel.rows) == 6
+    wrong = panel.wrong(bench.config, bench.model, test)
+    assert wrong.shape == (1, 12)
+    assert (np.isnan(wrong[0]) == ~np.isin(test, panel.rows)).all()
+    whole = panel.wrong(bench.config, bench.model, np.arange(24))
+    assert np.array_equal(whole[:, :12], wrong, equal_nan=True)
+
+
+class Disturbed:
+    """Stress on every second recording: of each network the recordings that it has right."""
+
+    def stressed(self, config, wrong):
+        return 1 - wrong[0]
+
+    def figures(self, config, wrong, accuracy):
+        return [{"mode": "m", "figure": float(np.nanmean(1 - wrong)), "bound": 0.9, "held": False}]
+
+
+def judged(hidden: int, right: int, disturbed: int) -> Judged:
+    config = stability_case.CONFIG.replace(hidden=hidden)
+    correct = (np.arange(100) < right).astype(float)
+    wrong = np.where(np.arange(100) % 2, np.nan, np.arange(100) >= disturbed)[None]
+    candidate = Candidate(stability_case.CONFIG, config, RECIPES["onset"])
+    return Judged(candidate, correct, stress=Disturbed(), wrong=wrong)  # type: ignore[arg-type]
+
+
+def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
+    fragile, sturdy = judged(4, 100, 60), judged(8, 99, 100)
+    assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.995)
+    assert fragile.scores.mean() == fragile.score and fragile.worst == {"mode": "m", "figure": 0.6}
+    assert choose([fragile, sturdy], priced()) is sturdy
+    calm = [dataclasses.replace(one, stress=None) for one in (fragile, sturdy)]
+    assert choose(calm, priced()) is calm[0] and calm[0].score == 1.0
+    assert choose([fragile, judged(8, 100, 62)], priced()) is fragile  # half a point better
+    assert choose([fragile, judged(8, 97, 100)], priced()) is fragile  # not level on sound recordings
+
+
+# ---------------------------------------------------------------------- a fragile scene
+def gate_costs(config: AcceleratorConfig) -> Cost:
+    """A clip is dear here, and a gate that is always open dearer."""
+    dear = 1e-6 * (1 + (config.rest_level.clip > 0) + 2 * config.opens_at_once)
+    return dataclasses.replace(cost_by_size(config), energy_touch_j=dear)
+
+
+def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
+    """Touches that any network knows, behind a gate that one bad sample opens."""
+    scene, options = stability_case.recordings(36), {"folds": 2, "seeds": 1, "group": ["trial"]}
+    panel = Panel(scene, {"one-sample glitch before the touch": 1.0, "one dead taxel, worst": 1.0}, 24)
+    calm, heeded = (
+        train_chosen(scene, None, priced(cost_of=gate_costs), out=tmp_path / "model", stress=of, **options)
+        for of in (None, panel)
+    )
+    (plain,), (taken,) = ([row for row in rec["candidates"] if row["chosen"]] for rec in (calm, heeded))
+    assert plain["energy_touch_j"] == 1e-6 and plain["front_end"]["clip"] == 0 and not plain["stress"]
+    assert plain["score"] == plain["accuracy"] > 0.95
+    assert taken["energy_touch_j"] == 2e-6 and taken["front_end"]["clip"] > 0
+    assert taken["accuracy"] > 0.95 and taken["stressed_accuracy"] > 0.8
+    refused = min(heeded["candidates"], key=lambda row: row["energy_touch_j"])
+    assert refused["energy_touch_j"] == 1e-6 and refused["worst"]["mode"].startswith("one-sample glitch")
+    assert refused["accuracy"] > 0.95 and refused["score"] < taken["score"] - 0.05
+    fails = where_it_fails(heeded["candidates"])
+    assert fails["modes"] == 2 and {row["mode"] for row in fails["rows"]} == set(panel.weights)
+    assert where_it_fails(calm["candidates"]) is None
+    assert heeded["front_end"]["chosen"]["clip"] == taken["front_end"]["clip"]
+    assert heeded["cross_validation"][0]["nested"]["integer_accuracy"] > 0.9
+
+
+def test_a_sturdier_gate_is_not_opened_by_a_glitch():
+    recordings = stability_case.recordings()
+    plain = stability_case.CONFIG.replace(fault_frames=0, fault_activity=0, clip=0, rest="initial")
+    panel = Panel(recordings, {"one-sample glitch before the touch": 1.0})
+    assert panel.false_onsets(plain) == 1.0
+    hard = sturdier(plain, Screen(recordings), panel.false_onsets)
+    assert hard is not None and panel.false_onsets(hard) == 0
+    assert hard.rest_level.rest == "tracked" and hard.rest_level.clip > hard.onset_rule.onset_threshold
+
+
+# ---------------------------------------------------------------------- what is asked for
+def test_weights_come_from_a_file_and_what_is_wrong_in_it_is_named(tmp_path):
+    recordings, file = stability_case.recordings(), tmp_path / "modes.json"
+    assert panel_of(recordings, "off") is None
+    on = panel_of(recordings, "on")
+    assert on is not None and tuple(on.weights) == PANEL
+    file.write_text(json.dumps({"spikes": 2, "mains hum": 0}))
+    some = panel_of(recordings, str(file))
+    assert some is not None and some.weights == {"spikes": 2}
+    for text, words in (
+        ('{"spike": 1}', "mode 'spike': is unknown here; the modes are no touch"),
+        ('{"weight bits": 1}', "mode 'weight bits': is unknown"),
+        ('{"spikes": -1}', "mode 'spikes': has the weight -1; give 0 or more"),
+        ('{"spikes": 0}', "gives no mode a weight above 0"),
+        ('["spikes"]', "holds no table of failure modes and weights"),
+        ('{"spikes": true}', "holds no table"),
+        ("spikes", "is neither on nor off, nor a JSON file"),
+    ):
+        file.write_text(text)
+        with pytest.raises(InputError, match=words):
+            panel_of(recordings, str(file))
