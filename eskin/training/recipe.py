@@ -36,8 +36,8 @@ class Recipe:
     weights on standardised inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and
     weight_limit say nothing then. squares: a linear cell is a ridge regression on the classes' indicators
     instead; ridge: its penalty, as a share of the mean squared length of a touch's inputs; 0: chosen by leaving
-    touches out. sturdy: with this penalty, and with the disturbances
-    of `eskin.training.linear_fit.fit_sturdy`; 0 = neither. weight_limit: parameters are held within +-this (0
+    touches out. sturdy: under the disturbances of `eskin.training.linear_fit.fit_sturdy`, of this strength; 0 =
+    none. weight_limit: parameters are held within +-this (0
     = no limit), so that 8-bit weights need one integer bit beside the sign.
     """
 

@@ -2,6 +2,7 @@
 and sanitizers; sizes on microcontrollers; and all recordings."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.data import load_recordings
-from eskin.exchange import compiled, plain_c
-from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError
-from eskin.golden.model import IntegerModel, random_integer_model, random_recordings
+from eskin.exchange import plain_c
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, QFormat
+from eskin.golden.model import (
+    IntegerModel,
+    random_images,
+    random_integer_model,
+    random_recordings,
+    run,
+    run_images,
+)
 from eskin.verbs.export_job import export_c
 from tests.support.c_played import MODELS, differences, front_end, with_failing_taxels
 from tests.support.c_played import model_of as model_on
@@ -120,21 +128,119 @@ def test_clang_agrees(config, tmp_path):
     assert verdict(tmp_path / "c", *command) == f"{count} decisions compared, 0 different\n"
 
 
-@pytest.mark.parametrize(
-    "core",
-    [
-        pytest.param(core, marks=pytest.mark.slow if number else ())
-        for number, core in enumerate(compiled.CORES)
-    ],
-)
-def test_sizes_on_a_microcontroller(core, tmp_path):
+SIXTEEN_BIT = """#include <stdio.h>
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/pgmspace.h>
+#include <avr/sleep.h>
+#include "eskin_model.h"
+static const {kind} VALUES[] PROGMEM = {{ {values} }};
+static const int16_t LENGTHS[] PROGMEM = {{ {lengths} }};
+static int put(char letter, FILE *stream)
+{{
+    (void)stream;
+    UDR0 = letter;
+    return 0;
+}}
+static FILE port = FDEV_SETUP_STREAM(put, NULL, _FDEV_SETUP_WRITE);
+static eskin_decision d;
+static void tell(int recording, int frame, int said)
+{{
+    if (said)
+        printf("call %d %d %d %ld %ld %ld %ld\\n", recording, frame, said, d.cls, d.margin, d.step, d.local_cls);
+}}
+int main(void)
+{{
+    const {kind} *value = VALUES;
+    int recording;
+    UCSR0B = 1 << TXEN0;
+    stdout = &port;
+    for (recording = 0; recording < {recordings}; recording++) {{
+        {play}
+    }}
+    puts("end");
+    cli();
+    sleep_mode();
+}}
+"""
+PLAY_FRAMES = """static eskin_state state;
+        static int32_t codes[ESKIN_TAXELS];
+        int frame, i;
+        eskin_arm(&state);
+        for (frame = 1; frame <= (int)pgm_read_word(&LENGTHS[recording]); frame++) {
+            for (i = 0; i < ESKIN_TAXELS; i++)
+                codes[i] = (int16_t)pgm_read_word(value++);
+            tell(recording, frame, eskin_frame(&state, codes, &d));
+        }
+        tell(recording, 0, eskin_finish(&state, &d));"""
+PLAY_IMAGES = """static uint8_t pixels[ESKIN_HEIGHT * ESKIN_WIDTH];
+        int i;
+        for (i = 0; i < ESKIN_HEIGHT * ESKIN_WIDTH; i++)
+            pixels[i] = pgm_read_byte(value++);
+        (void)LENGTHS;
+        tell(recording, 0, eskin_image(pixels, &d));"""
+TOUCHES = dict(fault_frames=0, masked_taxels=(), pretrigger_frames=4)
+WITH_16_BIT_INT = {
+    "image": IMAGES,
+    "GRU before": RING.replace(**TOUCHES),
+    "GRU after": RING.replace(**TOUCHES, reset="after", state_format=QFormat(4, 12)),
+    "LSTM": RING.replace(**TOUCHES, cell="lstm", state_format=QFormat(4, 12)),
+    "integrals": RING.replace(
+        cell="linear", decision="last", feature_kinds=("mean", "integral"), integral_knee=0, integral_frac=12
+    ),
+}
+# clang 22 (ziglang 0.17) makes an endless loop of a network for images with -Os, and is right with -O0, -O1 and -O2
+AVR = ("avr-gcc", "-mmcu=atmega1284p", "-Os", "-std=c99", "-Wall", "-Wextra", "-Werror")
+CLANG_AVR = (
+    sys.executable, "-m", "ziglang", "cc", "-target", "avr-freestanding-none", "-mcpu=atmega1284p", "-ffreestanding",
+    "-Wno-avr-rtlib-linking-quirks", "-fno-sanitize=all", "-O2", *GCC[1:-1],
+)  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("compiler", [CLANG_AVR, AVR], ids=["clang", "gcc"])
+@pytest.mark.parametrize("kind", WITH_16_BIT_INT)
+def test_a_processor_with_an_int_of_16_bits_decides_the_same(kind, compiler, tmp_path):
+    """simavr runs an ATmega1284P; clang (or gcc) compiles the model, avr-gcc what plays it."""
     clang()
-    model = model_of(RING, 5)
-    export_c(model, tmp_path / "c")
-    sizes = compiled.sizes(tmp_path / "c", core, image=False)
-    assert sizes["tables"] >= plain_c.table_bytes(model)
-    assert 500 < sizes["code"] < 6000
-    assert sizes["state"] > 100
+    for tool in ("simavr", "avr-gcc"):
+        if not shutil.which(tool):
+            pytest.skip("gcc-avr, avr-libc and simavr are not installed")
+    config = WITH_16_BIT_INT[kind]
+    model, folder = model_of(config, 5), tmp_path / "c"
+    if config.is_image:
+        values = random_images(config, 4, 5)
+        lengths, calls = [1] * 4, plain_c.expected_of_images(run_images(model, values))
+    else:
+        recordings = random_recordings(config, (150, 60, 150, 150), 5)
+        values, lengths = recordings.samples, recordings.lengths.tolist()
+        calls = plain_c.expected(run(model, recordings), recordings)
+    export_c(model, folder)
+    list_of = lambda numbers: ", ".join(map(str, numbers))
+    program = SIXTEEN_BIT.format(
+        kind="uint8_t" if config.is_image else "int16_t",
+        values=list_of(values.ravel().tolist()),
+        lengths=list_of(lengths),
+        recordings=len(lengths),
+        play=PLAY_IMAGES if config.is_image else PLAY_FRAMES,
+    )
+    (folder / "main.c").write_text(program)
+    for command in (
+        [*compiler, "-c", plain_c.SOURCE, "-o", "model.o"],
+        [*AVR, "main.c", "model.o", "-o", "program.elf"],
+    ):
+        subprocess.run(command, cwd=folder, check=True)
+    simulated = subprocess.run(
+        ["timeout", "300", "simavr", "-m", "atmega1284p", "-f", "16000000", "program.elf"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
+    said = simulated.stdout + simulated.stderr
+    made = [tuple(map(int, call.split())) for call in re.findall(r"call ([-\d ]+)", said)]
+    assert "end" in said and len(made) > 3, said
+    assert made == [(number, *call) for number, of_one in enumerate(calls) for call in of_one]
 
 
 SKETCH = """#include <{include}>

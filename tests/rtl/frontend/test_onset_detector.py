@@ -43,6 +43,7 @@ PAIRS = (
     "pvdf faults",
     "every frame, 5 of 7",
     "fabric",
+    "short first window",
 )
 """Cases in which every pair of rest level, onset rule, window mode, clip, filter and fault flags meets;
 windows are not the detector's."""

@@ -16,7 +16,7 @@ from eskin.study.stability.panel import PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.recipe import RECIPES
 from tests.support import stability_case
-from tests.support.prices import priced
+from tests.support.prices import cost_by_size, priced
 
 MASKED = "one taxel stuck at full scale, masked, worst"
 
@@ -68,21 +68,21 @@ def judged(hidden: int, right: int, disturbed: int) -> Judged:
 
 
 def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
-    fragile, sturdy = judged(4, 100, 60), judged(8, 98, 100)
-    assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.99)
+    fragile, sturdy = judged(4, 100, 60), judged(8, 99, 100)
+    assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.995)
     assert fragile.scores.mean() == fragile.score and fragile.worst == {"mode": "m", "figure": 0.6}
     assert choose([fragile, sturdy], priced()) is sturdy
-    calm = [dataclasses.replace(one, wrong=None) for one in (fragile, sturdy)]
+    calm = [dataclasses.replace(one, stress=None) for one in (fragile, sturdy)]
     assert choose(calm, priced()) is calm[0] and calm[0].score == 1.0
-    alike = judged(8, 100, 62)  # half a point better
-    assert choose([fragile, alike], priced()) is fragile
+    assert choose([fragile, judged(8, 100, 62)], priced()) is fragile  # half a point better
+    assert choose([fragile, judged(8, 97, 100)], priced()) is fragile  # not level on sound recordings
 
 
 # ---------------------------------------------------------------------- a fragile scene
 def gate_costs(config: AcceleratorConfig) -> Cost:
     """A clip is dear here, and a gate that is always open dearer."""
     dear = 1e-6 * (1 + (config.rest_level.clip > 0) + 2 * config.opens_at_once)
-    return Cost(energy_touch_j=dear, cells=1, latency_s=1e-6, touch_s=1.0)
+    return dataclasses.replace(cost_by_size(config), energy_touch_j=dear)
 
 
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
