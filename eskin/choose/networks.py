@@ -50,6 +50,7 @@ both, 100 level."""
 
 STURDY, ROBUST = "sturdy", "robust"
 """Fits that are tried where candidates are judged under disturbance: of linear cells, and of recurrent ones."""
+ROBUST_UPDATES = 400
 
 SQUARES: Record = {"name": "least squares", "squares": True}
 FITS: dict[str, Record] = {
@@ -129,7 +130,7 @@ class Wish:
             return Candidate(
                 on,
                 config,
-                dataclasses.replace(choose_recipe(config, ROBUST), name=ROBUST, updates=recipe.updates),
+                dataclasses.replace(choose_recipe(config, ROBUST), name=ROBUST, updates=ROBUST_UPDATES),
             )
         fit = fit if recipe.augments else ALIKE.get(fit, fit)
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)
