@@ -2,8 +2,8 @@
 
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
 by its decisions on recordings that it has not seen, sound ones and, where there is a `Stress`, disturbed ones:
-its score is the mean of both accuracies. **The rule** (`choose`): of those that are level with the
-best score the cheapest. Level is what `eskin.training.level` says;
+its score is the mean of both accuracies. **The rule** (`choose`): of those that are level with the most
+accurate, and of them with the best score, the cheapest. Level is what `eskin.training.level` says;
 what is cheap says `eskin.choose.cost.Market`. The rule serves front ends alone, which are judged with a
 linear network that is solved in closed form (`eskin.choose.front_ends`), whole networks
 (`eskin.choose.networks`), and both again inside the training part of every fold.
@@ -187,23 +187,25 @@ def best_of(judged: Sequence[Judged]) -> Judged:
 
 
 def choose(judged: Sequence[Judged], market: Market) -> Judged:
-    """Of those level with the best the cheapest; of equal price the first. A board decides between level
-    ones; one that was named has to hold the best, too.
+    """Of those level with the most accurate those level with the best score, and of these the cheapest; of equal
+    price the first. A board decides between level ones; one that was named has to hold the best, too.
 
     Raises
     ------
     InputError
         Nothing fits the named board.
     """
-    ordered = sorted(judged, key=lambda one: -one.score)
-    best = next((one for one in ordered if market.is_candidate(one.config)), None)
-    if best is None:
+    usable = [one for one in judged if market.is_candidate(one.config)]
+    if not usable:
         raise InputError(
             f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
             "larger board"
         )
+    accurate = max(usable, key=lambda one: one.accuracy)
+    sound = [one for one in judged if is_level(accurate.correct, one.correct)]
+    best = best_of([one for one in sound if market.is_candidate(one.config)])
     level = sorted(
-        (one for one in judged if is_level(best.scores, one.scores)), key=lambda one: market.price(one.config)
+        (one for one in sound if is_level(best.scores, one.scores)), key=lambda one: market.price(one.config)
     )
     return next((one for one in level if market.fits(one.config)), level[0])
 

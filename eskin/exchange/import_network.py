@@ -9,7 +9,7 @@ torch files are read with ``weights_only``, archives without pickles.
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -104,113 +104,79 @@ def read_layers(path: str | Path) -> Layers:
 def _read_torch(path: Path) -> Layers:
     state = read_state(path)
     names = _torch_names(path, {name: tuple(tensor.shape) for name, tensor in state.items()})
-    raw = {name: plain_array(path, name, tensor) for name, tensor in state.items()}
-    first, second = names["bias"], names.pop("second bias")
-    arrays = {role: raw[name] for role, name in names.items()}
-    if raw[first].shape != raw[second].shape or raw[first].ndim != 1:
-        raise InputError(
-            f"network '{path}', array {second}: has shape {raw[second].shape} beside {raw[first].shape} of "
-            f"{first}; "
-            "save the state_dict of one torch.nn.GRU or LSTM again"
-        )
-    arrays["bias"] = np.stack([raw[first], raw[second]])
-    return _checked(Layers(path, "torch", names | {"bias": f"{first} and {second}"}, arrays))
+    arrays = {role: plain_array(path, name, state[name]) for role, name in names.items()}
+    first, second = arrays["bias"], arrays.pop("second bias")
+    names["bias"] = f"{names['bias']} and {names.pop('second bias')}"
+    if first.shape != second.shape or first.ndim != 1:
+        why = f"have shapes {first.shape} and {second.shape}; save the state_dict of one torch.nn.GRU or LSTM again"
+        raise InputError(f"network '{path}', arrays {names['bias']}: {why}")
+    return _checked(Layers(path, "torch", names, arrays | {"bias": np.stack([first, second])}))
 
 
 def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
     """Names by role: ``weight_ih_l0`` and so on (``weight_ih`` of a cell) after any prefix, and the one
     remaining pair, the Linear."""
+
+    def refuse(why: str, array: str = "") -> NoReturn:
+        raise InputError(f"network '{path}'{f', array {array}' if array else ''}: {why}")
+
     inputs = [name for name in shapes if name.rpartition(".")[2] in ("weight_ih_l0", "weight_ih")]
     if len(inputs) != 1:
-        raise InputError(
-            f"network '{path}', array weight_ih_l0: is there {len(inputs)} times; save the state_dict of "
-            "one torch.nn.GRU, LSTM, GRUCell "
-            "or LSTMCell and one Linear"
-        )
+        layers = "one torch.nn.GRU, LSTM, GRUCell or LSTMCell and one Linear"
+        refuse(f"is there {len(inputs)} times; save the state_dict of {layers}", "weight_ih_l0")
     prefix, _, last = inputs[0].rpartition("weight_ih")
-    recurrent = {role: f"{prefix}{role}{last}" for role in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")}
-    remaining = [name for name in shapes if name not in recurrent.values()]
-    deeper = [
-        name
-        for name in remaining
-        if name.startswith(prefix) and name.removeprefix(prefix).startswith(("weight_", "bias_"))
-    ]
-    if deeper:
-        raise InputError(
-            f"network '{path}', array {deeper[0]}: belongs to a second layer, a second direction or a "
-            "projection; the accelerator has one "
-            "recurrent layer in one direction"
-        )
-    for name in recurrent.values():
-        if name not in shapes:
-            raise InputError(
-                f"network '{path}', array {name}: is missing; save the whole state_dict of a layer made "
-                "with bias=True"
-            )
-    dense = [
-        name.rpartition("weight")[0]
-        for name in remaining
-        if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2
-    ]
-    if len(dense) != 1:
-        raise InputError(
-            f"network '{path}': has {len(dense)} dense layers beside the recurrent one; the accelerator has "
-            "one Linear"
-        )
-    linear = {"dense": f"{dense[0]}weight", "dense bias": f"{dense[0]}bias"}
-    if linear["dense bias"] not in shapes:
-        raise InputError(
-            f"network '{path}', array {linear['dense bias']}: is missing; save a Linear that was made with "
-            "bias=True"
-        )
+    recurrent = [f"{prefix}{role}{last}" for role in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")]
+    remaining = [name for name in shapes if name not in recurrent]
+    dense = [name.removesuffix("weight") for name in remaining
+             if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2]  # fmt: skip
     for name in remaining:
-        if name not in linear.values():
-            raise InputError(
-                f"network '{path}', array {name}: belongs to neither the recurrent layer nor the Linear; "
-                "leave that layer out"
-            )
-    roles = ("input", "recurrent", "bias", "second bias")
-    return dict(zip(roles, recurrent.values(), strict=True)) | linear
+        if name.startswith(prefix) and name.removeprefix(prefix).startswith(("weight_", "bias_")):
+            why = "belongs to a second layer, a second direction or a projection"
+            refuse(f"{why}; the accelerator has one recurrent layer in one direction", name)
+    if len(dense) != 1:
+        refuse(f"has {len(dense)} dense layers beside the recurrent one; the accelerator has one Linear")
+    linear = [f"{dense[0]}weight", f"{dense[0]}bias"]
+    for name in (*recurrent, *linear):
+        if name not in shapes:
+            refuse("is missing; save the whole state_dict of layers made with bias=True", name)
+    for name in remaining:
+        if name not in linear:
+            refuse("belongs to neither the recurrent layer nor the Linear; leave that layer out", name)
+    roles = ("input", "recurrent", "bias", "second bias", "dense", "dense bias")
+    return dict(zip(roles, (*recurrent, *linear), strict=True))
 
 
-def _read_keras(path: Path) -> Layers:
-    names = {
-        role: f"arr_{index}"
-        for index, role in enumerate(("input", "recurrent", "bias", "dense", "dense bias"))
-    }
+def _read_npz(path: Path, names: Sequence[str], save: str) -> dict[str, np.ndarray]:
+    """The arrays of an ``.npz`` that holds ``names`` alone, float64."""
+
+    def refuse(why: object, array: str | None = None) -> NoReturn:
+        raise InputError(f"network '{path}'{f', array {array}' if array else ''}: {why}; save it with {save}")
+
     try:
         raw = read_arrays(path)
     except ArchiveError as error:
-        where = f", array {error.member}" if error.member else ""
-        raise InputError(f"network '{path}'{where}: {error}; save it with {_SAVE_KERAS}") from None
-    if COEFFICIENTS in raw:
-        raise InputError(
-            f"network '{path}', array {COEFFICIENTS}: belongs to a logistic regression: use --cell linear"
-        )
-    for name in names.values():
+        refuse(error, error.member)
+    for name in (*names, *raw):
         if name not in raw:
-            raise InputError(
-                f"network '{path}', array {name}: is missing; save the five arrays of one GRU or LSTM and "
-                f"one Dense with {_SAVE_KERAS}"
-            )
-    for name, array in raw.items():
-        if name not in names.values():
-            raise InputError(
-                f"network '{path}', array {name}: is one too many; the accelerator has one GRU or LSTM and "
-                "one Dense after it"
-            )
+            refuse("is missing", name)
+        if name not in names:
+            other = "belongs to a logistic regression: use --cell linear"
+            refuse(other if name == COEFFICIENTS else "is one too many", name)
+        array = raw[name]
         if array.size > MOST_VALUES:
-            raise InputError(
-                f"network '{path}', array {name}: has shape {array.shape}, beyond any network that the "
-                "accelerator takes"
-            )
+            refuse(f"has shape {array.shape}, beyond any network that the accelerator takes", name)
         if array.dtype.kind not in "fiu":
-            raise InputError(
-                f"network '{path}', array {name}: holds {array.dtype}, not numbers; save it with "
-                f"{_SAVE_KERAS}"
-            )
-    arrays = {role: raw[name].astype(np.float64) for role, name in names.items()}
-    arrays = {role: array if role == "bias" else array.T for role, array in arrays.items()}
+            refuse(f"holds {array.dtype}, not numbers", name)
+        if not np.isfinite(array).all():
+            refuse("holds values that are no finite numbers", name)
+    return {name: array.astype(np.float64) for name, array in raw.items()}
+
+
+def _read_keras(path: Path) -> Layers:
+    roles = ("input", "recurrent", "bias", "dense", "dense bias")
+    names = {role: f"arr_{index}" for index, role in enumerate(roles)}
+    raw = _read_npz(path, [*names.values()], _SAVE_KERAS)
+    arrays = {role: raw[name] if role == "bias" else raw[name].T for role, name in names.items()}
     return _checked(Layers(path, "keras", names, arrays | {"bias": np.atleast_2d(arrays["bias"])}))
 
 
@@ -240,24 +206,13 @@ def read_linear(
         raise InputError(
             f"network '{path}': is no .npz file, as a linear cell needs it; save it with {_SAVE_LINEAR}"
         )
-    try:
-        raw = read_arrays(path)
-    except (OSError, ArchiveError) as error:
-        where = f", array {error.member}" if isinstance(error, ArchiveError) and error.member else ""
-        raise InputError(f"network '{path}'{where}: {error}; save it with {_SAVE_LINEAR}") from None
+    check_readable(path)
+    raw = _read_npz(path, (COEFFICIENTS, INTERCEPTS), _SAVE_LINEAR)
+    weights, bias = raw[COEFFICIENTS], raw[INTERCEPTS]
 
     def refuse(name: str, why: str) -> NoReturn:
         raise InputError(f"network '{path}', array {name}: {why}")
 
-    for name in (COEFFICIENTS, INTERCEPTS):
-        if name not in raw:
-            refuse(name, f"is missing and a linear cell needs it; save it with {_SAVE_LINEAR}")
-    for name, array in raw.items():
-        if name not in (COEFFICIENTS, INTERCEPTS):
-            refuse(name, f"belongs to no linear cell; save it with {_SAVE_LINEAR}")
-        if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
-            refuse(name, "holds values that are no finite numbers; train the network again")
-    weights, bias = (raw[name].astype(np.float64) for name in (COEFFICIENTS, INTERCEPTS))
     if weights.ndim != 2 or bias.shape != weights.shape[:1]:
         refuse(
             INTERCEPTS,

@@ -118,7 +118,7 @@ PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
 
 
 def fit_least_squares(
-    config: AcceleratorConfig, features: np.ndarray, labels: np.ndarray, copies: int = 0
+    config: AcceleratorConfig, features: np.ndarray, labels: np.ndarray, copies: int = 0, penalty: float = 0.0
 ) -> dict[str, np.ndarray]:
     """Weights and bias of the linear cell that is the `discriminants` of a ridge regression of the classes'
     indicators on ``features``.
@@ -134,6 +134,8 @@ def fit_least_squares(
         As for ``fit_linear``; features on scales of their own, as the normaliser gives them.
     copies:
         So many of the last touches are copies of others (``cut_short``), so they do not choose the penalty.
+    penalty:
+        In place of the one that is chosen; 0: none.
 
     Returns
     -------
@@ -149,7 +151,7 @@ def fit_least_squares(
     inputs = _inputs(config, features)
     unit, own = max(float(inputs.var(axis=0).sum()), 1e-12), len(labels) - copies
     indicators = (labels[:, None] == np.arange(config.classes)).astype(float)
-    ridge = RidgeCV([penalty * unit for penalty in PENALTIES], scoring=right)
+    ridge = RidgeCV([share * unit for share in ([penalty] if penalty else PENALTIES)], scoring=right)
     ridge.fit(inputs[:own], indicators[:own])
     if copies:
         ridge = Ridge(ridge.alpha_ * len(labels) / own).fit(inputs, indicators)
@@ -168,13 +170,17 @@ OFFSET, COMMON, DRIFT = 0.7, 0.3, 0.3
 means."""
 
 
+SMOOTH = 1e-2
+"""Ridge penalty, which stands for noise and spikes, as a share of the mean squared length of a touch's inputs."""
+
+
 def fit_sturdy(
     config: AcceleratorConfig,
     features: np.ndarray,
     counts: np.ndarray,
     labels: np.ndarray,
     scales: tuple[Any, Any],
-    penalty: float,
+    strength: float,
 ) -> dict[str, np.ndarray]:
     """Weights and bias of the linear cell that is least squares over touches as recorded and disturbed, in
     closed form: the expected products of inputs under the disturbances take the place of those recorded.
@@ -191,8 +197,8 @@ def fit_sturdy(
         (touches, K): the steps that a touch has.
     scales:
         (mu, sigma) of the normaliser.
-    penalty:
-        Ridge penalty, as a share of the mean squared length of a touch's inputs.
+    strength:
+        Of all disturbances: what their shares, squared deviations and SMOOTH are times.
     """
     (touches, steps, width), kinds = features.shape, config.kinds
     mu, sigma = (real_by_input(config, np.asarray(scale)) + np.zeros(width) for scale in scales)
@@ -228,7 +234,7 @@ def fit_sturdy(
         apart = (number - 2) * gram + outer + outer.T
         within = (number - 1) * gram + np.outer(level, level)
         add(
-            LOST / 2,
+            strength * LOST / 2,
             np.where(alike, within, apart) / number,
             ((number - 1) * sums + level) / number,
             ((number - 1) * cross + np.outer(level, share)) / number,
@@ -237,7 +243,7 @@ def fit_sturdy(
     ways += [(RATE, _at_rate(features, factor)) for factor in RATES]
     for of, values in ways:
         other = shaped(values)
-        add(of, other.T @ other / touches, other.mean(axis=0), other.T @ indicators / touches)
+        add(strength * of, other.T @ other / touches, other.mean(axis=0), other.T @ indicators / touches)
     # what one deviation of the means does to each input
     slopes = np.zeros_like(features)
     kind_of = np.arange(width) % kinds
@@ -255,13 +261,13 @@ def fit_sturdy(
     time = (np.arange(steps) + 0.5)[:, None]
     offset, drift = shaped(slopes), shaped(slopes * time / steps)
     of_taxel = np.where(alike, offset.T @ offset / touches, 0.0) / number
-    total += OFFSET**2 * of_taxel
+    total += strength * OFFSET**2 * of_taxel
     for size, slope in ((COMMON, offset), (DRIFT, drift)):
-        total += size**2 * slope.T @ slope / touches
+        total += strength * size**2 * slope.T @ slope / touches
     total, moments, targets = total / weight, moments / weight, targets / weight
     centred = total - np.outer(moments, moments)
     unit = max(float(x.var(axis=0).sum()), 1e-12)
-    centred[np.diag_indices_from(centred)] += penalty * unit / touches
+    centred[np.diag_indices_from(centred)] += strength * SMOOTH * unit / touches
     weights = solve(centred, targets - np.outer(moments, share), assume_a="pos")
     bias = share - moments @ weights
     turn, other = discriminants_of(targets.T @ weights + np.outer(share, bias), indicators.sum(axis=0))

@@ -33,6 +33,9 @@ CELLS = {
     "few taxels": 325.5,
 }
 """Logic cells of each part of a design, fitted to synthesised ones."""
+DEFENCE_CELLS = {"hits": 11, "detector": 58}
+"""Logic cells of an onset rule that asks several times and of the fault detector, as docs/robustness.md counts
+them."""
 FEW_TAXELS = 4
 """Taxels up to which synthesis keeps their state in flip-flops, not in a memory."""
 LINK_CELLS, LINK_BLOCKS = 471, 1
@@ -85,8 +88,10 @@ def parts_of(config: AcceleratorConfig) -> dict[str, float]:
 
 
 def cells_of(config: AcceleratorConfig) -> int:
-    """Logic cells, onset to decision, by CELLS."""
-    return round(sum(CELLS[name] * count for name, count in parts_of(config).items()))
+    """Logic cells, onset to decision, by CELLS and DEFENCE_CELLS."""
+    defences = DEFENCE_CELLS["hits"] * (config.onset_rule.onset_span > 1)
+    defences += DEFENCE_CELLS["detector"] * (config.faults.fault_frames > 0)
+    return defences + round(sum(CELLS[name] * count for name, count in parts_of(config).items()))
 
 
 @lru_cache(maxsize=1024)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.exchange import compiled, plain_c
+from eskin.exchange import plain_c
 from eskin.golden.core import PREFIX, InputError, Record, check_prefix, prefixed, replacing_folder
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
@@ -42,8 +42,7 @@ def export_c(
     Returns
     -------
     dict
-        out, prefix, decisions (that eskin_check compares), table_bytes, products (`plain_c.products`), cores: {name,
-        code, tables, state}, bytes, of each of `compiled.CORES`; empty without the compiler.
+        out, prefix, decisions (that eskin_check compares), table_bytes, products (`plain_c.products`).
     """
     check_folder(out, prefixed(plain_c.HEADER, check_prefix("--prefix", prefix)))
     files = plain_c.sources(model, prefix)
@@ -53,17 +52,12 @@ def export_c(
         for name, text in files.items():
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text)
-        cores = [
-            {"name": core} | compiled.sizes(folder, core, model.config.is_image, prefix)
-            for core in (compiled.CORES if compiled.there() else ())
-        ]
     return {
         "out": str(out),
         "prefix": prefix,
         "decisions": sum(map(len, calls)),
         "table_bytes": plain_c.table_bytes(model),
         "products": plain_c.products(model.config),
-        "cores": cores,
     }
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.data import load_recordings
-from eskin.exchange import compiled, plain_c
+from eskin.exchange import plain_c
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, QFormat
 from eskin.golden.model import (
     IntegerModel,
@@ -126,23 +126,6 @@ def test_clang_agrees(config, tmp_path):
         "-fno-sanitize-recover=all",
     )
     assert verdict(tmp_path / "c", *command) == f"{count} decisions compared, 0 different\n"
-
-
-@pytest.mark.parametrize(
-    "core",
-    [
-        pytest.param(core, marks=pytest.mark.slow if number else ())
-        for number, core in enumerate(compiled.CORES)
-    ],
-)
-def test_sizes_on_a_microcontroller(core, tmp_path):
-    clang()
-    model = model_of(RING, 5)
-    export_c(model, tmp_path / "c")
-    sizes = compiled.sizes(tmp_path / "c", core, image=False)
-    assert sizes["tables"] >= plain_c.table_bytes(model)
-    assert 500 < sizes["code"] < 6000
-    assert sizes["state"] > 100
 
 
 SIXTEEN_BIT = """#include <stdio.h>
