@@ -4,6 +4,7 @@ annotation says what it means and, on the command line, how it is written.
 What several verbs share is a base class. ``option`` and ``argument`` are typer's.
 """
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -65,6 +66,15 @@ GateOfReset = Annotated[
 def names_of(text: str) -> list[str]:
     """The names in ``A,B``."""
     return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def count_of(text: str) -> int:
+    """The number in ``N|all``; all: more than there are of anything."""
+    if text == "all":
+        return sys.maxsize
+    if not (text.isdecimal() and len(text) < 10 and int(text)):
+        raise InputError(f"--recordings {text[:20]}: is no number of recordings; give 1 or more, or all")
+    return int(text)
 
 
 def lanes_of(text: str | None) -> tuple[int | None, Any]:
@@ -277,6 +287,11 @@ class RunRequest(Chosen):
         None
     )
     name: Annotated[str | None, option("Title of the report; default: the data's name.")] = None
+
+    @property
+    def count(self) -> int | None:
+        """The number of ``recordings``; None where it is not given."""
+        return None if self.recordings is None else count_of(self.recordings)
 
 
 @dataclass(frozen=True, kw_only=True)
