@@ -5,7 +5,7 @@ What several verbs share is a base class. ``option`` and ``argument`` are typer'
 """
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -311,6 +311,14 @@ class TrainRequest(Chosen):
     ] = "default"
 
 
+ENROL_MODES = {
+    "evaluate": (("evaluate", "data", "group"), ("readout", "k", "config", "seeds")),
+    "teach": (("model", "teach", "out"), ()),
+    "train": (("model", "data", "out"), ("with_",)),
+}
+"""Options of `eskin enrol`: what each mode needs, and what else it takes."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class EnrolRequest(Grouped, InJson):
     model: Annotated[Path | None, argument("A quantised model folder; it stays as it is.")] = None
@@ -355,6 +363,19 @@ class EnrolRequest(Grouped, InJson):
     ] = "1,2,5"
     config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None
     seeds: Annotated[int, option("With --evaluate: how many seeds.", min=1, max=1000)] = 3
+
+    def check(self, mode: str) -> None:
+        """Refuse what a mode (evaluate, teach, train) lacks, and what another mode takes."""
+        needs, takes = ENROL_MODES[mode]
+        for field in fields(self):
+            given, name = getattr(self, field.name) != field.default, field.name.strip("_")
+            where = f"eskin enrol{'' if mode == 'train' else f' --{mode}'}, {'MODEL' if name == 'model' else f'--{name}'}"
+            if field.name in needs and not given:
+                raise InputError(
+                    f"{where}: is missing; give {', '.join(needs)}, or another mode (--evaluate, --teach FEW)"
+                )
+            if given and field.name not in (*needs, *takes, "json"):
+                raise InputError(f"{where}: belongs to another mode; leave it out")
 
     @property
     def ks(self) -> list[int]:
