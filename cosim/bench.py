@@ -18,6 +18,7 @@ from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Tim
 
 from eskin.cosim.latency import Measured
 from eskin.cosim.scoreboard import (
+    REGISTERS,
     Mismatch,
     Recording,
     Scoreboard,
@@ -29,20 +30,13 @@ from eskin.cosim.scoreboard import (
 from eskin.golden.core import AcceleratorConfig
 
 CYCLE_NS = 10
-KINDS = (
-    *"sum fault feature state map logit step decision".split(),
-    *"frame waited sent scan rested lost unstable unknown stuck".split(),
-)
+STAGES = "sum fault feature state map logit step decision".split()
+KINDS = [*STAGES, *"frame waited sent scan rested lost unstable unknown stuck".split()]
 """Kinds of events, as cosim/wrapper.sv numbers them."""
 EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
-SLICE = 16
-"""Events in one word of ``wrapper.events``."""
-REGISTERS = ("STATUS", "FAULTS", "TOUCHES", "LONGEST")
-"""Read when all is played."""
-WAVES_AFTER = 500
-"""Cycles kept behind a mismatch."""
-PATTERN = 1024
-"""Cycles after which the patterns ``offers`` and ``accepts`` begin again."""
+SLICE = 16  # events in one word of wrapper.events
+WAVES_AFTER = 500  # cycles kept behind a mismatch
+PATTERN = 1024  # cycles after which the patterns `offers` and `accepts` begin again
 
 
 class Values(NamedTuple):
@@ -155,27 +149,24 @@ class FrameSource:
     Attributes
     ----------
     frames: sent so far. overruns: of these, those that were due before the hardware was ready. waited: cycles in which
-    a number was offered and not taken. longest: cycles of a frame, from its first number's offer on. taken: cycle of the
-    last number of each frame of the recording.
+    a number was offered and not taken. longest: cycles of a frame, from its first number's offer on. offered,
+    taken: cycles of the first and the last number of each frame of the recording.
     """
 
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
         self._free = Event()
-        self.frames = self.overruns = self.waited = self.longest = self._last = self._sent = 0
-        self.taken: list[int] = []
-        events.take |= {
-            "sent": lambda _: self._free.set(),
-            "waited": self._has_waited,
-            "frame": self._was_taken,
-        }
+        self.frames = self.overruns = self.waited = self.longest = self._sent = 0
+        self.offered, self.taken = list[int](), list[int]()
+        events.take |= {"sent": lambda _: self._free.set(), "waited": self._has_waited}
+        events.take["frame"] = self._was_taken
 
     def begin(self, stalls: np.random.Generator | None = None) -> None:
         """A recording begins: its first frame is due now. ``stalls`` draws gaps between numbers, and cycles in which no
         decision is accepted."""
         self._due = self._dut.cycle.value.to_unsigned() + 1
         self._sent = 0
-        self.taken.clear()
+        self.offered, self.taken = [], []
         if stalls is None:
             return
         for pattern in (self._dut.offers, self._dut.accepts):
@@ -187,22 +178,25 @@ class FrameSource:
 
     async def send(self, frames: np.ndarray) -> None:
         """Offer the recording's next frames (frames, numbers); returns when the last block is on its way."""
-        dut, places = self._dut, self._sent + np.arange(len(frames))
-        dues = np.ceil(self._due + places * self.period) * (self.period > 0)
+        dut, dues = self._dut, self._dues(self._sent, len(frames))
         for low in range(0, len(frames), self._block):
             of = slice(low, low + self._block)
             dut.block.value = int.from_bytes(frames[of].astype(self._type).tobytes(), "little")
             dut.dues.value = int.from_bytes(dues[of].astype("<u8").tobytes(), "little")
-            dut.frames.value = self._last = len(frames[of])
-            self._sent += self._last
-            self.frames += self._last
+            dut.frames.value = count = len(frames[of])
+            self._sent += count
+            self.frames += count
             self._free.clear()
             await self._free.wait()
 
-    @property
-    def position(self) -> int:
-        """Frame of the recording (from 1 on) that is being offered."""
-        return max(0, self._sent - self._last) + int(self._dut.frame.value) + 1
+    def untimely(self) -> int:
+        """The first frame (from 2 on) that was not offered when it was due, or else when the one before was through; 0:
+        there is none."""
+        right = np.maximum(self._dues(1, len(self.taken) - 1), self.taken[:-1]) + 1
+        return int(np.append(np.flatnonzero(self.offered[1:] != right) + 2, 0)[0])
+
+    def _dues(self, first: int, count: int) -> np.ndarray:
+        return np.ceil(self._due + (first + np.arange(count)) * self.period) * (self.period > 0)
 
     async def through(self) -> None:
         """All frames that were sent are taken."""
@@ -216,6 +210,7 @@ class FrameSource:
         self.waited += int((values.codes & 0x7FFFFFFF).sum())
 
     def _was_taken(self, values: Values) -> None:
+        self.offered += (values.cycles - values.codes + 1).tolist()
         self.taken += values.cycles.tolist()
         self.longest = max(self.longest, *values.codes.tolist())
 
@@ -349,7 +344,10 @@ class Bench:
             self.result["probe"] = await self.refused_write()
             frames = frames[held[1] :]
         await source.send(frames)
-        await source.through()
+        await self._within(2 * settings["block"] * source.period, source.through())
+        late = 0 if self.scans or held or seed is not None else source.untimely()
+        if late:
+            self._differs("input", "the frame was not offered when it was due", frame=late)
         await self.bus.command("FINISH")
         await self.settle()
         dut.measured.value = 0
@@ -357,16 +355,15 @@ class Bench:
             self.scans.end(recording)
         words = range(-(-self.config.sensor.taxels // 16) if self.config.faults.fault_frames else 0)
         status = {name: await self.bus.read(name) for name in REGISTERS}
-        status["TAXEL_FAULTS"] = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
-        self.scoreboard.end(status)
+        flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
+        self.result["registers"] = status
+        self.scoreboard.end(status | {"TAXEL_FAULTS": flags})
         self.measured.end(recording["decision_frame"].tolist(), source.taken)
 
     async def refused_write(self) -> dict[str, int]:
         """A weight write in an open touch: FAULTS before, after, and once cleared."""
         status = await self.bus.read("STATUS")
-        assert status & self.map["bits"]["STATUS"]["TOUCH"], (
-            f"the touch is not open: STATUS is 0x{status:04x}"
-        )
+        assert status & self.map["bits"]["STATUS"]["TOUCH"], f"no open touch: STATUS is 0x{status:04x}"
         found = {"before": await self.bus.read("FAULTS")}
         await self.bus.write("MEMORY_SELECT", 0)
         for _ in range(4):
@@ -381,11 +378,15 @@ class Bench:
         """Nothing is under way any more."""
         await FallingEdge(self.dut.clk)
         if not self.dut.idle.value:
-            try:
-                await with_timeout(RisingEdge(self.dut.idle), self.settings["patience"] * CYCLE_NS, "ns")
-            except SimTimeoutError:
-                self._differs("input", "it stays busy for the watchdog's time", "a standstill")
+            await self._within(0, RisingEdge(self.dut.idle))
             await FallingEdge(self.dut.clk)
+
+    async def _within(self, cycles: float, awaited: Any) -> None:
+        try:
+            limit = round(cycles) + self.settings["patience"]
+            await with_timeout(awaited, limit * CYCLE_NS, "ns")
+        except SimTimeoutError:
+            self._differs("input", "it stays busy for the watchdog's time", "a standstill")
 
     async def _follow(self, monitor: StageMonitor) -> None:
         async for codes, cycles in monitor:
@@ -406,7 +407,7 @@ class Bench:
         pass
 
     async def __aexit__(self, kind: Any, error: BaseException | None, _: Any) -> None:
-        """The result: the registers at the end, or the first mismatch, behind which the waves go on for a while."""
+        """The result; behind a mismatch the waves go on for a while."""
         if error is not None and not isinstance(error, Mismatch):
             return  # no answer: the log says why
         if error is not None:
@@ -415,9 +416,6 @@ class Bench:
                 await Timer(WAVES_AFTER * CYCLE_NS, "ns")
                 self.dut.dump.value = 0
                 await FallingEdge(self.dut.clk)
-        else:
-            read = self.bus.read
-            self.result["registers"] = {name: await read(name) for name in REGISTERS}
         dut, source = self.dut, self.source
         counts = {name: getattr(source, name) for name in ("frames", "overruns", "waited", "longest")}
         for name in ("cycle", "measured_cycles", "clocked_cycles", *["violations"] * bool(self.scans)):
@@ -436,8 +434,9 @@ class Bench:
         await Timer((begin + 1) * CYCLE_NS, "ns")
         self.dut.dump.value = 1
 
-    def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1) -> None:
-        raise replace(self.scoreboard.mismatch(stage, 0, place, 0, got, cycle), frame=self.source.position)
+    def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1, frame: int = 0) -> None:
+        found = self.scoreboard.mismatch(stage, 0, place, 0, got, cycle)
+        raise replace(found, frame=frame or len(self.source.taken) + 1)
 
 
 @cocotb.test()

@@ -10,13 +10,11 @@ from typing import Any
 
 from eskin.cosim.device import FRAME_END, Device, Model, Write
 from eskin.cosim.latency import Measured, standstill_cycles
-from eskin.cosim.scoreboard import Mismatch, Recording, Scoreboard, flat_stages, local_decisions
+from eskin.cosim.scoreboard import REGISTERS, Mismatch, Recording, Scoreboard, flat_stages, local_decisions
 from eskin.golden.core import AcceleratorConfig, Record, SimulationError
 
 SETTLE = 6
 """Cycles that are always waited for a command."""
-REGISTERS = ("STATUS", "FAULTS", "TOUCHES", "LONGEST")
-"""Read behind every recording."""
 
 
 def play(

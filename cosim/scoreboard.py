@@ -31,6 +31,8 @@ DECISION_FIELDS = {
 WIDE_DECISION_FIELDS = DECISION_FIELDS | {"step": (7, 8), "class": (0, 7), "margin": (15, 14)}
 """The same for more than 32 classes. Margins are in units of `MARGIN_UNIT` logit LSBs there, or in votes."""
 MARGIN_UNIT = 4
+REGISTERS = ("STATUS", "FAULTS", "TOUCHES", "LONGEST")
+"""Read behind every recording."""
 UNEXPECTED_FAULTS = 0x85
 """FAULTS bits that no recording may raise: a write refused, framing, a register that is not there."""
 TAXEL_FAULT, NO_TOUCH = 0x40, 0x8
