@@ -69,7 +69,7 @@ FITS: dict[str, Record] = {
         f"ridge {share:g}": {**SQUARES, "name": f"ridge {share:g}", "ridge": share, **AS_RECORDED}
         for share in RIDGES
     },
-    STURDY: {**SQUARES, "name": STURDY, "sturdy": 1e-2, **AS_RECORDED},
+    STURDY: {**SQUARES, "name": STURDY, "sturdy": 1.0, **AS_RECORDED},
 }
 """How fits of a linear cell differ from the configuration's recipe, in the order of preference."""
 ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squares"}
