@@ -236,12 +236,7 @@ CONFIGS = {
         decision="last",
     ),
     "opens at once, hard sigmoid": tracked(
-        onset="immediate",
-        rest="initial",
-        rest_frames=5,
-        clip=0,
-        gate_activation="hard_sigmoid",
-        scan_every=2,
+        onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid", scan_every=2
     ),
     "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
     "thesis, defended": small(**FAULTS, onset_hits=2, onset_span=3, margin_threshold=2),
