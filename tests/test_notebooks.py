@@ -26,14 +26,7 @@ def run(notebook: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "path",
-    [
-        # it ends with a bitstream
-        pytest.param(path, marks=[pytest.mark.slow] * (path.stem == "recordings_to_board"), id=path.stem)
-        for path in NOTEBOOKS
-    ],
-)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = run(json.loads(path.read_text()), path.stem)

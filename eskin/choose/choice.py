@@ -268,7 +268,9 @@ def choose_inside(
     """What is chosen on each of ``parts`` (recordings) alone."""
     recordings, choices, held = terms.recordings, [], []
     effort = effort.under_stress if terms.stress else effort
-    for part in parts:
+    for number, part in enumerate(parts):
+        if terms.progress:
+            terms.progress("front ends chosen again inside folds", number, len(parts))
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
             front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market, terms.stress)
@@ -288,7 +290,7 @@ def search_inside(
     rows = front_ends.part(part)
     with one_thread():
         judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market, brief=True), market, front_ends.screen, stress)
+        return listed(search(judge, market, brief=True), market, front_ends.screen, stress, brief=True)
 
 
 def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:

@@ -22,8 +22,6 @@ from eskin.golden.core import Record, replacing
 TEMPLATES = Path(__file__).with_name("templates")
 USUAL_NAMES = ("recordings", "train", "training", "test", "data", "dataset")
 """Names of files that say nothing of what is in them."""
-MOST_LETTERS = 40
-"""Of a row's name that a table keeps however narrow the terminal is."""
 GAP = "\u00a0"
 """Between a number and its unit: no line ends there."""
 
@@ -220,14 +218,7 @@ def tables(text: str) -> Iterator[Rows]:
 def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[Any]]) -> Table:
     """A table for the terminal; its cells are text, whatever they hold."""
     first, *further = columns
-    cells = list(cells)
-    widest = max((len(str(row[0])) for row in cells if row), default=1)  # the name of a row is never cut
-    table = Table(
-        Column(first, no_wrap=True, min_width=min(widest, MOST_LETTERS)),
-        *further,
-        title=escape(title),
-        title_justify="left",
-    )
+    table = Table(Column(first, no_wrap=True), *further, title=escape(title), title_justify="left")
     for row in cells:
         table.add_row(*(escape(str(cell)) for cell in row))
     return table

@@ -154,7 +154,7 @@ def _fit_linear(
             if recipe.sturdy:
                 arrays = fit_sturdy(config, features, counts, labels, (mu, sigma), recipe.sturdy)
             elif recipe.squares:
-                arrays = fit_least_squares(config, features, labels, len(again))
+                arrays = fit_least_squares(config, features, labels, len(again), recipe.ridge)
             else:
                 arrays = fit_linear(config, features, labels, penalty)
             model = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})

@@ -118,7 +118,7 @@ PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
 
 
 def fit_least_squares(
-    config: AcceleratorConfig, features: np.ndarray, labels: np.ndarray, copies: int = 0
+    config: AcceleratorConfig, features: np.ndarray, labels: np.ndarray, copies: int = 0, penalty: float = 0.0
 ) -> dict[str, np.ndarray]:
     """Weights and bias of the linear cell that is the `discriminants` of a ridge regression of the classes'
     indicators on ``features``.
@@ -134,6 +134,8 @@ def fit_least_squares(
         As for ``fit_linear``; features on scales of their own, as the normaliser gives them.
     copies:
         So many of the last touches are copies of others (``cut_short``), so they do not choose the penalty.
+    penalty:
+        In place of the one that is chosen; 0: none.
 
     Returns
     -------
@@ -149,7 +151,7 @@ def fit_least_squares(
     inputs = _inputs(config, features)
     unit, own = max(float(inputs.var(axis=0).sum()), 1e-12), len(labels) - copies
     indicators = (labels[:, None] == np.arange(config.classes)).astype(float)
-    ridge = RidgeCV([penalty * unit for penalty in PENALTIES], scoring=right)
+    ridge = RidgeCV([share * unit for share in ([penalty] if penalty else PENALTIES)], scoring=right)
     ridge.fit(inputs[:own], indicators[:own])
     if copies:
         ridge = Ridge(ridge.alpha_ * len(labels) / own).fit(inputs, indicators)

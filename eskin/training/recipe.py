@@ -35,8 +35,9 @@ class Recipe:
     regression on all windows of a touch (`eskin.training.linear_fit`): the inverse penalty of its
     weights on standardised inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and
     weight_limit say nothing then. squares: a linear cell is a ridge regression on the classes' indicators
-    instead, with a penalty chosen by leaving touches out; sturdy: under the disturbances of
-    `eskin.training.linear_fit.fit_sturdy`, of this strength; 0 = none. weight_limit: parameters are held within +-this (0
+    instead; ridge: its penalty, as a share of the mean squared length of a touch's inputs; 0: chosen by leaving
+    touches out. sturdy: under the disturbances of `eskin.training.linear_fit.fit_sturdy`, of this strength; 0 =
+    none. weight_limit: parameters are held within +-this (0
     = no limit), so that 8-bit weights need one integer bit beside the sign.
     """
 
@@ -58,6 +59,7 @@ class Recipe:
     weight_limit: float = 0.0
     penalty: float = 0.0
     squares: bool = False
+    ridge: float = 0.0
     sturdy: float = 0.0
 
     @property

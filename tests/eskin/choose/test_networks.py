@@ -10,6 +10,7 @@ from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
     FITS,
     INSIDE,
+    RIDGES,
     STURDY,
     Effort,
     Part,
@@ -83,22 +84,26 @@ def test_what_cannot_be_taken_is_judged_with_one_seed(right, first, others):
     asked, _, tried = played([CONFIG], by_units(**right))
     assert [units for units, *_, further in asked if units != "linear" and not further] == first
     assert {units for units, *_, further in asked if further} == others
-    assert all(len(one.runs) == 1 + (one.candidate.network["hidden"] in others) for one in tried[3:])
+    units = {one: one.candidate.network["hidden"] for one in tried}
+    assert all(len(one.runs) == 1 + (count in others) for one, count in units.items() if count)
 
 
 def test_fits_are_tried_on_the_first_front_end_and_the_best_on_the_others():
     squares = lambda one: 390 if one.recipe.squares else 300
     asked, taken, _ = played([CONFIG, DEAR], squares)
     linear = [(steps, name) for units, steps, name, _, further in asked if units == "linear" and not further]
-    assert linear == [(6, "linear"), (6, "weak penalty"), (6, "least squares"), (8, "least squares")]
+    ridges = [f"ridge {share}" for share in RIDGES]
+    of_first = ["linear", "weak penalty", "least squares", *ridges]
+    assert linear == [*((6, name) for name in of_first), (8, "least squares")]
     assert taken.config.network.cell == "linear" and taken.front_end == CONFIG
     asked, *_ = played([CONFIG, DEAR], lambda one: 400)
     assert {steps for _, steps, *_ in asked} == {6}  # none is dearer than one that is settled
     asked, _, tried = played([TOUCHED], squares)
-    recipes = [one.candidate.recipe for one in tried[:5]]
+    recipes = [one.candidate.recipe for one in tried[:8]]
     assert [recipe.name for recipe in recipes] == [name for name in FITS if name != STURDY]
-    assert [recipe.augments for recipe in recipes] == [True, False, False, True, False]
-    assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, 10.0, 1.0, 1.0]
+    assert [recipe.augments for recipe in recipes] == [True, False, False, True, *[False] * 4]
+    assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, 10.0, *[1.0] * 5]
+    assert [recipe.ridge for recipe in recipes] == [0.0] * 5 + list(RIDGES)
     assert set(AS_RECORDED) < {field.name for field in dataclasses.fields(recipes[0])}
 
 
@@ -117,7 +122,7 @@ def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_ch
 def test_inside_folds_a_choice_is_short():
     asked, *_ = played([CONFIG, DEAR], by_units(u0=300, u8=330), effort=INSIDE)
     assert [(units, steps, share) for units, steps, _, share, _ in asked] == [
-        *[("linear", 6, 4)] * 2,
+        *[("linear", 6, 4)] * 3,
         *[("linear", 8, 4)] * 2,
         (8, 6, 4),
         (8, 8, 4),  # and not again as a candidate

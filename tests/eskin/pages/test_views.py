@@ -1,12 +1,9 @@
 """eskin/pages/views.py: figures in words; what a value holds never becomes a bar, a row, a heading or markup."""
 
-import io
-
 import jinja2
 import pytest
-from rich.console import Console
 
-from eskin.pages.views import Rows, parts, short_name, terminal_table, words
+from eskin.pages.views import Rows, parts, short_name, words
 
 HOSTILE = ("a|b", "[b]a", "\\|", "two\nlines", "{{ 1 }}", "")
 
@@ -30,11 +27,3 @@ def test_a_file_with_a_name_that_says_nothing_is_called_by_its_folder():
         "glove",
         "hand",
     ]
-
-
-def test_names_of_rows_are_kept_whole_on_a_narrow_terminal():
-    name = "an object with a long name"
-    out = io.StringIO()
-    table = terminal_table("", ["class", "sentence"], [(name, "words " * 30)])
-    Console(file=out, width=50).print(table)
-    assert name in out.getvalue()

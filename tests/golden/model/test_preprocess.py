@@ -148,7 +148,7 @@ def plateaus(config: AcceleratorConfig, seed: int) -> list[np.ndarray]:
 @given(configurations(), st.integers(0, 2**32 - 1), st.sampled_from([400, preprocess.BATCH_SAMPLES]))
 def test_equal_to_the_specification_frame_by_frame(config, seed, batch):
     """Whatever the batches."""
-    config = config.replace(feature_kinds=("mean",), feature_shift=())
+    config = config.replace(feature_kinds=("mean",), feature_shift=(), scan_every=1)
     streams, calls = [*plateaus(config, seed), *plateaus(config, seed + 1)], []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(preprocess, "BATCH_SAMPLES", batch)
