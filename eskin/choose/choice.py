@@ -290,7 +290,7 @@ def search_inside(
     rows = front_ends.part(part)
     with one_thread():
         judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market, brief=True), market, front_ends.screen, stress)
+        return listed(search(judge, market, brief=True), market, front_ends.screen, stress, brief=True)
 
 
 def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:

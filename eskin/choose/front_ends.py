@@ -455,9 +455,14 @@ class Listed:
 
 
 def listed(
-    judged: Sequence[Judged], market: Market, screen: Screen | None = None, stress: Stress | None = None
+    judged: Sequence[Judged],
+    market: Market,
+    screen: Screen | None = None,
+    stress: Stress | None = None,
+    brief: bool = False,
 ) -> Listed:
-    """The front ends to try networks on; none is HOPELESS. screen, stress: what sturdier ones take.
+    """The front ends to try networks on; none is HOPELESS. screen, stress: what sturdier ones take; brief: of
+    two of them.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
@@ -476,7 +481,8 @@ def listed(
     found = Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
     if screen is None or stress is None:
         return found
-    hard = [sturdier(one, screen, stress.false_onsets) or one for one in found.for_recurrent]
+    ends = found.for_recurrent[: 2 if brief else TRIED_RECURRENT]
+    hard = [sturdier(one, screen, stress.false_onsets) or one for one in ends]
     return dataclasses.replace(found, sturdier=tuple(dict.fromkeys(hard)))
 
 

@@ -51,6 +51,7 @@ both, 100 level."""
 
 STURDY, ROBUST = "sturdy", "robust"
 """Fits that are tried where candidates are judged under disturbance: of linear cells, and of recurrent ones."""
+ROBUST_UPDATES = 400
 
 RIDGES = (0.1, 0.01, 0.001)
 """Penalties of least squares beside the one that each training part chooses by leaving touches out, which are
@@ -68,7 +69,7 @@ FITS: dict[str, Record] = {
         f"ridge {share:g}": {**SQUARES, "name": f"ridge {share:g}", "ridge": share, **AS_RECORDED}
         for share in RIDGES
     },
-    STURDY: {**SQUARES, "name": STURDY, "sturdy": 1e-2, **AS_RECORDED},
+    STURDY: {**SQUARES, "name": STURDY, "sturdy": 1.0, **AS_RECORDED},
 }
 """How fits of a linear cell differ from the configuration's recipe, in the order of preference."""
 ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squares"}
@@ -139,7 +140,7 @@ class Wish:
             return Candidate(
                 on,
                 config,
-                dataclasses.replace(choose_recipe(config, ROBUST), name=ROBUST, updates=recipe.updates),
+                dataclasses.replace(choose_recipe(config, ROBUST), name=ROBUST, updates=ROBUST_UPDATES),
             )
         fit = fit if recipe.augments else ALIKE.get(fit, fit)
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)

@@ -144,6 +144,7 @@ def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tu
     noticed."""
     from eskin.golden.model import images_of, run, run_images
 
+    recordings = recordings.scanned(model.config.sensor.scan_every)  # a host sends no others
     if model.config.is_image:
         rows, offsets = run_images(model, images_of(recordings)).streams["decision"]
         touches = np.ones(len(recordings), dtype=np.int64)

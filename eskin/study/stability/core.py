@@ -57,7 +57,8 @@ class Scene:
     the touches are, how far features spread, how loud the taxels are at rest.
 
     config: the front end's. few: recordings (spread evenly) that the points of a curve take; the figure itself
-    takes all. points: of a curve at most; 0 = all. origin: the scene that a changed one came from; it says
+    takes all. points: of a curve at most; 0 = all. turns: taxels that are disturbed in turn at most; 0 = all.
+    origin: the scene that a changed one came from; it says
     where the touches are, so that a broken variant meets the same disturbances.
     """
 
@@ -66,6 +67,7 @@ class Scene:
     parts: Parts = field(default_factory=Parts)
     few: int = 100
     points: int = 0
+    turns: int = 0
     seed: int = 1
     origin: Any = field(default=None, compare=False, repr=False)
     memo: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
@@ -178,6 +180,11 @@ class Scene:
     def live(self) -> list[int]:
         """Taxels that are not masked."""
         return self.config.sensor.live
+
+    @property
+    def in_turn(self) -> list[int]:
+        """Those of them that are disturbed in turn."""
+        return self.live[:: -(-len(self.live) // self.turns)] if self.turns else self.live
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -49,7 +49,10 @@ PANEL = (
 RECORDINGS = 60
 """Recordings that are disturbed at most, spread evenly over the classes."""
 
-BRIEF = 20
+TURNS = 8
+"""Taxels that are disturbed in turn at most."""
+
+BRIEF, BRIEF_TURNS = 16, 4
 """The same inside folds, and to look at gates."""
 
 
@@ -111,7 +114,11 @@ class Panel:
     """
 
     def __init__(
-        self, recordings: Recordings, weights: Mapping[str, float] | None = None, count: int = RECORDINGS
+        self,
+        recordings: Recordings,
+        weights: Mapping[str, float] | None = None,
+        count: int = RECORDINGS,
+        turns: int = TURNS,
     ) -> None:
         weights = dict.fromkeys(PANEL, 1.0) if weights is None else weights
         for name, weight in weights.items():
@@ -123,6 +130,7 @@ class Panel:
         self.weights = {name: weight for name, weight in weights.items() if weight > 0}
         if not self.weights:
             raise InputError("--stress: gives no mode a weight above 0; give one, or --stress off")
+        self._turns = turns
         self.rows = recordings.evenly(min(count, len(recordings)))
         self._place = np.full(len(recordings), -1)
         self._place[self.rows] = np.arange(len(self.rows))
@@ -142,7 +150,7 @@ class Panel:
         return self._known[key]
 
     def _played(self, config: AcceleratorConfig) -> _OnFrontEnd:
-        scene = Scene(config=config, recordings=self._recordings)
+        scene = Scene(config=config, recordings=self._recordings, turns=self._turns)
         modes: list[str] = []
         wrong, found = [], []
         waiting: dict[AcceleratorConfig, list[tuple[int, Played]]] = {}
@@ -197,7 +205,7 @@ class Panel:
     @cached_property
     def brief(self) -> Panel:
         """The same on fewer recordings."""
-        return Panel(self._all, self.weights, BRIEF)
+        return Panel(self._all, self.weights, BRIEF, BRIEF_TURNS)
 
     def wrong(self, config: AcceleratorConfig, model: IntegerModel, test: np.ndarray) -> np.ndarray:
         """(cases, tests) 1 where the network is wrong on a disturbed recording, NaN where it is not disturbed.

@@ -114,7 +114,7 @@ class Experiment:
         if self.over == "ways":
             return {f"{way * level:+.0%}": self._played(scene, way * level, scene.live) for way in (1, -1)}
         if self.over == "taxels":
-            return {f"taxel {taxel}": self._played(scene, level, [taxel]) for taxel in scene.live}
+            return {f"taxel {taxel}": self._played(scene, level, [taxel]) for taxel in scene.in_turn}
         if self.over == "pairs":
             return {f"taxels {some}": self._played(scene, level, some) for some in _sets(scene, int(level))}
         return {self.over: self._played(scene, level, scene.live)}

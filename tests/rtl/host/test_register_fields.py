@@ -26,11 +26,12 @@ from tests.support.driver_board import Board
 def test_every_field_does_what_its_description_says(tmp_path):
     """Each field is written and read in simulation, with what else its access does."""
     config = random_integer_model(
-        CONFIG.replace(checksum=True, fault_frames=16, fault_activity=3, decision="vote"), 3
+        CONFIG.replace(checksum=True, fault_frames=16, fault_activity=3, decision="vote", scan_every=2), 3
     ).config
     model = random_integer_model(config, 3)
     length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
-    recordings = random_recordings(config, [length], 5)
+    source = random_recordings(config, [length], 5)
+    recordings = source.scanned(2)
     trace = run(model, recordings)
     rows, frames = (
         trace.streams["decision"][0],
@@ -162,6 +163,15 @@ def test_every_field_does_what_its_description_says(tmp_path):
     settle()
     words += board.driver.decisions()
     holds("CONTROL.FINISH", words[-1] >> 29 & 3 == 3 and not get(Register.STATUS) & Status.TOUCH)
+
+    # every frame of the source
+    board.driver("arm_every")
+    words = []
+    for frame in source.samples.tolist():
+        words += board.driver.frame(frame) + board.driver.decisions()
+    board.driver("finish")
+    settle()
+    holds("CONTROL.EVERY", words + board.driver.decisions() == expected)
 
     # a wrong word, the right one again from the first place on
     lane = [int(line, 16) for line in (tmp_path / "design" / "memories" / "lane0.hex").read_text().split()]
