@@ -500,7 +500,10 @@ GATES = ((3, 4, 1.0), (5, 6, 1.0), (3, 4, 1.5), (5, 6, 1.5), (5, 6, 2.0), (5, 6,
 """Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
 the rule's mean for four judged frames."""
 
-CLIPPED, CLIP_OVER = 0.03, 1.2
+SELDOM = 0.1
+"""Share of recordings, summed over disturbances, that a gate may open in too early without a sturdier one."""
+
+CLIPPED, CLIP_OVER = 0.01, 1.5
 """A sturdier clip is so many times what this share of a touch's samples is beyond."""
 
 
@@ -518,7 +521,7 @@ def sturdier(
         return None
     touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
     # what is not taken off is no deviation, so less of it may be cut
-    share = CLIPPED / 30 if config.rest_level.rest == "none" else CLIPPED
+    share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
     clip = int(np.ceil(CLIP_OVER * np.quantile(np.concatenate(touched), 1 - share)))
     clip = min(max(clip, 1), config.rest_level.clip or 65535)
     rule = config.onset_rule
@@ -544,7 +547,7 @@ def sturdier(
         opened = 0.0 if at_once else false_onsets(one)
         if opened < least:
             best, least = one, opened
-        if not least:
+        if least <= SELDOM:
             break
     return None if best is None or best == config.replace(name=best.name) else best
 
