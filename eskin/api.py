@@ -51,11 +51,7 @@ Progress = Callable[[str, int, int], None]
 
 
 Simulator = Literal["verilator", "icarus"]
-CHOICES = {
-    "simulator": get_args(Simulator),
-    "level": ("rtl", "netlist", "bitstream"),
-    "pace": ("full", "declared"),
-}
+CHOICES = {"simulator": get_args(Simulator), "level": ("rtl", "netlist"), "pace": ("full", "declared")}
 """Words that `Model.cosim` takes."""
 
 NO_CLASS = "none"

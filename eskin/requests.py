@@ -4,7 +4,8 @@ annotation says what it means and, on the command line, how it is written.
 What several verbs share is a base class. ``option`` and ``argument`` are typer's.
 """
 
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -65,6 +66,15 @@ GateOfReset = Annotated[
 def names_of(text: str) -> list[str]:
     """The names in ``A,B``."""
     return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def count_of(text: str) -> int:
+    """The number in ``N|all``; all: more than there are of anything."""
+    if text == "all":
+        return sys.maxsize
+    if not (text.isdecimal() and len(text) < 10 and int(text)):
+        raise InputError(f"--recordings {text[:20]}: is no number of recordings; give 1 or more, or all")
+    return int(text)
 
 
 def lanes_of(text: str | None) -> tuple[int | None, Any]:
@@ -278,6 +288,11 @@ class RunRequest(Chosen):
     )
     name: Annotated[str | None, option("Title of the report; default: the data's name.")] = None
 
+    @property
+    def count(self) -> int | None:
+        """The number of ``recordings``; None where it is not given."""
+        return None if self.recordings is None else count_of(self.recordings)
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReportRequest:
@@ -294,6 +309,14 @@ class TrainRequest(Chosen):
         Literal["default", "robust", "thesis"],
         option("The default recipe; robust: taxels may fail; or the thesis's."),
     ] = "default"
+
+
+ENROL_MODES = {
+    "evaluate": (("evaluate", "data", "group"), ("readout", "k", "config", "seeds")),
+    "teach": (("model", "teach", "out"), ()),
+    "train": (("model", "data", "out"), ("with_",)),
+}
+"""Options of `eskin enrol`: what each mode needs, and what else it takes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -340,6 +363,19 @@ class EnrolRequest(Grouped, InJson):
     ] = "1,2,5"
     config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None
     seeds: Annotated[int, option("With --evaluate: how many seeds.", min=1, max=1000)] = 3
+
+    def check(self, mode: str) -> None:
+        """Refuse what a mode (evaluate, teach, train) lacks, and what another mode takes."""
+        needs, takes = ENROL_MODES[mode]
+        for field in fields(self):
+            given, name = getattr(self, field.name) != field.default, field.name.strip("_")
+            where = f"eskin enrol{'' if mode == 'train' else f' --{mode}'}, {'MODEL' if name == 'model' else f'--{name}'}"
+            if field.name in needs and not given:
+                raise InputError(
+                    f"{where}: is missing; give {', '.join(needs)}, or another mode (--evaluate, --teach FEW)"
+                )
+            if given and field.name not in (*needs, *takes, "json"):
+                raise InputError(f"{where}: belongs to another mode; leave it out")
 
     @property
     def ks(self) -> list[int]:

@@ -117,9 +117,8 @@ def by_choice(split: Mapping[str, Any]) -> list[Record]:
         return []
     text = (
         f"the network taken decides {percent(split['integer_accuracy'])} rightly on the folds it was chosen "
-        f"on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: a new "
-        f"{' and '.join(split['groups']) or 'recording'} lies between the two; more of them to learn from bring "
-        "both together"
+        f"on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: quote the "
+        f"second for a new {' and '.join(split['groups']) or 'recording'}, or record more of them"
     )
     return [doubt("by_choice", text, split)]
 

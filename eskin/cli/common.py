@@ -225,22 +225,3 @@ def recordings_for(data: str, config):
     from eskin.golden.data import for_model
 
     return for_model(load_recordings(data, config=config), config, warn)
-
-
-def how_many(text: str) -> int | None:
-    """The number in ``--recordings N|all``; None is all."""
-    if text == "all":
-        return None
-    if not (text.isdecimal() and len(text) < 10 and int(text)):
-        raise InputError(f"--recordings {text[:20]}: is no number of recordings; give 1 or more, or all")
-    return int(text)
-
-
-def groups_of(group: str | None) -> list[str] | None:
-    """Group names of ``--group A,B``; None where it is not given."""
-    return None if group is None else group_names(group)
-
-
-def group_names(group: str) -> list[str]:
-    """Group names of ``A,B``."""
-    return [name.strip() for name in group.split(",") if name.strip()]

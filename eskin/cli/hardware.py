@@ -8,17 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from eskin.cli.common import (
-    app,
-    console,
-    how_many,
-    integer_model,
-    progress_bars,
-    recordings_for,
-    say,
-    show,
-    stop,
-)
+from eskin.cli.common import app, console, integer_model, progress_bars, recordings_for, say, show, stop
 from eskin.golden.core import PREFIX, InputError, Record, check_folder, check_target, replacing
 from eskin.requests import (
     BoardRequest,
@@ -28,6 +18,7 @@ from eskin.requests import (
     GenerateRequest,
     ReplayRequest,
     ScheduleRequest,
+    count_of,
     lanes_of,
 )
 
@@ -86,7 +77,7 @@ def cosim(asked: CosimRequest) -> Record:
     from eskin.verbs import cosim_job
     from eskin.verbs.flow import cosimulate
 
-    count = how_many(asked.recordings)
+    count = count_of(asked.recordings)
     hertz = _clock(asked.clock)
     lowest, (lanes, lane_type) = asked.clock == "lowest", lanes_of(asked.lanes)
     if lowest and asked.pace != "declared":
@@ -102,7 +93,7 @@ def cosim(asked: CosimRequest) -> Record:
     )
     integer = integer_model(asked.model)
     loaded = recordings_for(asked.data, integer.config)
-    numbers = loaded.evenly(len(loaded) if count is None else count)
+    numbers = loaded.evenly(count)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: Record = {
             "lanes": lanes,

@@ -79,74 +79,32 @@ def train(asked: TrainRequest) -> None:
 def enrol(asked: EnrolRequest) -> Record:
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host
     loads the new weights."""
+    mode = "evaluate" if asked.evaluate else "teach" if asked.teach is not None else "train"
+    asked.check(mode)
+    progressing = progress_bars()
     if asked.evaluate:
-        for name, value in (
-            ("MODEL", asked.model),
-            ("--out", asked.out),
-            ("--with", asked.with_),
-            ("--teach", asked.teach),
-        ):
-            if value is not None:
-                raise InputError(
-                    f"eskin enrol, {name}: belongs to no --evaluate, which trains networks of its own; "
-                    "leave it out"
-                )
         from eskin.verbs import enrol_job
 
-        if asked.group is None:
-            raise InputError(
-                "eskin enrol --evaluate, option --group: is missing; name the group array whose values are "
-                "mountings"
-            )
-        if asked.data is None:
-            raise InputError("eskin enrol --evaluate, option --data: is missing; name all recordings")
-        recordings, user_config = load_data(asked.data, asked.config)
-        with progress_bars() as report:
+        recordings, user_config = load_data(asked.data or "", asked.config)
+        with progressing as report:
             result = enrol_job.evaluate(asked, recordings, user_config, progress=report)
         show("enrolments", **result)
         return result
-    evaluating = {"--group": asked.group, "--config": asked.config, "--readout": asked.readout != "dense"}
-    for name, given in evaluating.items():
-        if given:
-            raise InputError(f"eskin enrol, option {name}: needs --evaluate")
-    if asked.model is None or asked.out is None:
-        raise InputError(
-            f"eskin enrol, {'MODEL' if asked.model is None else 'option --out'}: is missing; or judge enrolment "
-            "with --evaluate"
-        )
     from eskin.golden.model import check_model_target, load_config
     from eskin.teach.enrol import enrol as train_on
+    from eskin.teach.enrol import teach_folder
 
+    assert asked.model and asked.out
     check_model_target(asked.out)
-    config_of_model = load_config(asked.model)
+    config = load_config(asked.model)
+    few = recordings_for(asked.data or asked.teach or "", config)
+    old = recordings_for(asked.with_, config) if asked.with_ else None
     if asked.teach is not None:
-        from eskin.teach.enrol import teach_folder
-
-        for name, given in (("--data", asked.data), ("--with", asked.with_)):
-            if given is not None:
-                raise InputError(
-                    f"eskin enrol --teach, option {name}: is for what is trained, and --teach trains nothing; "
-                    "leave it out"
-                )
-        result = teach_folder(asked.model, recordings_for(asked.teach, config_of_model), asked.out)
-        show("teach", **result, out=asked.out)
-        return result
-    if asked.data is None:
-        raise InputError(
-            "eskin enrol, option --data: is missing; name a few touches of each class, or --teach FEW for a "
-            "model that is taught"
-        )
-    few = recordings_for(asked.data, config_of_model)
-    old = None if asked.with_ is None else recordings_for(asked.with_, config_of_model)
-    with progress_bars() as report:
-        result = train_on(
-            asked.model,
-            few,
-            asked.out,
-            old=old,
-            progress=lambda done, total: report("enrolment", done, total),
-        )
-    show("enrol", **result, out=asked.out)
+        result = teach_folder(asked.model, few, asked.out)
+    else:
+        with progressing as report:
+            result = train_on(asked.model, few, asked.out, old=old, progress=partial(report, "enrolment"))
+    show("enrol" if asked.teach is None else "teach", **result, out=asked.out)
     return result
 
 

@@ -14,7 +14,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from rich.progress import Progress as Bars
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import Plan, configure
 from eskin.choose.choice_table import left_out, unseen
-from eskin.choose.cost import Market, Prefer
+from eskin.choose.cost import Market
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
@@ -47,7 +47,7 @@ from eskin.golden.data import Recordings, for_model
 from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
-from eskin.requests import STRESS
+from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
@@ -82,55 +82,9 @@ RESULT_MARK = "run.json"
 GOLDEN = LEARNING
 
 
-def run(
-    data: str = "synthetic",
-    config: str | None = None,
-    recordings: int | None = None,
-    out: str | Path = "build/run",
-    *,
-    seed: int = 0,
-    group: Sequence[str] | None = None,
-    cell: str | None = None,
-    hidden: int | None = None,
-    seeds: int | None = None,
-    prefer: Prefer = "energy",
-    fits: str | None = None,
-    stress: str = STRESS,
-    test: str | None = None,
-    name: str | None = None,
-    console: Console | None = None,
-) -> Record:
-    """Do the main job and put everything into ``out``.
-
-    Parameters
-    ----------
-    data:
-        An archive, a folder of .lvm files, or ``synthetic``.
-    config:
-        A preset or a JSON file; None: the front end is chosen (``eskin.choose.choice``).
-    recordings:
-        How many are co-simulated at full pace, spread evenly over the classes; None: all of a small set, else
-        PER_CLASS of each class.
-    out:
-        New folder, or an earlier result, which is replaced at the very end.
-    seed:
-        First seed of the training.
-    group:
-        Groups that stay on one side of a split; None: ``choose_split`` and the splits of the sensor's preset.
-    cell, hidden:
-        The network; None: chosen too where ``config`` is None (``eskin.choose.choice``).
-    seeds:
-        How many the cross-validation takes, from ``seed`` on; None: 3, of images 1.
-    prefer, fits, stress:
-        What is least in the candidate taken, of those level with the best; the board that has to hold it
-        (None: the icebreaker where anything level fits it); disturbances, as ``panel_of`` has them.
-    test:
-        Recordings held back, as ``data``: the finished network is judged on them once, and nothing is chosen
-        on them.
-    name:
-        What the report is called; None: as the data's file or folder.
-    console:
-        Where progress is shown; None: standard error.
+def run(asked: RunRequest, console: Console | None = None) -> Record:
+    """Do the main job and put everything into ``asked.out``, at the very end. ``console``: where progress is shown;
+    None: standard error.
 
     The folder
     ----------
@@ -147,9 +101,9 @@ def run(
     SimulationError
         The simulator fails.
     """
-    out = Path(os.path.abspath(out))
+    out = Path(os.path.abspath(asked.out))
     check_folder(out, RESULT_MARK)
-    user_config = AcceleratorConfig.load(config) if config else None
+    user_config = AcceleratorConfig.load(asked.config) if asked.config else None
     begin = time.perf_counter()
     console = console or Console(stderr=True)
 
@@ -158,36 +112,36 @@ def run(
 
     with _bars(console) as stages:
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
-            loaded = load_recordings(data, config=user_config)
-            check_units(cell, hidden)
-            prices, panel = market(prefer, fits), panel_of(loaded, stress)
+            loaded = load_recordings(asked.data, config=user_config)
+            check_units(asked.cell, asked.hidden)
+            prices, panel = market(asked.prefer, asked.fits), panel_of(loaded, asked.stress)
         with stages("configuration") as notify:  # what does not work is refused here
-            held = load_recordings(test, config=user_config) if test else None
+            held = load_recordings(asked.test, config=user_config) if asked.test else None
             if held is not None:
                 check_alike(held, loaded)
                 held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
-            if group:
-                check_split(loaded, group, 5)
+            if asked.groups:
+                check_split(loaded, asked.groups, 5)
             if loaded.image_shape:
-                chosen_config(loaded, user_config, cell)
+                chosen_config(loaded, user_config, asked.cell)
             plan = (
                 None
                 if loaded.image_shape
-                else configure(loaded, user_config, prices, groups=group, progress=notify)
+                else configure(loaded, user_config, prices, groups=asked.groups, progress=notify)
             )
-            seeds = seeds or (1 if loaded.image_shape else 3)
-            network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
+            network: Record = {"group": asked.groups, "cell": asked.cell, "hidden": asked.hidden}
+            network["seeds"] = asked.seeds or (1 if loaded.image_shape else 3)
             planned = plan.config if plan else user_config
             if held is not None and planned is not None:
                 held = for_model(held, planned, say)
-            wished = [planned and planned.to_dict(), user_config is None, network, prefer, fits]
-            base = [loaded.content, seed, *wished, panel and panel.weights]
+            wished = [planned and planned.to_dict(), user_config is None, network, asked.prefer, asked.fits]
+            base = [loaded.content, *wished, panel and panel.weights]
         with _Work(out) as work:
             steps = _Steps(
-                loaded, held, user_config, prices, plan, panel, network, seed, work, stages, base, say, name
+                asked, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
             )
             result = work.folder / "result"
-            record = steps.all(recordings, result, begin)
+            record = steps.all(result, begin)
             with stages("report"):
                 report.write_report(result)
             work.publish(result)
@@ -249,6 +203,7 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
 class _Steps:
     """The stages in order, each a call into golden, rtl or cosim."""
 
+    asked: RunRequest
     recordings: Recordings
     held: Recordings | None
     user_config: AcceleratorConfig | None
@@ -256,12 +211,10 @@ class _Steps:
     plan: Plan | None
     panel: Panel | None
     network: Record
-    seed: int
     work: _Work
     stages: Callable[[str], Any]
     base: list[Any]
     say: Callable[[str], None]
-    name: str | None = None
     timings: list[Record] = dataclasses.field(default_factory=list)
 
     def stage(
@@ -276,8 +229,8 @@ class _Steps:
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
         return folder
 
-    def all(self, count: int | None, result: Path, begin: float) -> Record:
-        """Run every stage, co-simulating ``count`` recordings, and fill ``result`` with all but the page. The
+    def all(self, result: Path, begin: float) -> Record:
+        """Run every stage and fill ``result`` with all but the page. The
         record, as in run.json."""
         trained = self.stage("training", (*GOLDEN, *COST), None, self._train)
         quantised = self.stage(
@@ -286,7 +239,7 @@ class _Steps:
         model = IntegerModel.load(quantised / "model", images=True)
         training = load_training(quantised / "model")
         config = self.config = model.config
-        numbers = self.recordings.evenly(count or default_count(self.recordings, config))
+        numbers = self.recordings.evenly(self.asked.count or default_count(self.recordings, config))
         evaluated = self.stage(
             "evaluation", GOLDEN, None, lambda folder, notify: self._evaluate(quantised, folder, notify)
         )
@@ -327,7 +280,7 @@ class _Steps:
         checks = _checks(judged, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
         record = {
-            "name": self.name,
+            "name": self.asked.name,
             "data": self._data(),
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
             "baselines": baselines,
@@ -389,13 +342,7 @@ class _Steps:
     def _train(self, folder: Path, notify: Progress) -> None:
         options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, "stress": self.panel, **self.network}
         choice.train_chosen(
-            self.recordings,
-            self.user_config,
-            self.prices,
-            out=folder / "model",
-            seed=self.seed,
-            progress=notify,
-            **options,
+            self.recordings, self.user_config, self.prices, out=folder / "model", progress=notify, **options
         )
 
     def _quantise(self, trained: Path, folder: Path) -> None:

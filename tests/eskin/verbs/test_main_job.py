@@ -14,6 +14,7 @@ from eskin.choose.choice import Plan
 from eskin.cosim.runner import SimulationError
 from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
 from eskin.verbs import main_job
 from tests.support import result_case
@@ -61,11 +62,11 @@ class Chain:
         if name == self.stop_at:
             raise self.stop(f"stopped in {name}")
 
-    def train(self, loaded, asked, market, *, out, seed, progress, **network):
+    def train(self, loaded, asked, market, *, out, progress, **network):
         self.call("train")
         self.asked = asked, network
         progress("training", 1, 2)
-        float_model().save(out, training_record(loaded) | {"seed": seed, "doubts": self.doubts})
+        float_model().save(out, training_record(loaded) | {"doubts": self.doubts})
 
     def quantise(self, folder, recordings=None):
         self.call("quantise")
@@ -127,7 +128,7 @@ def chain(monkeypatch):
 
 
 def run(out: Path, **options):
-    return main_job.run("made", out=out, console=QUIET, **options)
+    return main_job.run(RunRequest(data="made", out=out, **options), QUIET)
 
 
 ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
@@ -205,7 +206,7 @@ CHANGES = {
     "groups": change("groups", 0, 1),
     "configuration": lambda chain: setattr(chain, "config", CONFIG.replace(rearm_frames=17)),
     "code": None,
-    "seed": None,
+    "hidden": None,
 }
 
 
@@ -221,10 +222,8 @@ def test_a_stage_of_other_inputs_is_not_taken_over(monkeypatch, tmp_path, name):
         monkeypatch.setattr(main_job, "code_version", lambda *packages: "other code")
     chain.calls.clear()
     chain.stop_at = ""
-    seed = 2 if name == "seed" else 0
-    run(tmp_path / "run", seed=seed)
+    run(tmp_path / "run", hidden=3 if name == "hidden" else None)
     assert chain.calls == ORDER
-    assert json.loads((tmp_path / "run/model/training.json").read_text())["seed"] == seed
 
 
 def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
@@ -233,7 +232,7 @@ def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
         run(tmp_path / "run")
     chain.calls.clear()
     chain.stop_at = ""
-    record = run(tmp_path / "run", recordings=4)
+    record = run(tmp_path / "run", recordings="4")
     assert "train" not in chain.calls and "cosim" in chain.calls
     assert record["cosimulated"] == chain.recordings.evenly(4).tolist()
     assert chain.played["cosim"][0] == record["cosimulated"]
@@ -344,7 +343,7 @@ def test_a_run_stopped_between_the_two_renames_is_put_right(chain, tmp_path):
     shutil.move(out, tmp_path / ".run.work/old")
     chain.stop_at = "train"
     with pytest.raises(KeyboardInterrupt):
-        run(out, seed=9)
+        run(out, hidden=3)
     assert contents(out) == before and [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
@@ -363,7 +362,8 @@ def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
         "class_names": np.array(made.class_names),
     }
     np.savez_compressed(tmp_path / "grip.npz", sample_rate_hz=made.sample_rate_hz, **arrays, **made.groups)
-    record = main_job.run(str(tmp_path / "grip.npz"), out=tmp_path / "run", recordings=5, console=QUIET)
+    asked = RunRequest(data=str(tmp_path / "grip.npz"), out=tmp_path / "run", recordings="5")
+    record = main_job.run(asked, QUIET)
     assert record["passed"] and not record["warnings"]
     assert (
         record["front_end"]["chosen"]["rest"] == "none"
