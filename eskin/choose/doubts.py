@@ -194,7 +194,17 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
     if without is not None:
         text += f" (a front end that takes this level off decides {percent(without)} rightly)"
     text += ": where each class was recorded in a session of its own, this is the session and not the touch; "
-    return [doubt("level_tells", text + (f"record every class at every {group}" if groups else SESSIONS))]
+    return [
+        doubt(
+            "level_tells",
+            text
+            + (
+                f"record every class at every {group}, or take it as part of the touch where that was done"
+                if groups
+                else SESSIONS
+            ),
+        )
+    ]
 
 
 def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Record]:

@@ -101,6 +101,7 @@ def verdict(played: Record) -> str:
 
 def compared(played: Record, things: str = "recordings") -> str:
     """The sentence behind `verdict`."""
+    things = things.removesuffix("s") if played["recordings"] == 1 else things
     values = f"{count(played['compared_values'])} values of {count(played['recordings'])} {things} compared"
     match verdict(played):
         case "GAVE UP":
