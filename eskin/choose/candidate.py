@@ -152,9 +152,10 @@ class Judged:
     @property
     def figures(self) -> list[Record]:
         """{mode, figure, bound, held} under each disturbance."""
-        if self.stress is None or self.wrong is None:
+        if self.stress is None or self.wrong is None or self.stressed is None:
             return []
-        return self.stress.figures(self.config, self.wrong, self.accuracy)
+        told = ~np.isnan(self.stressed)  # bounds refer to the same recordings
+        return self.stress.figures(self.config, self.wrong, float(self.correct[told].mean()))
 
     @property
     def worst(self) -> Record | None:

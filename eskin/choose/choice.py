@@ -234,7 +234,6 @@ def choose_front_end(
     if alone - 1 / classes > doubts.LEVEL_TELLS * (1 - 1 / classes):
         without = [one.accuracy for one in screened if one.config.rest_level.rest != "none"]
         found += doubts.level_tells(frames, alone, max(without, default=None), split)
-    found += doubts.still_climbing([(one.config, one.correct) for one in screened])
     return Plan(
         config, reasons, split, split_from, market, front_ends, tuple(screened), facts, doubts=tuple(found)
     )
@@ -559,6 +558,8 @@ def _compared(
     splits = [split["groups"] for split in record["cross_validation"]]
     baselines = linear_yardsticks(recordings, config, splits, terms.folds)
     found = list(plan.doubts)
+    if plan.screened and not config.recurrent:  # front ends are judged with a linear network
+        found += doubts.still_climbing([(one.config, one.correct) for one in plan.screened])
     for split in record["cross_validation"]:
         found += doubts.below_baselines(split, baselines, rows if wish.open else None)
         found += doubts.lost_classes(split, recordings.class_names)

@@ -500,7 +500,10 @@ GATES = ((3, 4, 1.0), (5, 6, 1.0), (3, 4, 1.5), (5, 6, 1.5), (5, 6, 2.0), (5, 6,
 """Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
 the rule's mean for four judged frames."""
 
-CLIPPED, CLIP_OVER = 0.01, 1.2
+SELDOM = 0.1
+"""Share of recordings, summed over disturbances, that a gate may open in too early without a sturdier one."""
+
+CLIPPED, CLIP_OVER = 0.01, 1.5
 """A sturdier clip is so many times what this share of a touch's samples is beyond."""
 
 
@@ -544,7 +547,7 @@ def sturdier(
         opened = 0.0 if at_once else false_onsets(one)
         if opened < least:
             best, least = one, opened
-        if not least:
+        if least <= SELDOM:
             break
     return None if best is None or best == config.replace(name=best.name) else best
 

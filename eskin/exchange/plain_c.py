@@ -143,6 +143,7 @@ def _frame_values(config: AcceleratorConfig) -> Record:
         "scan_every": config.sensor.scan_every,
         "code_min": config.sample_format.min_code,
         "code_max": config.sample_format.max_code,
+        "worth": np.broadcast_to(config.sensor.volt_per_code, config.sensor.taxels).tolist(),
         "kinds": kinds,
         "sum_kinds": [kind for kind in kinds if kind != "integral"],
         "hop_sums": [*["mean"] * mean_needed, *["activity"] * activity],

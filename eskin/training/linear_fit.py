@@ -159,7 +159,7 @@ def fit_least_squares(
     return _arrays(config, turn.T @ ridge.coef_, ridge.intercept_ @ turn + bias)
 
 
-LOST, CUT = 0.5, 0.25
+LOST, CUT = 0.5, 0.5
 """Shares of the touches that are fitted with a taxel lost, and cut short to each of CUT_AFTER."""
 CUT_AFTER = (0.4, 0.6, 0.8)
 """Shares of the windows that are left of a touch that is cut short."""

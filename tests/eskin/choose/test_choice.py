@@ -40,7 +40,7 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = trained(gripped, None, tmp_path)
     rows = record["candidates"]
     assert [(row["cell"], row["hidden"]) for row in rows] == [
-        *[("linear", 0)] * 3,
+        *[("linear", 0)] * 6,
         *[("gru", units) for units in (4, 8, 12, 16)],
     ]
     (chosen,) = (row for row in rows if row["chosen"])
@@ -92,6 +92,30 @@ def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     assert alone.config == other.config and "nested" not in record["cross_validation"][0]
     assert record["cross_validation"] == plain["cross_validation"]
     assert "candidates" not in record and "front_end" not in record
+
+
+def test_few_sessions_promise_less_of_a_new_one_than_of_those_that_are_known(quick, tmp_path):
+    """In each of three sessions the sensor sits elsewhere: three classes are told apart there, and one session
+    tells little of the next."""
+    rng = np.random.default_rng(7)
+    labels, session = np.tile(np.arange(3), 36), np.repeat(np.arange(3), 36)
+    patterns = rng.normal(0, 40, (3, 5)) + rng.normal(0, 80, (3, 3, 5))
+    samples = 1000 + patterns[session, labels][:, None] + rng.normal(0, 12, (108, 60, 5))
+    recordings = Recordings(
+        np.rint(samples).astype(np.int32).reshape(-1, 5),
+        60 * np.arange(109),
+        labels,
+        ("press", "slide", "tap"),
+        100.0,
+        {"session": session},
+        source="sessions",
+    )
+    record = trained(recordings, None, tmp_path, folds=3)
+    (split,) = record["cross_validation"]
+    assert split["groups"] == ["session"] and len(split["nested"]["per_fold"]) == 3
+    assert record["same_groups"]["integer_accuracy"] > 0.95
+    assert split["nested"]["integer_accuracy"] < 0.85
+    assert not any(one["code"] == "below_baselines" and "--hidden" in one["text"] for one in record["doubts"])
 
 
 def test_the_record_of_a_candidate_is_that_of_a_cross_validation(gripped, quick, tmp_path):
