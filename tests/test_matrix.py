@@ -34,29 +34,12 @@ from eskin.golden.model import IntegerModel, load_config
 from eskin.training import recipe
 from eskin.verbs import baselines_job, energy_job, sweep_job
 from tests.support.link_device import Device, golden_decisions
+from tests.support.small_designs import TRACKED
 from tests.support.tiny_cells import liberty_files
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = AcceleratorConfig.of_image(8, 8, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
-TOUCHES = AcceleratorConfig.of(
-    taxels=4,
-    sample_rate_hz=2000.0,
-    rest="tracked",
-    rest_frames=8,
-    onset="baseline",
-    onset_mean_frames=4,
-    onset_check_frames=4,
-    onset_threshold=20,
-    window_mode="free",
-    pretrigger_frames=0,
-    hop=8,
-    window=16,
-    steps=3,
-    hidden=4,
-    class_names=("press", "stroke"),
-    clock_hz=1e6,
-    rearm_frames=16,
-)
+TOUCHES = TRACKED.replace(sample_rate_hz=2000.0, steps=3, clock_hz=1e6)
 WIDE = {"state_format": QFormat(4, 12)}
 KINDS: dict[str, dict[str, Any]] = {
     "linear": {"cell": "linear", "feature_kinds": ("mean", "activity", "integral"), "decision": "last"},
@@ -125,7 +108,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker",
         ("converter",),
     ),
-    "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
+    "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ()),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
     "build --standalone --flash": (

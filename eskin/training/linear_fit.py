@@ -159,7 +159,7 @@ def fit_least_squares(
     return _arrays(config, turn.T @ ridge.coef_, ridge.intercept_ @ turn + bias)
 
 
-LOST, CUT = 0.5, 0.25
+LOST, CUT = 0.5, 0.5
 """Shares of the touches that are fitted with a taxel lost, and cut short to each of CUT_AFTER."""
 CUT_AFTER = (0.4, 0.6, 0.8)
 """Shares of the windows that are left of a touch that is cut short."""
@@ -210,7 +210,7 @@ def fit_sturdy(
         return _inputs(config, values * counts[..., None])
 
     def by_taxel(values: np.ndarray) -> np.ndarray:
-        """What was given for each of D, for each input."""
+        """Values given for each of D, for each input."""
         return np.tile(values, config.sets if config.sets > 1 else 1)
 
     x, taxel = shaped(features), by_taxel(taxel_of)

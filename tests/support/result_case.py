@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, write_json
+from eskin.golden.core import write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
@@ -19,6 +19,7 @@ from eskin.golden.model import (
 )
 from eskin.pages.report import write_trace
 from eskin.training.quantise import profile, range_records
+from tests.support.small_designs import TRACKED
 
 ROW_KEYS = set(
     "method split accuracy spread parameters multiplies bytes train_s decision_us hardware".split()
@@ -26,24 +27,13 @@ ROW_KEYS = set(
 """Of each row of baselines.json."""
 
 
-CONFIG = AcceleratorConfig.of(
+CONFIG = TRACKED.replace(
     name="made",
-    taxels=4,
-    sample_rate_hz=500.0,
-    window_mode="free",
-    pretrigger_frames=0,
+    rest_frames=16,
+    onset_mean_frames=8,
+    clip=200,
     hop=4,
     window=8,
-    steps=5,
-    rest="tracked",
-    rest_frames=16,
-    onset="baseline",
-    onset_mean_frames=8,
-    onset_check_frames=4,
-    onset_threshold=20,
-    clip=200,
-    rearm_frames=16,
-    hidden=4,
     class_names=("smooth", "rough<b>"),
     volt_per_code=1e-3,
 )

@@ -1,4 +1,5 @@
-"""Designs that many tests vary: a small one whose touches last 200 frames; the thesis's with any cell."""
+"""Designs that many tests vary: a small one whose touches last 200 frames; one that tracks its rest level; the
+thesis's with any cell."""
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
 
@@ -15,6 +16,24 @@ SMALL = AcceleratorConfig.of(
     rearm_frames=20,
     decision="vote",
     lanes=2,
+)
+TRACKED = AcceleratorConfig.of(
+    taxels=4,
+    hidden=4,
+    sample_rate_hz=500.0,
+    rest="tracked",
+    rest_frames=8,
+    onset="baseline",
+    onset_mean_frames=4,
+    onset_check_frames=4,
+    onset_threshold=20,
+    rearm_frames=16,
+    window_mode="free",
+    pretrigger_frames=0,
+    hop=8,
+    window=16,
+    steps=5,
+    class_names=("press", "stroke"),
 )
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 

@@ -1,5 +1,5 @@
-"""What most failure modes are: one disturbance, over recordings, taxels or quiet stretches, at a nominal level
-and along a curve of levels.
+"""Common shapes of failure modes: one disturbance, over recordings, taxels or quiet stretches, at a nominal
+level and along a curve of levels.
 
 An experiment is a value with the disturbance in it, called with a bench; ``eskin.study.stability.table`` has one
 a row.
@@ -56,7 +56,7 @@ class Played:
 
 @dataclass(frozen=True)
 class Found:
-    """What became of a case: the share that went wrong, and recordings for the hardware, wrong ones first."""
+    """Result of a case: the share that went wrong, and recordings for the hardware, wrong ones first."""
 
     wrong: float
     case: Case
@@ -145,12 +145,10 @@ class Experiment:
         if not self.of_gate:
             return None
         scene, recordings = played.scene, played.recordings
+        if self.over != "quiet":
+            return opened_early(played)
         touches = scene.parts.find_touches(scene.config, recordings, steps=0)
-        first = touches.first_touch()
-        if self.over == "quiet":
-            return first >= 0
-        onsets = np.where(first >= 0, touches.onset_frame[first], 1 << 30)
-        return onsets < scene.onsets - scene.config.windows.window
+        return touches.first_touch() >= 0
 
     # -- what becomes of it
     def figure(self, wrong: Iterable[float]) -> float:
@@ -196,6 +194,15 @@ class Experiment:
             words += f"; clean {bench.clean_accuracy:.4f}"
         value = self.figure(one.wrong for one in found.values())
         return Outcome(value, words, curves[self.mean], found[worst].case)
+
+
+def opened_early(played: Played) -> np.ndarray:
+    """(n) bool: an onset was found more than a window earlier than recorded."""
+    scene = played.scene
+    touches = scene.parts.find_touches(scene.config, played.recordings, steps=0)
+    first = touches.first_touch()
+    onsets = np.where(first >= 0, touches.onset_frame[first], 1 << 30)
+    return onsets < scene.onsets - scene.config.windows.window
 
 
 def _sets(scene: Scene, count: int) -> list[list[int]]:

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from eskin.choose import choice as choosing
-from eskin.choose.choice import choose_inside, configure, inner_folds, splits_to_report, train_chosen, unseen
-from eskin.choose.choice_table import unseen as unseen_of
+from eskin.choose.choice import choose_inside, configure, inner_folds, train_chosen, unseen
 from eskin.choose.networks import Wish
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, with_network
 from eskin.training import train
@@ -40,7 +39,7 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = trained(gripped, None, tmp_path)
     rows = record["candidates"]
     assert [(row["cell"], row["hidden"]) for row in rows] == [
-        *[("linear", 0)] * 3,
+        *[("linear", 0)] * 6,
         *[("gru", units) for units in (4, 8, 12, 16)],
     ]
     (chosen,) = (row for row in rows if row["chosen"])
@@ -94,6 +93,30 @@ def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     assert "candidates" not in record and "front_end" not in record
 
 
+def test_few_sessions_promise_less_of_a_new_one_than_of_those_that_are_known(quick, tmp_path):
+    """In each of three sessions the sensor sits elsewhere: three classes are told apart there, and one session
+    tells little of the next."""
+    rng = np.random.default_rng(7)
+    labels, session = np.tile(np.arange(3), 36), np.repeat(np.arange(3), 36)
+    patterns = rng.normal(0, 40, (3, 5)) + rng.normal(0, 80, (3, 3, 5))
+    samples = 1000 + patterns[session, labels][:, None] + rng.normal(0, 12, (108, 60, 5))
+    recordings = Recordings(
+        np.rint(samples).astype(np.int32).reshape(-1, 5),
+        60 * np.arange(109),
+        labels,
+        ("press", "slide", "tap"),
+        100.0,
+        {"session": session},
+        source="sessions",
+    )
+    record = trained(recordings, None, tmp_path, folds=3)
+    (split,) = record["cross_validation"]
+    assert split["groups"] == ["session"] and len(split["nested"]["per_fold"]) == 3
+    assert record["same_groups"]["integer_accuracy"] > 0.95
+    assert split["nested"]["integer_accuracy"] < 0.85
+    assert not any(one["code"] == "below_baselines" and "--hidden" in one["text"] for one in record["doubts"])
+
+
 def test_the_record_of_a_candidate_is_that_of_a_cross_validation(gripped, quick, tmp_path):
     record = trained(gripped, CONFIG, tmp_path, cell="auto", group=["person"])
     config = with_network(CONFIG, cell="linear")
@@ -111,16 +134,6 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
     assert (network["cell"], network["hidden"], record["cross_validation"]) == ("gru", 12, [])
     with pytest.raises(InputError, match="--cell auto: needs folds"):
         trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
-
-
-def test_the_split_of_the_choice_is_reported_beside_those_of_the_sensor(gripped):
-    assert splits_to_report(gripped, CONFIG, ["person"]) == [["person"]]
-    groups = {name: np.arange(len(gripped)) % 4 for name in ("seq", "speed", "trial")}
-    samples = gripped.samples[:, :8] + 29000
-    pvdf = dataclasses.replace(gripped, samples=samples, sample_bits=16, sample_rate_hz=2000.0, groups=groups)
-    derived = PRESETS["pvdf"].replace(name="derived")
-    assert splits_to_report(pvdf, derived, ["seq"]) == [["trial"], ["speed"], ["seq"]]
-    assert splits_to_report(pvdf, derived, []) == [["trial"], ["speed"], ["seq"], []]
 
 
 # ---------------------------------------------------------------------- folds that chose nothing
@@ -170,19 +183,6 @@ def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
     assert sum(fold["recordings"] for fold in nested["per_fold"]) == 60
     assert all(fold["network"] == "linear" for fold in nested["per_fold"])
     assert any(doubt["code"] == "by_choice" for doubt in record["doubts"])
-
-
-def test_without_a_figure_the_choice_is_not_called_unseen(gripped, quick, monkeypatch, tmp_path):
-    def failing(*_):
-        raise InputError("no room")
-
-    monkeypatch.setattr(choosing, "unseen", failing)
-    record = trained(gripped, None, tmp_path, cell="linear")
-    (split,) = record["cross_validation"]
-    assert split["nested"] is None and unseen_of(split) is split
-    (doubt,) = (doubt for doubt in record["doubts"] if doubt["code"] == "no_unseen_figure")
-    assert doubt["text"].endswith("no figure of folds that chose nothing: no room")
-    assert doubt["groups"] == ["person"]
 
 
 def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypatch):

@@ -88,7 +88,9 @@ def test_a_choice_that_flatters():
     assert doubts.by_choice(split() | {"nested": nested}) == []
     (one,) = doubts.by_choice(split() | {"nested": nested | {"integer_accuracy": 0.85}})
     assert one["code"] == "by_choice" and "90.0 % rightly on the folds it was chosen on" in one["text"]
-    assert "85.0 %: a new person lies between" in one["text"] and doubts.sentences([one]) == [one["text"]]
+    assert "85.0 %: quote the second for a new person" in one["text"] and doubts.sentences([one]) == [
+        one["text"]
+    ]
 
 
 def test_missed_onsets():

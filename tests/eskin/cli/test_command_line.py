@@ -17,31 +17,21 @@ import numpy as np
 import pytest
 
 from eskin.cli.common import PANELS
-from eskin.golden.core import AcceleratorConfig, replacing, replacing_folder
+from eskin.golden.core import replacing, replacing_folder
 from eskin.golden.core.groups import GROUP_OF
 from tests.support.folder import contents
+from tests.support.small_designs import TRACKED
 from tests.support.table import each_row
 
 ROOT = Path(__file__).resolve().parents[3]
-CONFIG = AcceleratorConfig.of(
+CONFIG = TRACKED.replace(
     name="small",
-    taxels=4,
     sample_rate_hz=200.0,
-    rest="tracked",
-    rest_frames=8,
-    onset="baseline",
-    onset_mean_frames=4,
-    onset_check_frames=4,
-    onset_threshold=20,
-    window_mode="free",
-    pretrigger_frames=0,
     hop=6,
     window=12,
     steps=4,
-    hidden=4,
-    class_names=("rough", "smooth"),
     clock_hz=1e5,
-    rearm_frames=16,
+    class_names=("rough", "smooth"),
 )
 
 
@@ -142,7 +132,7 @@ def test_inspect_shows_the_archive_and_writes_picture_and_figures(call, folder):
     onsets = figures["onset_frames"]
     assert len(onsets) == 8 and all(40 < frame <= 52 for frame in onsets)
     assert "200 Hz" in out and "trial (4 values)" in out and str(onsets[3]) in out and "rough" in out
-    assert (folder / "build/inspect/data.png").read_bytes().startswith(b"\x89PNG")
+    assert next((folder / "build/inspect").glob("*.png")).read_bytes().startswith(b"\x89PNG")
 
 
 def test_inspect_points_at_dead_and_saturated_taxels(call, folder):

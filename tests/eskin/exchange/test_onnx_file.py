@@ -21,13 +21,10 @@ from eskin.golden.model import FloatModel, constants_shape, network_shapes
 from eskin.verbs.export_job import export_onnx
 from tests.support.c_played import front_end
 from tests.support.c_played import model_of as model_on
+from tests.support.small_designs import TRACKED
 from tests.support.table import each_row
 
-CONFIG = AcceleratorConfig.of(
-    taxels=4, sample_rate_hz=500.0, rest="tracked", rest_frames=8, onset="baseline", onset_mean_frames=4,
-    onset_check_frames=4, window_mode="free", pretrigger_frames=0, hop=8, window=16, steps=5, hidden=6,
-    class_names=("press", "stroke", "tap"), rearm_frames=16,
-)  # fmt: skip
+CONFIG = TRACKED.replace(hidden=6, class_names=("press", "stroke", "tap"))
 WIDE = {"state_format": QFormat(4, 12)}
 CELLS = {
     "linear": {"cell": "linear", "decision": "last"},

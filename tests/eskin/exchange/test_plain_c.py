@@ -336,3 +336,10 @@ def test_all_images_decide_the_same(shared_data, tmp_path):
     config = AcceleratorConfig.of_image(*images.image_shape, layers, images.class_names)
     result = differences(model_of(config, 1), images, tmp_path / "c")
     assert result == {"recordings": 876, "decisions": 876, "different": 0}
+
+
+def test_the_header_says_what_a_code_of_each_taxel_is_worth():
+    model = random_integer_model(AcceleratorConfig.of(taxels=4, volt_per_code=(0.1, 0.1, 1e-5, 2.0)), 1)
+    assert "#define ESKIN_LSB { 0.1, 0.1, 1e-05, 2.0 }" in plain_c.sources(model)["eskin_model.h"]
+    unknown = random_integer_model(AcceleratorConfig.of(taxels=4), 1)
+    assert "ESKIN_LSB" not in plain_c.sources(unknown)["eskin_model.h"]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.golden.core import AcceleratorConfig, QFormat
+from eskin.golden.core import QFormat
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
@@ -20,19 +20,12 @@ from eskin.golden.model import (
     random_recordings,
 )
 from eskin.training.stage_error import QUANTILES, STAGES, logit_error, signal_profiles, stage_errors
+from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
-WIDE = AcceleratorConfig.of(
+WIDE = SMALL.replace(
     taxels=6,
     hidden=5,
-    band_low=25920,
-    band_high=26880,
-    hop=20,
-    window=41,
-    touch_frames=200,
-    steps=8,
-    pretrigger_frames=10,
-    rearm_frames=20,
     weight_format=QFormat(3, 13),
     recurrent_format=QFormat(3, 13),
     dense_format=QFormat(3, 13),

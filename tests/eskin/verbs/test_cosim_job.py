@@ -1,10 +1,13 @@
 """eskin/verbs/cosim_job.py: parts of the recordings give what one run gives, wherever they are played."""
 
+import json
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from eskin.cosim.flow import joined
+from eskin.golden.data import save_archive
 from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.jobs import Jobs
 from eskin.verbs import cosim_job, flow
@@ -74,6 +77,22 @@ def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, m
     assert not result["bit_exact"] and not result["passed"]
     assert result["mismatches"] == result["stages"]["logit"]["mismatches"] == len(result["mismatch_list"]) > 0
     assert result["mismatch_list"][0].startswith("recording 21,") and Path(result["waves"]).is_dir()
+
+
+def test_a_fault_of_the_torch_model_alone_ends_the_verb_with_1(model, here, monkeypatch):
+    from eskin.cli.main import app
+    from eskin.golden.model.torch_model import Int64
+
+    model.save(here / "model")
+    save_archive(scene(2), here / "scene.npz")
+    words = "cosim model --data scene.npz --simulator icarus --json cosim.json".split()
+    logit = Int64.logit
+    for error in (0, 1):
+        monkeypatch.setattr(Int64, "logit", lambda self, acc, error=error: logit(self, acc) + error)
+        assert CliRunner().invoke(app, words).exit_code == error
+        said = json.loads((here / "cosim.json").read_text())
+        assert said["golden"] == "torch" and said["mismatches"] == error
+    assert "stage logit, index 0" in said["mismatch_list"][0]
 
 
 def test_joined_counts_and_extremes():

@@ -165,7 +165,7 @@ def play(
 
     async def play_all(ctx, host):
         for number in range(len(data)):
-            await host.write(Register.CONTROL, Control.ARM)
+            await host.write(Register.CONTROL, Control.ARM | Control.EVERY)
             await ctx.tick()
             begin = bench.cycle
             for frame, samples in enumerate(data.recording(number)):
@@ -236,7 +236,7 @@ CONFIGS = {
         decision="last",
     ),
     "opens at once, hard sigmoid": tracked(
-        onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"
+        onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid", scan_every=2
     ),
     "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
     "thesis, defended": small(**FAULTS, onset_hits=2, onset_span=3, margin_threshold=2),
