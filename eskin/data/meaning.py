@@ -308,7 +308,9 @@ class _Meaning:
             elif not (self._inside(column).size or table.is_missing(column).any()):
                 self._group(table.names[column], self.fact(column), called)
         if not taxels:
-            table.refuse("has no column left for taxels; choose them with --columns")
+            table.refuse(
+                "has no column left for taxels; choose them with --columns, or what separates them with --delimiter"
+            )
         self._check_sorted([*self.taken, *self._named(_GROUPS)])
         if self.time is not None:
             self.notes.insert(0, f"{table.called(self.time)} is time")

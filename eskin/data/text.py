@@ -182,11 +182,6 @@ class _File:
                 self.refuse(
                     f"--delimiter {asked!r}: cannot separate numbers; give a comma, a semicolon, tab or blank"
                 )
-            if max(map(len, self._cells(asked, shown))) < 2:
-                self.refuse(
-                    f"is one column when it is split at {asked!r}; give another --delimiter, or leave it out",
-                    0,
-                )
             return asked
 
         def share_of_numbers(delimiter: str) -> float:
