@@ -6,10 +6,11 @@ from amaranth.back import rtlil
 from amaranth.hdl import Cat, Module, Signal, Value, unsigned
 from amaranth.lib.memory import Memory
 
+from eskin.golden.model import random_integer_model
 from eskin.rtl.common.collisions import NO_COLLISION, without_contents
 from tests.rtl.decision import test_classifier
 from tests.rtl.engine import test_engine as test_engine_bench
-from tests.rtl.frontend import test_normaliser
+from tests.rtl.top import test_accelerator
 from tests.support.stream_bench import simulate
 
 
@@ -52,16 +53,14 @@ def test_a_collision_shows(attributes, value):
     simulate(m, bench)
 
 
-@pytest.mark.parametrize(
-    ("name", "stalls"),
-    [("three end together", (0.3, 0.5)), ("pvdf", (0.0, 0.0)), ("every frame", (0.3, 0.5))],
-)
-def test_front_end(name, stalls):
-    config = test_normaliser.shifted(test_normaliser.CASES[name])
-    stream, means = test_normaliser.make_stream(config, 150, seed=11), test_normaliser.means_of(config)
-    expected, touches = test_normaliser.golden_centred(config, [stream], means)
-    assert touches
-    assert test_normaliser.run_chain(config, [stream], means, stalls=stalls, seed=1) == expected
+@pytest.mark.parametrize(("name", "stall"), [("thesis", 0.0), ("tracked, free", 0.4)])
+def test_whole_design(name, stall, garbage):
+    seed = test_accelerator.SEEDS[name]
+    model = random_integer_model(test_accelerator.CONFIGS[name], seed + 1)
+    data = test_accelerator.recordings(model.config, seed + 40, [150, 60])
+    streams, _ = test_accelerator.play(model, data, stall=stall)
+    test_accelerator.check(model, data, streams)
+    assert garbage and streams["decision"]
 
 
 @pytest.mark.parametrize(
