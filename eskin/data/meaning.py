@@ -80,12 +80,13 @@ def understand(
         scale = config.sensor.volt_per_code or None
     names = [table.names[column] if table.names else str(column + 1) for column in taxels]
     said = {str(value) for name in found.attributes if name in UNIT for value in found.fact(name)}
+    units = [unit for unit in table.units_of(taxels) if unit]
     arrays = {
         "samples": values,
         "offsets": found.offsets,
         "labels": found.labels,
         "sample_rate_hz": np.array(rate),
-        "unit": np.array(table.units_of(taxels) or (said.pop() if len(said) == 1 else "")),
+        "unit": np.array(units or (said.pop() if len(said) == 1 else "")),
     }
     if of_one_file and table.class_names:
         arrays["class_names"] = np.array(table.class_names)
