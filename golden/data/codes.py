@@ -109,7 +109,7 @@ def to_codes(
             f"{source}: a scale of {scale} makes no codes; give what one code is worth, a number above 0"
         )
     low, high = float(values.min()), float(values.max())
-    if scale is not None and not math.isfinite(max(-low, high) / np.min(scale)):
+    if scale is not None and not math.isfinite(max(-low, high) / float(np.min(scale))):
         raise InputError(
             f"{source}: a scale of {scale} makes infinite codes of samples up to {max(-low, high):.6g}; "
             "give a larger one"
