@@ -444,7 +444,8 @@ def _second(table: Table, column: int) -> float:
     """Seconds of one of a time column: by the unit in its name; 0: it does not say."""
     match = TIME.match(table.names[column]) if table.names else None
     of_name = match and (match[1] or match[0])
-    return _SECONDS.get((table.units_of([column])[0] or of_name or "").lower().replace("seconds", "s"), 0.0)
+    (unit,) = table.units_of([column]) or [of_name or ""]
+    return _SECONDS.get(unit.lower().replace("seconds", "s"), 0.0)
 
 
 def _course(values: np.ndarray, starts: np.ndarray) -> str:

@@ -119,8 +119,8 @@ class Table:
         ``a (mV)``. None where some have none."""
         behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
         texts = self.units or [match[1] if match else "" for match in behind]
-        units = [texts[column].strip("()[] ") for column in columns] if texts else [""]
-        return units[:1] if len(set(units)) == 1 else units if all(units) else []
+        units = [texts[column].strip("()[] ") for column in columns] if texts else []
+        return units[: 1 if len({*units}) == 1 else None] if all(units) else []
 
     def is_missing(self, column: int) -> np.ndarray:
         """(rows) where a cell has no value, or one of the words for none."""

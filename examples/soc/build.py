@@ -33,7 +33,7 @@ from eskin.rtl.program.memory_map import Register
 HERE = Path(__file__).parent
 BAUD = 1e6
 WORDS = {"icebreaker": 1 << 14}
-"""Of the memory: two large ones of an iCE40 UP5K; elsewhere 4096."""
+"""Words of the memory: two large ones of an iCE40 UP5K; elsewhere 4096."""
 CONVERTER = "ads7953"
 COMPILER = "cc -target riscv32-freestanding -mcpu=generic_rv32 -O2 -std=c99 -ffreestanding -nostdlib -fno-sanitize=all"
 COMPILER += " -flto -DESKIN_BASE=0x40000000u"
@@ -67,7 +67,7 @@ def firmware(folder: Path) -> list[int]:
 
 
 def parts(recordings: Recordings, begin: int, frames: int) -> Recordings:
-    """Of each recording the frames from ``begin`` on, at most so many (0: all)."""
+    """Frames of each recording from ``begin`` on, at most this number (0: all)."""
     ranges = [
         np.arange(first + begin, min(last, first + begin + frames) if frames else last)
         for first, last in pairwise(recordings.offsets)
