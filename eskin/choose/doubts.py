@@ -29,9 +29,9 @@ LOST = 0.005
 """Accuracy that integers may lose without a word."""
 
 
-SHORTER, CLIMBS = 0.75, 2.0
+SHORTER, CLIMBS, ENOUGH = 0.75, 2.0, 0.95
 """Share of the longest windows, and standard errors that front ends within it lie behind the best, where
-accuracy still climbs with the time."""
+accuracy still climbs with the time; accuracy from which on nothing is said of that."""
 
 
 SESSIONS = (
@@ -52,7 +52,7 @@ def doubt(code: str, text: str, split: Mapping[str, Any] | None = None) -> Recor
 
 
 def sentences(found: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Of doubts, as ``warnings`` has them."""
+    """Sentences of doubts, as ``warnings`` has them."""
     return [one["text"] for one in found]
 
 
@@ -199,7 +199,7 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
 
 def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Record]:
     """A doubt where only the longest of the front ends ``screened`` (configuration, correct; best first) are
-    level with the best: a longer touch may be decided better.
+    level with the best, and that one is right of less than ENOUGH: a longer touch may be decided better.
 
     Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best. Those that
     scan less often than it do not count: their rest level takes longer, so they may begin later.
@@ -208,7 +208,7 @@ def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> 
     screened = [row for row in screened if row[0].sensor.scan_every <= best.sensor.scan_every]
     longest = max(config.touch_s for config, _ in screened)
     brief = [(config, row) for config, row in screened if config.touch_s <= SHORTER * longest]
-    if best.touch_s <= SHORTER * longest or not brief:
+    if best.touch_s <= SHORTER * longest or not brief or correct.mean() >= ENOUGH:
         return []
     shorter, most = max(brief, key=lambda pair: pair[1].mean())
     if is_level(correct, most, CLIMBS):
