@@ -173,8 +173,8 @@ class _File:
             yield [cell.strip() for cell in cells]
 
     def _found(self, asked: str | None) -> str:
-        """What separates the cells: what splits most lines alike, into the largest share of numbers; a comma
-        may be a decimal point where something else separates."""
+        """Separator of the cells: the one that splits most lines alike, into the largest share of numbers;
+        a comma may be a decimal point where another separator is used."""
         shown = self.rows[:200]
         if asked is not None:
             asked = next((sign for sign, word in DELIMITERS.items() if word == asked), asked)
@@ -231,7 +231,7 @@ class _File:
         return tuple(first), tuple(rest[0])
 
     def decimal_comma(self) -> bool:
-        """Whether numbers have decimal commas. Of a number such as 1,234 alone nobody knows."""
+        """True if numbers have decimal commas. A number such as 1,234 alone is ambiguous."""
         text = "\n".join(self.lines[row] for row in self.rows)
         text = "\n".join(re.findall(r'"[^"]*"', text)) if self.delimiter == "," else text
         found = _WITH_COMMA.findall(text)
