@@ -533,6 +533,8 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 )
                 named.add(place)
         axes.margins(x=0.15, y=0.15)
+        if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
+            axes.set_ylim(min(stressed) - 0.05, 1.03)  # a gate that always opens leaves by the bottom
         cost_axis(axes)
         axes.set_xlabel(label)
         labelled.append((axes, names, [(row[key], row) for row in shown]))

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from soc import CORE, LICENCE, LOADED_WORDS, Soc
 
-from eskin.cosim.flow import converter_parameters
 from eskin.cosim.netlist import netlist_hardware
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError, write_json
+from eskin.golden.core.converters import converter_plan
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, through_converter
 from eskin.golden.model.decision_word import decision_word
@@ -110,8 +110,8 @@ def prepare(options: argparse.Namespace) -> None:
     settings = {"FRAMES": len(pins), "PERIOD": round(period), "DIVISOR": uart_divisor(clock_hz, BAUD)}
     settings["TAXELS"] = config.sensor.taxels
     if options.feed == "converter":
-        parameters = converter_parameters(config)
-        settings |= {name: value for name, value in parameters.items() if name != "PIN_CODES"}
+        settings |= {"CYCLE_PS": round(1e12 / config.hardware.clock_hz)}
+        settings |= converter_plan(config).parameters(config)
     flags = [f"-G{name}={value}" for name, value in settings.items()]
     flags += ["-DCONVERTER"] * (options.feed == "converter") + ["-DFLASH"] * (board == "icebreaker")
     (folder / "simulation.f").write_text("\n".join(flags) + "\n")
