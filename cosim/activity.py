@@ -110,7 +110,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
 
 
 def read_count(work: Path) -> Count:
-    """What the counters of one run wrote into its work folder."""
+    """Counters that one run wrote into its work folder."""
     rows = [line.split() for line in (work / FILE).read_text().splitlines()]
     single = {row[0]: int(row[1]) for row in rows if len(row) == 2}
     return Count(

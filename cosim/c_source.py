@@ -1,4 +1,4 @@
-"""What a C++ program says of itself: its functions and structures, for ctypes."""
+"""Declarations of a C++ program, its functions and structures, for ctypes."""
 
 import ctypes
 import re
@@ -21,7 +21,8 @@ FIELDS = re.compile(r"^ +(?:const )?(\w+) ([\w*, ]+);", re.MULTILINE)
 
 
 def _type(declared: str) -> Any:
-    """Of ``int32_t``, ``const i32 *nets``, ``Device* d``: any pointer is an address, text as bytes."""
+    """The ctypes type of ``int32_t``, ``const i32 *nets``, ``Device* d``: any pointer is an address, text
+    is bytes."""
     if "*" in declared:
         return ctypes.c_char_p if "char" in declared else ctypes.c_void_p
     return TYPES[declared.split()[0]]

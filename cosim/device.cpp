@@ -56,8 +56,12 @@ struct Model {
     if (port >= 0) memcpy(ports[port].at, &value, ports[port].bytes);
   }
   u64 get(int port) {
+    if (port < 0) return 0;
+    const Port& p = ports[port];
+    if (p.bytes == 1) return *(const uint8_t*)p.at;
+    if (p.bytes == 4) return *(const uint32_t*)p.at;
     u64 value = 0;
-    if (port >= 0) memcpy(&value, ports[port].at, ports[port].bytes);
+    memcpy(&value, p.at, p.bytes);
     return value;
   }
   bool settle() {

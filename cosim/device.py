@@ -38,7 +38,7 @@ Write = tuple[int, int]
 
 
 class Model(Protocol):
-    """What can stand behind a device."""
+    """Interface of the model behind a device."""
 
     library: ctypes.CDLL
 
@@ -131,7 +131,7 @@ class Device:
         self._library.put_port(self._device, self.port(name), value)
 
     def get(self, name: str) -> int:
-        """What an output says; 0 where there is none."""
+        """Value of an output; 0 if there is none."""
         return self._library.get_port(self._device, self.port(name))
 
     def cycle(self, count: int = 1) -> None:
@@ -232,8 +232,8 @@ class Device:
         self._library.mark_frames(self._device)
 
     def marks(self, width: int) -> np.ndarray:
-        """Of each frame the counts (``width`` of them) in the cycle that takes its first taxel, before the
-        edge."""
+        """For each frame the counts (``width`` of them) in the cycle that takes its first taxel, before
+        the edge."""
         count = self._library.mark_count(self._device)
         return np.frombuffer(ctypes.string_at(self._library.marks_of(self._device), 8 * count)).reshape(
             -1, width

@@ -107,7 +107,7 @@ class Run:
         return replace(self, expected=part_of(self.expected, positions))
 
     def in_process(self) -> Callable[[int], Model] | None:
-        """What stands behind a device in this process, by the seed of its states; None: nothing can."""
+        """The model behind a device in this process, by the seed of its states; None if there is none."""
         if self.simulator == COMPILED:
             return self.hardware.compiled
         if self.simulator != "verilator" or self.hardware.level != "rtl" or self.settings["bits"] == 32:
@@ -123,8 +123,8 @@ class Run:
         bench: str = "eskin.cosim.bench",
         waves: bool = False,
     ) -> tuple[Record, float]:
-        """What the cocotb tests of module ``bench`` answer, with these settings beside the run's own, and the wall time in
-        seconds."""
+        """Answers of the cocotb tests of module ``bench`` with these settings beside the run's own, and
+        the wall time in seconds."""
         config, hardware, settings = self.config, self.hardware, {**self.settings, **settings}
         parameters = {"FRAMES": settings["block"], "PATIENCE": settings["patience"], "BITS": settings["bits"]}
         parameters |= {"BEATS": self.expected[settings["frames"]].shape[1]}
@@ -406,7 +406,7 @@ JOINED: dict[str, Callable[[list[Any]], Any]] = {
     "mismatch_list": lambda values: [*chain.from_iterable(values)],
     "gave_up": lambda values: next(iter(values), None),
 }
-"""What becomes of the parts' values by their place in a result, None left out."""
+"""Functions that join the parts' values, by their place in a result; None is left out."""
 JOINED |= {
     f"without_probes.{name}": JOINED[name] for name in ("compared_values", "mismatches", "mismatch_list")
 }

@@ -34,7 +34,7 @@ BUILDS = Path("build/gates")
 COMPILE_LIMIT_S = 120.0
 COMPILE = ("g++", "-std=c++17", "-O2", "-shared", "-fPIC", "-DNETLIST")
 TICK_S = 1e-12
-"""Of delays."""
+"""Unit of delays."""
 HORIZON = 1 << 16
 """Ticks of a delay, less than these."""
 WORD_BITS = 16
@@ -49,8 +49,8 @@ _Tables = structure(KERNEL, "Tables")
 
 @functools.cache
 def _truth(function: str, names: tuple[str, ...]) -> int:
-    """What a function in Python's operators gives for each combination of ``names``, the first one the lowest
-    bit of its number."""
+    """Truth table of a function in Python's operators for the combinations of ``names``, the first one the
+    lowest bit of its number."""
     code = compile(function.strip(), "liberty", "eval")
     values = (
         (at, {name: at >> place & 1 for place, name in enumerate(names)}) for at in range(1 << len(names))
@@ -135,7 +135,7 @@ class Program:
         self.top = entered[0] if len(entered) == nets.count(root) - 1 == 1 else None
         self.enable = self.net(roles[self.top]["enable"]) if self.top is not None else 0
         functions = [self._follower(*row) for row in self._logic(by_kind["logic"])]
-        """Of outputs of logic, and behind them of flip-flops that take more than a pin: net, nets of its
+        """Functions of outputs of logic, then of flip-flops that take more than a pin: net, nets of its
         inputs, truth table, delay."""
         flops = self._flip_flops(by_kind["flip-flop"], functions)
         latches = self._latches(by_kind["latch"])
@@ -247,7 +247,7 @@ class Program:
     def _follower(
         self, name: str, kind: Any, connections: Mapping[str, list], pin: str
     ) -> tuple[int, list[int], int, int]:
-        """Of an output of a logic cell: its net, nets of its inputs, truth table, delay."""
+        """An output of a logic cell: its net, nets of its inputs, truth table, delay."""
         inputs, table = self._evaluated(
             kind.pins[pin].function, {end: bits[0] for end, bits in connections.items() if bits}
         )
@@ -363,7 +363,7 @@ class Chip:
         self.library.put(self._chip, *self._ports[name], value)
 
     def get(self, name: str) -> int:
-        """What an output says, once settled."""
+        """Value of an output, once settled."""
         return self.library.get(self._chip, *self._ports[name])
 
     def settle(self) -> None:

@@ -29,7 +29,7 @@ class Measured:
         self._offered: list[int] = []
 
     def steps(self, cycles: Iterable[int]) -> None:
-        """What probe ``step`` said: cycles of each step."""
+        """Cycles of each step, from the probe ``step``."""
         for count in map(int, cycles):
             self.counts["steps"] += 1
             self._extreme("step_min", min, count)

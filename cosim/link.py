@@ -16,11 +16,11 @@ READ, FRAME = 0x80, 0x40
 REACH, WINDOW = 0x40, 0x3C
 """Registers from REACH on are those of teaching, 0x48 to 0x4B: packets name them WINDOW to WINDOW + 3."""
 NO_WORD, NUMBER_AT = 0xFFFF, 9
-"""Of register PLACES: none; and where the word's number begins."""
+"""The value of register PLACES for no word, and the first bit of the word's number."""
 NUMBERS = 128
 """Decisions are numbered modulo this; the bit above tells an unsure one."""
 ANSWER_BYTES = 7
-"""Of a packet from the device, check sequence included."""
+"""Bytes of a packet from the device, check sequence included."""
 DECISION = 1 << 31
 """Bit of a device packet's payload; the others are those of the decision, or of an answer."""
 CYCLES_A_BYTE_MIN = 40
@@ -43,7 +43,7 @@ class Transport(Protocol):
         """Send all of ``data``."""
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come; waits for the first byte, at most ``timeout_s``. Empty: nothing came."""
+        """Received bytes; waits for the first byte, at most ``timeout_s``. Empty if none came."""
 
 
 # -------------------------------------------------------------------- packets
@@ -126,7 +126,7 @@ def ordered_packet(number: int, command: int, words: Sequence[int] | np.ndarray)
 
 
 def link_address(address: int) -> int:
-    """What a packet calls the register at ``address``."""
+    """Address of the register at ``address`` in a packet."""
     return address if address < REACH else WINDOW | address & 3
 
 
@@ -137,7 +137,7 @@ def read_packet(address: int) -> bytes:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a read brings: the register's value, the number of the write or frame the device waits for,
+    """Answer to a read: the register's value, the number of the write or frame for which the device waits,
     decisions sent so far (mod 128)."""
 
     address: int
@@ -404,7 +404,7 @@ class Link:
             pass
 
     def _taken(self, sent: int) -> int:
-        """How many of the ``sent`` packets from ``_next`` on the device has taken."""
+        """Number of the ``sent`` packets from ``_next`` on that the device has taken."""
         for _ in range(self._tries):
             accepted = self._ask("STATUS").expected - self._next & 0xFF
             if accepted <= sent:

@@ -16,7 +16,7 @@ from eskin.golden.core import AcceleratorConfig
 
 @dataclass
 class Brought:
-    """What a frame (or the recording's end) brought: stage -> values as they came. cycles: clock cycles until
+    """Values of a frame (or of the recording's end): stage -> values in order. cycles: clock cycles until
     nothing was under way."""
 
     stages: dict[str, list[int]] = field(default_factory=dict)
@@ -93,7 +93,7 @@ class LiveSimulator:
         return self._through(self._device.state.cycle)
 
     def _through(self, begun: int) -> Brought:
-        """What has come once nothing is under way."""
+        """Values that have come once nothing is under way."""
         self._device.settle(self._limit)
         brought = Brought(cycles=self._device.state.cycle - begun)
         names = [{"step": "step_cycles"}.get(stage, stage) for stage in self._device.stages]

@@ -27,7 +27,7 @@ NAME_LENGTH_MAX = 48
 
 @dataclass(frozen=True)
 class Hardware:
-    """What is simulated as module ``accelerator``.
+    """The design that is simulated as module ``accelerator``.
 
     sources: Verilog files. options: for the compiler of either simulator. level: ``rtl`` or ``netlist``.
     target: the netlist's board. probes: the module has the probe ports; otherwise decisions

@@ -42,7 +42,7 @@ class PinPort:
         self._pass(levels(data, self._clocks, broken))
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come; waits for a flag, at most ``timeout_s``."""
+        """Received bytes; waits for a flag, at most ``timeout_s``."""
         waited = 0
         while FLAG not in self._heard and waited < timeout_s:
             self._pass(np.ones(10 * self._clocks))

@@ -33,10 +33,10 @@ WRAPPER = Path(__file__).with_name("wrapper.sv")
 SIMULATORS = ("verilator", "icarus")
 COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
 COMPILE_OPTIONS = ("OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
-"""Of a device in this process, which plays for minutes."""
+"""Compiler options for a device in this process, which plays for minutes."""
 QUICKLY_COMPILED = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
-"""Of a simulator under cocotb, which plays a few recordings; of a flat netlist with delays g++ -O2 makes one function
-for minutes."""
+"""Compiler options for a simulator under cocotb, which plays a few recordings. With -O2 g++ takes minutes
+for a flat netlist with delays."""
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
 PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
 """Paths that make takes: none with a blank, for one."""
@@ -302,7 +302,7 @@ def _plain(path: Path, work: Path) -> str:
 
 
 def _plain_root(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """What Verilator's environment needs for a build in ``folder``."""
+    """Verilator's environment for a build in ``folder``."""
     root = environment.get("VERILATOR_ROOT")
     return {**environment, **({"VERILATOR_ROOT": _plain(Path(root), folder)} if root else {})}
 

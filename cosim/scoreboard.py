@@ -59,7 +59,7 @@ def offered_row(config: AcceleratorConfig, row: Sequence[int]) -> list[int]:
 
 
 def local_decisions(words: np.ndarray) -> int:
-    """How many of these decision words are local ones: one a step, where no probe counts the steps."""
+    """Number of local decisions among these decision words: one per step, where no probe counts the steps."""
     return int((words >> DECISION_FIELDS["is_global"][0] & 1 == 0).sum())
 
 
@@ -98,7 +98,7 @@ class Mismatch(AssertionError):
 
 @dataclass(frozen=True)
 class Recording:
-    """What the golden model expects of one recording: ``recording["state"]`` is its part of that array of
+    """Expected values of one recording: ``recording["state"]`` is its part of that array of
     `eskin.golden.model.vectors.write_vectors`."""
 
     arrays: Arrays
@@ -106,7 +106,7 @@ class Recording:
 
     @property
     def number(self) -> int:
-        """What it is called."""
+        """Number of the recording in messages."""
         return int(self.arrays["numbers"][self.position])
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -175,7 +175,7 @@ class Scoreboard:
         )
 
     def begin(self, recording: Recording) -> None:
-        """What comes from now on is of ``recording``."""
+        """Start ``recording``: later values belong to it."""
         self.recording = recording
         self._seen = dict.fromkeys((*self._flat, "decision"), 0)
 

@@ -57,7 +57,7 @@ class SerialPort:
             raise LinkError(GONE) from None
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come; waits for the first byte, at most ``timeout_s``. LinkError when the port is gone."""
+        """Received bytes; waits for the first byte, at most ``timeout_s``. LinkError if the port is gone."""
         try:
             self._port.timeout = timeout_s
             first = self._port.read(1)

@@ -55,7 +55,7 @@ CHOICES = {"simulator": get_args(Simulator), "level": ("rtl", "netlist"), "pace"
 """Words that `Model.cosim` takes."""
 
 NO_CLASS = "none"
-"""What the decision -1 is called."""
+"""Name of the decision -1."""
 
 
 class ClassNames(np.ndarray):
@@ -305,7 +305,7 @@ class Model(Estimator):
 
     @property
     def training_(self) -> Record:
-        """How the model came about: front ends and networks compared, cross-validated accuracy."""
+        """Training record: front ends and networks compared, cross-validated accuracy."""
         return self._training
 
     @property
@@ -361,8 +361,8 @@ class Model(Estimator):
         return self.trace(frames, integer=integer).decision
 
     def decision_function(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
-        """What `predict` takes the largest of: logits of the step that decides (negative distances, where
-        prototypes decide), or the number of votes where steps vote.
+        """Scores whose largest `predict` takes: logits of the deciding step (with prototypes, negative
+        distances), or the number of votes where steps vote.
 
         Parameters
         ----------
@@ -531,7 +531,7 @@ class Model(Estimator):
         return run(self.integer if integer else self.real, recordings, progress=progress)
 
     def image_trace(self, images: Frames, *, integer: bool = True) -> ImageTrace:
-        """Of a network for images: every map, logits and decision.
+        """Every map, logits and decision of a network for images.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What scikit-learn calls an estimator: parameters, clones, tags, probabilities."""
+"""scikit-learn's estimator interface: parameters, clones, tags, probabilities."""
 
 from typing import Any, Self
 
@@ -17,7 +17,7 @@ class Estimator:
     _parameters: Record
 
     def _configure(self) -> None:
-        """What follows from the parameters."""
+        """Derive the configuration from the parameters."""
 
     def _keep(self, **parameters: Any) -> None:
         self._parameters = parameters

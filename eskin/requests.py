@@ -15,21 +15,18 @@ from eskin.golden.core import InputError
 
 Prefer = Literal["energy", "cells", "latency"]
 Readout = Literal["dense", "prototypes"]
-"""What decides: the logits of the dense layer, or the nearest stored trajectory."""
+"""Rule of the decision: the logits of the dense layer, or the nearest stored trajectory."""
 Cell = Literal["gru", "lstm", "linear"]
 Reset = Literal["before", "after"]
 CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
 """Cells, networks for images, and auto: the smallest network that is enough."""
 FORMATS = ("feature_bits", "gate_bits", "table_entries")
-"""What ``quantise --formats`` sets."""
+"""Values that ``quantise --formats`` sets."""
 SEED_MAX = 2**31 - 1
 STRESS = "off"
-"""Whether `train` and `run` judge candidates under disturbance where nothing was said."""
-DATA = (
-    "An .npz archive, a folder of .csv, .parquet, .lvm or .png files or logs (one sub-folder a class), a long "
-    ".csv or .parquet table, a .mat or .h5 file, or the word synthetic."
-)
-CONFIG = "A preset (thesis, synthetic, pvdf, fabric) or a JSON file; without it one is derived from the data."
+"""Default of --stress for `train` and `run`."""
+DATA = "Recordings: .npz, a folder by class, a table, .mat, .h5, a log, or synthetic."
+CONFIG = "Preset (thesis, synthetic, pvdf, fabric) or JSON file. Default: derived."
 
 
 def option(help: str, *names: str, **settings: Any) -> Any:
@@ -42,25 +39,18 @@ def argument(help: str, **settings: Any) -> Any:
     return typer.Argument(help=help, **settings)
 
 
-Seed = Annotated[int, option("First seed, that of the model written.", min=0, max=SEED_MAX)]
+Seed = Annotated[int, option("First seed; the written model has it.", min=0, max=SEED_MAX)]
 Lanes = Annotated[
     str | None,
-    option(
-        "Multipliers that work at once, and what they are, such as 4 or 4:dsp (the iCE40's DSP blocks; else "
-        "plain); default 4.",
-        metavar="P[:TYPE]",
-    ),
+    option("Parallel multipliers, such as 4 or 4:dsp (iCE40 DSP blocks). Default: 4.", metavar="P[:TYPE]"),
 ]
 Liberty = Annotated[
-    list[Path],
-    option("The process's Liberty files, .gz too: cells and memory macros; several times.", metavar="FILE"),
+    list[Path], option("A Liberty file of the process, .gz too; may be repeated.", metavar="FILE")
 ]
 
 
-ModelOut = Annotated[Path, option("The model folder: new, or an earlier model, which is replaced.")]
-GateOfReset = Annotated[
-    Reset | None, option("GRU only: the reset gate before or after the recurrent product.")
-]
+ModelOut = Annotated[Path, option("Model folder: new, or an earlier model to replace.")]
+GateOfReset = Annotated[Reset | None, option("GRU: reset gate before or after the recurrent product.")]
 
 
 def names_of(text: str) -> list[str]:
@@ -125,10 +115,7 @@ class InJson:
 class OnCluster:
     dask: Annotated[
         str | None,
-        option(
-            "A dask scheduler, tcp://HOST:PORT, whose workers do it; default: a process a core.",
-            metavar="ADDRESS",
-        ),
+        option("A dask scheduler, tcp://HOST:PORT. Default: one process per core.", metavar="ADDRESS"),
     ] = None
 
 
@@ -144,7 +131,7 @@ class Judged(Grouped, OnFrontEnd):
     """Recordings to judge networks on, by what is left out."""
 
     group: Annotated[
-        str | None, option("Group arrays A[,B..] of one split; default: the configuration's splits.")
+        str | None, option("Group arrays A[,B..] of one split. Default: the configuration's splits.")
     ] = None
 
 
@@ -152,39 +139,23 @@ class Judged(Grouped, OnFrontEnd):
 class Chosen(Grouped, OnFrontEnd):
     """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
 
-    group: Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")] = None
+    group: Annotated[str | None, option("Group arrays A[,B..] kept on one side of every split.")] = None
     cell: Annotated[
-        CellChoice | None,
-        option(
-            "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is "
-            "enough. Default: auto without --config and --hidden, else the configuration's."
-        ),
+        CellChoice | None, option("Cell, or network for images. auto: the cheapest that is good enough.")
     ] = None
     hidden: Annotated[int | None, option("Hidden units.")] = None
     seeds: Annotated[
-        int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)
+        int | None, option("Seeds of the cross-validation. Default: 3; images 1.", min=1, max=100)
     ] = None
-    prefer: Annotated[
-        Prefer,
-        option(
-            "What is to be least in the candidate taken, of those level with the best: energy of a touch, logic "
-            "cells, or latency from the last sample to the decision."
-        ),
-    ] = "energy"
+    prefer: Annotated[Prefer, option("Cost to minimise among candidates as good as the best.")] = "energy"
     fits: Annotated[
         str | None,
-        option(
-            "The board that has to hold the design; what does not fit it is no candidate. Default: the "
-            "icebreaker, where anything level with the best fits it.",
-            metavar="BOARD",
-        ),
+        option("Board that must hold the design. Default: icebreaker, if possible.", metavar="BOARD"),
     ] = None
     stress: Annotated[
         str,
         option(
-            "Candidates are judged on disturbed recordings, too: on, off, or a JSON file of failure modes and their "
-            "weights.",
-            metavar="on|off|FILE",
+            "Also judge candidates on disturbed recordings: on, off, or a JSON file.", metavar="on|off|FILE"
         ),
     ] = STRESS
 
@@ -194,9 +165,9 @@ class Chosen(Grouped, OnFrontEnd):
 class InspectRequest(InJson):
     data: Annotated[str, argument(DATA)]
     config: Annotated[str | None, option(CONFIG)] = None
-    out: Annotated[Path | None, option("The picture; default build/inspect/NAME.png.")] = None
+    out: Annotated[Path | None, option("Picture. Default: build/inspect/NAME.png.")] = None
     card: Annotated[
-        bool, option("Also write a data card, README.md in a folder called as the picture.", "--card")
+        bool, option("Also write a data card, README.md, in a folder named like the picture.", "--card")
     ] = False
 
 
@@ -209,49 +180,36 @@ class ConvertRequest:
             ".mat or .h5 file, a log (.mcap, a ROS bag), an archive of images."
         ),
     ]
-    out: Annotated[Path, option("The archive to write, FILE.npz.")]
-    rate: Annotated[float | None, option("Frames a second; default: of the time column.", metavar="HZ")] = (
-        None
-    )
+    out: Annotated[Path, option("Archive to write, FILE.npz.")]
+    rate: Annotated[
+        float | None, option("Frames per second. Default: from the time column.", metavar="HZ")
+    ] = None
     columns: Annotated[
-        str | None,
-        option("The taxels: names or numbers from 1, such as 2-17; default: all else.", metavar="A,B.."),
+        str | None, option("Taxel columns: names, or numbers from 1 such as 2-17.", metavar="A,B..")
     ] = None
     recording: Annotated[
-        str | None, option("Long table: what recording a row belongs to.", metavar="COLUMN")
+        str | None, option("Long table: column that names a row's recording.", metavar="COLUMN")
     ] = None
     class_: Annotated[
-        str | None,
-        option(
-            "The class: a column, an attribute, of .mat and .h5 the array of classes, of a log their topic.",
-            "--class",
-            metavar="NAME",
-        ),
+        str | None, option("Column, attribute, array or topic of the class.", "--class", metavar="NAME")
     ] = None
-    delimiter: Annotated[str | None, option("What separates the cells: a character, or tab, blank.")] = None
+    delimiter: Annotated[str | None, option("Separator of cells: a character, tab or blank.")] = None
     samples: Annotated[
-        str | None, option(".mat, .h5: the array of samples. Log: the topic of frames.", metavar="NAME")
+        str | None, option("Array (.mat, .h5) or topic (log) of the samples.", metavar="NAME")
     ] = None
     labels: Annotated[
         Path | None,
-        option("Log: a .csv table of start, end (s) and class, a row a recording.", metavar="FILE"),
+        option("Log: .csv table of start, end (s) and class, one row per recording.", metavar="FILE"),
     ] = None
-    clock: Annotated[
-        Literal["log", "header"],
-        option("Log: whose times frames and labels have, the log's or their headers'."),
-    ] = "log"
+    clock: Annotated[Literal["log", "header"], option("Log: clock of frames and labels.")] = "log"
     scale: Annotated[
-        float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")
+        float | None, option("Value of one code. Default: integers are codes, others get a scale.")
     ] = None
     like: Annotated[
         Path | None,
-        option(
-            "A model folder or an archive whose scale, columns, classes and rate these recordings are to have, where "
-            "nothing else is said.",
-            metavar="MODEL|FILE",
-        ),
+        option("Take scale, columns, classes and rate from this model or archive.", metavar="MODEL|FILE"),
     ] = None
-    size: Annotated[str | None, option("Images: bring them to so many pixels, 26x47 say.", metavar="HxW")] = (
+    size: Annotated[str | None, option("Images: resize to height x width, such as 26x47.", metavar="HxW")] = (
         None
     )
 
@@ -259,18 +217,11 @@ class ConvertRequest:
 @dataclass(frozen=True, kw_only=True)
 class WatchRequest(OfModel):
     data: Annotated[str | None, option(f"Recordings to play. {DATA}")] = None
-    port: Annotated[
-        str | None,
-        option("A board's serial port: with --data it is given the recordings, without it is listened to."),
-    ] = None
-    simulate: Annotated[
-        bool,
-        option(
-            "The RTL in Verilator in lock step, beside the model; without --data a synthetic scene.",
-            "--simulate",
-        ),
-    ] = False
-    host_port: Annotated[int, option("Port of the page; 0: any that is free.", min=0, max=65535)] = 8765
+    port: Annotated[str | None, option("Serial port of a board; without --data its own sensor is shown.")] = (
+        None
+    )
+    simulate: Annotated[bool, option("Also run the RTL in Verilator in lock step.", "--simulate")] = False
+    host_port: Annotated[int, option("Port of the page; 0: any free one.", min=0, max=65535)] = 8765
 
 
 # ---------------------------------------------------------------------- networks
@@ -278,15 +229,13 @@ class WatchRequest(OfModel):
 class RunRequest(Chosen):
     data: Annotated[str, option(DATA)] = "synthetic"
     recordings: Annotated[
-        str | None, option("Co-simulated ones; default: 8 a class, or all of few.", metavar="N|all")
+        str | None, option("Recordings to co-simulate. Default: 8 per class.", metavar="N|all")
     ] = None
-    out: Annotated[Path, option("The result folder: new, or an earlier result, which is replaced.")] = Path(
-        "build/run"
-    )
-    test: Annotated[str | None, option("Recordings held back: judged once, shown apart.", metavar="HELD")] = (
-        None
-    )
-    name: Annotated[str | None, option("Title of the report; default: the data's name.")] = None
+    out: Annotated[Path, option("Result folder: new, or an earlier result to replace.")] = Path("build/run")
+    test: Annotated[
+        str | None, option("Recordings held back: judged once, reported separately.", metavar="HELD")
+    ] = None
+    name: Annotated[str | None, option("Title of the report. Default: name of the data.")] = None
 
     @property
     def count(self) -> int | None:
@@ -306,8 +255,7 @@ class TrainRequest(Chosen):
     folds: Annotated[int, option("Folds of the cross-validation; 0: none.")] = 5
     seed: Seed = 0
     protocol: Annotated[
-        Literal["default", "robust", "thesis"],
-        option("The default recipe; robust: taxels may fail; or the thesis's."),
+        Literal["default", "robust", "thesis"], option("Training recipe; robust: taxels may fail.")
     ] = "default"
 
 
@@ -323,46 +271,32 @@ ENROL_MODES = {
 class EnrolRequest(Grouped, InJson):
     model: Annotated[Path | None, argument("A quantised model folder; it stays as it is.")] = None
     data: Annotated[
-        str | None,
-        option(f"The touches to train on, 1 to 5 of each class; with --evaluate all recordings. {DATA}"),
+        str | None, option(f"Touches to train on, 1 to 5 per class; with --evaluate all. {DATA}")
     ] = None
     out: Annotated[
-        Path | None, option("The folder of the enrolled model: new, or an earlier model, which is replaced.")
+        Path | None, option("Folder of the enrolled model: new, or an earlier model to replace.")
     ] = None
     with_: Annotated[
         str | None,
-        option(
-            "The recordings that the model was trained on, which it then remembers best.",
-            "--with",
-            metavar="D",
-        ),
+        option("Recordings of the first training, to keep what the model knows.", "--with", metavar="D"),
     ] = None
     teach: Annotated[
-        str | None,
-        option(
-            "In place of --data: touches to store as prototypes beside those of a model quantised with "
-            "--readout prototypes; nothing is trained.",
-            "--teach",
-            metavar="FEW",
-        ),
+        str | None, option("Touches to store as prototypes; nothing is trained.", "--teach", metavar="FEW")
     ] = None
     evaluate: Annotated[
-        bool,
-        option(
-            "Report what enrolment brings on each value of --group, left out of the training.", "--evaluate"
-        ),
+        bool, option("Report the gain for each value of --group, left out of the training.", "--evaluate")
     ] = False
-    readout: Annotated[
-        Readout, option("With --evaluate: what is judged, a network trained on, or prototypes taught.")
-    ] = "dense"
+    readout: Annotated[Readout, option("With --evaluate: train the network on, or teach prototypes.")] = (
+        "dense"
+    )
     group: Annotated[
-        str | None, option("With --evaluate: group arrays A[,B..], a mounting, person or place a value.")
+        str | None, option("With --evaluate: group arrays A[,B..], such as mounting or person.")
     ] = None
-    k: Annotated[
-        str, option("With --evaluate: touches of each class that are enrolled.", "-k", metavar="K[,K..]")
-    ] = "1,2,5"
+    k: Annotated[str, option("With --evaluate: touches to enrol of each class.", "-k", metavar="K[,K..]")] = (
+        "1,2,5"
+    )
     config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None
-    seeds: Annotated[int, option("With --evaluate: how many seeds.", min=1, max=1000)] = 3
+    seeds: Annotated[int, option("With --evaluate: number of seeds.", min=1, max=1000)] = 3
 
     def check(self, mode: str) -> None:
         """Refuse what a mode (evaluate, teach, train) lacks, and what another mode takes."""
@@ -392,59 +326,36 @@ class EnrolRequest(Grouped, InJson):
 class QuantiseRequest(Grouped):
     model: Annotated[Path, argument("A model folder.")]
     data: Annotated[
-        str | None, option("Profile ranges on these recordings; default: the ranges noted at training.")
+        str | None, option("Measure value ranges on these recordings. Default: ranges from training.")
     ] = None
     weight_bits: Annotated[int | None, option("Bits of a weight.")] = None
     state_bits: Annotated[int | None, option("Bits of the hidden state.")] = None
     formats: Annotated[
         str | None,
         option(
-            "feature_bits=B, gate_bits=B (of its fraction), table_entries=N, one or more with commas; or the word "
-            "lean: features and logits that need the fewest logic cells.",
-            metavar="NAME=N,..|lean",
+            "lean (fewest cells), or feature_bits=B,gate_bits=B,table_entries=N.", metavar="NAME=N,..|lean"
         ),
     ] = None
     quantisation_aware: Annotated[
-        bool, option("Train on in integer arithmetic of these widths; needs --data.", "--quantisation-aware")
+        bool, option("Train further in integers of these widths; needs --data.", "--quantisation-aware")
     ] = False
     readout: Annotated[
-        Readout | None,
-        option(
-            "What decides: the dense layer, or the nearest stored trajectory; that needs --data. Default: as the "
-            "model's config.json says."
-        ),
+        Readout | None, option("Decide by the dense layer or by prototypes (needs --data).")
     ] = None
     group: Annotated[
-        str | None,
-        option(
-            "With --readout: group arrays A,B.. that are left out for --unknown and for how much nearer a taught touch "
-            "counts; default: those of the training."
-        ),
+        str | None, option("Prototypes: group arrays A,B.. to leave out. Default: the training's.")
     ] = None
-    prototypes: Annotated[
-        int | None, option("With --readout: prototypes a class at most; default: 8.", min=1, max=16)
-    ] = None
+    prototypes: Annotated[int | None, option("Prototypes: most per class. Default: 8.", min=1, max=16)] = None
     taught: Annotated[
-        int | None,
-        option("With --readout: places a class for touches taught in use; default: 3.", min=0, max=16),
+        int | None, option("Prototypes: slots per class for taught touches. Default: 3.", min=0, max=16)
     ] = None
     unknown: Annotated[
         float | None,
-        option(
-            "With --readout: share of known touches, of groups left out, that may be called unsure; what is "
-            "further from every prototype is unsure, too.",
-            min=0.0,
-            max=0.5,
-        ),
+        option("Prototypes: share of known touches that may be flagged unsure.", min=0.0, max=0.5),
     ] = None
     spare_classes: Annotated[
         int | None,
-        option(
-            "With --readout: so many of the classes, the last ones, of which there is no recording, are known once they "
-            "are taught.",
-            min=0,
-            max=30,
-        ),
+        option("Prototypes: number of last classes without recordings, to be taught later.", min=0, max=30),
     ] = None
 
     @property
@@ -466,7 +377,7 @@ class QuantiseRequest(Grouped):
 
     @property
     def of_readout(self) -> dict[str, Any]:
-        """What was asked for of prototypes."""
+        """The user's options about prototypes."""
         names = ("groups", "prototypes", "taught", "unknown", "spare_classes")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
@@ -478,10 +389,7 @@ class EvaluateRequest(ModelOnData, InJson):
 
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest(OfModel, InJson):
-    data: Annotated[
-        str | None,
-        option(f"{DATA} Default: made-up touches that reach every rule of the front end, or images."),
-    ] = None
+    data: Annotated[str | None, option(f"{DATA} Default: synthetic touches that reach every rule.")] = None
     out: Annotated[Path, option("Folder of compare.html.")] = Path("build/compare")
 
 
@@ -496,64 +404,37 @@ class ImportRequest:
     ]
     out: ModelOut
     config: Annotated[
-        str | None,
-        option(
-            "A preset or a JSON file: the array, windows and classes of the network's training. Of an .onnx file "
-            "by default its own, where eskin exported it, or derived from --data."
-        ),
+        str | None, option("Preset or JSON file with array, windows and classes of the training.")
     ] = None
     cell: Annotated[
-        Cell | None, option("Its cell; default: the configuration's, of an .onnx file the file's.")
+        Cell | None, option("Cell. Default: the .onnx file's, otherwise the configuration's.")
     ] = None
     reset: GateOfReset = None
-    mean: Annotated[float | None, option("Codes taken off every window mean in its training.")] = None
+    mean: Annotated[float | None, option("Codes subtracted from every window mean in its training.")] = None
     std: Annotated[float | None, option("Codes that became 1 in its training.")] = None
-    data: Annotated[str | None, option("Without --mean and --std: measure them on these recordings.")] = None
+    data: Annotated[str | None, option("Measure mean and std on these recordings.")] = None
     check: Annotated[
-        Path | None,
-        option(
-            "An .npz of reference inputs (touches, steps, inputs), normalised, and outputs (logits, of the last step or of "
-            "every step) that the model must give; else nothing is written, status 1."
-        ),
+        Path | None, option("Reference inputs and outputs (.npz) that the model must reproduce.")
     ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportRequest(OfModel):
-    to: Annotated[
-        Literal["c", "onnx"],
-        option("c: the integer model as plain C99 for a microcontroller; onnx: the float network."),
-    ]
-    out: Annotated[Path, option("The folder to write: new, or an earlier exported one, which is replaced.")]
-    prefix: Annotated[
-        str | None,
-        option(
-            "With --to c: begins the names of files, types, functions and macros, so that several models go into one "
-            "program; default eskin."
-        ),
-    ] = None
+    to: Annotated[Literal["c", "onnx"], option("c: integer model as C99; onnx: float network.")]
+    out: Annotated[Path, option("Folder to write: new, or an earlier export to replace.")]
+    prefix: Annotated[str | None, option("C: prefix of all names. Default: eskin.")] = None
 
 
 # ---------------------------------------------------------------------- studies
 @dataclass(frozen=True, kw_only=True)
 class SweepRequest(Judged, OnCluster):
     out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep")
-    grid: Annotated[
-        str,
-        option(
-            "A JSON file: {field: list of values} or a list of such; or default (84 points) or bits (8, 6, "
-            "4 bits)."
-        ),
-    ] = "default"
-    accuracy_floor: Annotated[
-        float | None, option("Share of unseen recordings to be decided rightly, 0 to 1.")
-    ] = None
-    latency_budget: Annotated[float | None, option("Seconds from a window's features to its decision.")] = (
-        None
+    grid: Annotated[str, option("default (84 points), bits (8, 6, 4 bits), or JSON: {field: [values]}.")] = (
+        "default"
     )
-    seeds: Annotated[
-        int | None, option("Seeds that every point is trained with; default: 3, of images 1.", min=1, max=100)
-    ] = None
+    accuracy_floor: Annotated[float | None, option("Required accuracy on new recordings, 0 to 1.")] = None
+    latency_budget: Annotated[float | None, option("Longest time from features to decision, seconds.")] = None
+    seeds: Annotated[int | None, option("Seeds per point. Default: 3; images 1.", min=1, max=100)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -566,13 +447,12 @@ class StabilityRequest(ModelOnData, OnCluster):
     out: Annotated[Path, option("Folder of stability.html, stability.json, recommended.json.")] = Path(
         "build/stability"
     )
-    mode: Annotated[list[str] | None, option("Only this mode; may be given again.")] = None
+    mode: Annotated[list[str] | None, option("Only this mode; may be repeated.")] = None
     cosim: Annotated[bool, option("Confirm the weakest cases in co-simulation.")] = True
     defences: Annotated[
-        bool | None,
-        option("Train with and without defences, cross-validated; default: where no --mode is named."),
+        bool | None, option("Compare training with and without defences. Default: without --mode.")
     ] = None
-    few: Annotated[int, option("Recordings of each point of a curve; the figures take all.", min=1)] = 100
+    few: Annotated[int, option("Recordings per point of a curve.", min=1)] = 100
 
 
 # ---------------------------------------------------------------------- hardware
@@ -584,18 +464,13 @@ class OnLanes(OfModel):
 @dataclass(frozen=True, kw_only=True)
 class ReplayRequest(ModelOnData, InJson):
     model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")]
-    port: Annotated[str, option("The board's serial port.")]
+    port: Annotated[str, option("Serial port of the board.")]
     teach: Annotated[
-        str | None,
-        option("The last touch of each recording is taught as this class when it is over.", metavar="CLASS"),
+        str | None, option("Teach the last touch of each recording as this class.", metavar="CLASS")
     ] = None
     save_taught: Annotated[
         Path | None,
-        option(
-            "File (.npz) of touches taught: what it holds is loaded, what the board holds in the end is written to "
-            "it.",
-            metavar="FILE",
-        ),
+        option("File (.npz) of taught touches: loaded first, written at the end.", metavar="FILE"),
     ] = None
 
 
@@ -603,11 +478,9 @@ class ReplayRequest(ModelOnData, InJson):
 class EnergyRequest(ModelOnData):
     configuration: Annotated[
         list[str] | None,
-        option(
-            "A board, its lanes and their type; may be given several times.", metavar="TARGET:LANES[:TYPE]"
-        ),
+        option("Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"),
     ] = None
-    recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2
+    recordings: Annotated[int, option("Number of recordings to count.", min=1)] = 2
     out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy")
 
 
@@ -620,75 +493,52 @@ class ScheduleRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class GenerateRequest(OnLanes):
-    out: Annotated[Path, option("The folder to write: new, or an earlier generated one, which is replaced.")]
+    out: Annotated[Path, option("Folder to write: new, or an earlier design to replace.")]
     data: Annotated[
-        str | None, option("The bench plays the first of these recordings; default: a made-up one.")
+        str | None, option("The bench plays the first of these recordings. Default: a synthetic one.")
     ] = None
     bus: Annotated[
-        Literal["wishbone", "axi4lite"] | None,
-        option("For a CPU: registers, samples, decisions and an interrupt behind this bus, a driver in C."),
+        Literal["wishbone", "axi4lite"] | None, option("Bus shell for a CPU, with a C driver.")
     ] = None
     streams: Annotated[
-        Literal["axis"] | None, option("Frames under AXI-Stream names; without --bus decisions too.")
+        Literal["axis"] | None, option("Frames as an AXI-Stream; without --bus decisions too.")
     ] = None
     top: Annotated[
-        str | None,
-        option(
-            "Name of the topmost module; all other modules and the driver begin with it, so that several designs go into "
-            "one system.",
-            metavar="NAME",
-        ),
+        str | None, option("Name of the top module, and prefix of all other names.", metavar="NAME")
     ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
-    recordings: Annotated[
-        str, option("How many, the same every time, spread over the classes.", metavar="N|all")
-    ] = "all"
+    recordings: Annotated[str, option("Number of recordings, spread over the classes.", metavar="N|all")] = (
+        "all"
+    )
     simulator: Annotated[
         Literal["verilator", "icarus", "compiled"] | None,
-        option(
-            "Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, "
-            "else verilator."
-        ),
+        option("Simulator; compiled is for chips. Default: compiled for chips, else verilator."),
     ] = None
     level: Annotated[Literal["rtl", "netlist"], option("Generated Verilog, or its netlist.")] = "rtl"
-    target: Annotated[
-        str | None, option("Not with --level rtl: the board, such as icebreaker, ulx3s; or asic.")
-    ] = None
-    pdk: Annotated[str | None, option("With --target asic: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None
+    target: Annotated[str | None, option("Netlist: a board such as icebreaker, or asic.")] = None
+    pdk: Annotated[str | None, option("Chip: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None
     liberty: Annotated[
-        list[Path] | None,
-        option("With --target asic: the process's Liberty files; several times.", metavar="FILE"),
+        list[Path] | None, option("Chip: a Liberty file of the process; may be repeated.", metavar="FILE")
     ] = None
-    rom: Annotated[bool, option("With --target asic: weights and constants are fixed.", "--rom")] = False
+    rom: Annotated[bool, option("Chip: weights and constants are fixed.", "--rom")] = False
     converter: Annotated[
         str | None,
-        option(
-            "Begin at the pins of this converter, such as ads7953 or spi (docs/interface.md has all); or none.",
-            metavar="NAME",
-        ),
+        option("Start at the pins of this converter (docs/interface.md), or none.", metavar="NAME"),
     ] = None
     pace: Annotated[
-        Literal["full", "declared"],
-        option("full: as fast as frames are taken; declared: at the recordings' rate."),
+        Literal["full", "declared"], option("full: as fast as possible; declared: at the recordings' rate.")
     ] = "full"
     clock: Annotated[
-        str | None,
-        option(
-            "Clock of --pace declared, the sensor's; default: the configuration's. lowest: look for it.",
-            metavar="HZ|lowest",
-        ),
+        str | None, option("Clock at --pace declared; lowest: search for it.", metavar="HZ|lowest")
     ] = None
-    stalls: Annotated[bool, option("Random stalls on both sides.", "--stalls")] = False
+    stalls: Annotated[bool, option("Insert random stalls on both sides.", "--stalls")] = False
     bench: Annotated[
-        Literal["sample", "cocotb"],
-        option("Under cocotb: one recording of each class, the others in bulk in this process; or all."),
+        Literal["sample", "cocotb"], option("Under cocotb: one recording per class (others in bulk), or all.")
     ] = "sample"
-    jobs: Annotated[int | None, option("Processes that play side by side; default: one a core.", min=1)] = (
-        None
-    )
+    jobs: Annotated[int | None, option("Parallel processes. Default: one per core.", min=1)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -696,62 +546,37 @@ class BoardRequest(OfModel):
     target: Annotated[str, option("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")]
     lanes: Annotated[
         str | None,
-        option(
-            "Multipliers that work at once; default: the model's, fewer where they do not fit, of the type that "
-            "suits the part.",
-            metavar="P[:TYPE]",
-        ),
+        option("Parallel multipliers. Default: the model's, or as many as fit.", metavar="P[:TYPE]"),
     ] = None
-    link: Annotated[
-        bool, option("With the serial link; without it: onset to decision alone, for its figures.")
-    ] = True
+    link: Annotated[bool, option("With the serial link, or onset to decision alone.")] = True
     converter: Annotated[
         str | None,
-        option(
-            "Frames from its pins: any that cosim takes; with --standalone default: the model's.",
-            metavar="NAME",
-        ),
+        option("Frames from this converter's pins. Default with --standalone: the model's.", metavar="NAME"),
     ] = None
     stimulator: Annotated[
         bool, option("With a converter: drive the stimulator by decisions.", "--stimulator")
     ] = False
     standalone: Annotated[
-        bool,
-        option(
-            "No host: the model in the bitstream, frames from a converter on the board's pins.",
-            "--standalone",
-        ),
+        bool, option("No host: the model is in the bitstream, a converter gives frames.", "--standalone")
     ] = False
-    flash: Annotated[
-        bool,
-        option(
-            "With --standalone: the model not in the bitstream but in the board's flash, read at start.",
-            "--flash",
-        ),
-    ] = False
+    flash: Annotated[bool, option("With --standalone: the model is in the board's flash.", "--flash")] = False
     clock: Annotated[
-        float | None, option("The clock to reach; default: the board's oscillator.", min=1e3, metavar="HZ")
+        float | None, option("Clock to reach. Default: the board's oscillator.", min=1e3, metavar="HZ")
     ] = None
-    seeds: Annotated[
-        int, option("How many seeds to try; the fastest placement is kept.", min=1, max=1000)
-    ] = 1
-    out: Annotated[Path | None, option("New folder or an earlier build; default build/board/NAME.")] = None
+    seeds: Annotated[int, option("Number of placements; the fastest is kept.", min=1, max=1000)] = 1
+    out: Annotated[Path | None, option("New folder or an earlier build. Default: build/board/NAME.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class AsicRequest(OfModel):
-    pdk: Annotated[str, option("The process: ihp-sg13g2 or sky130hd.", metavar="NAME")]
+    pdk: Annotated[str, option("Process: ihp-sg13g2 or sky130hd.", metavar="NAME")]
     liberty: Liberty
-    lanes: Annotated[int | None, option("Multipliers that work at once; default: the model's.")] = None
+    lanes: Annotated[int | None, option("Parallel multipliers. Default: the model's.")] = None
     rom: Annotated[
         bool, option("Weights and constants are fixed; otherwise the host loads them.", "--rom")
     ] = False
     data: Annotated[
-        str | None,
-        option(
-            "One of these recordings is played into the netlist and its energy counted; many minutes.",
-            metavar="D",
-        ),
+        str | None, option("Play one of these recordings and count its energy; many minutes.", metavar="D")
     ] = None
     out: Annotated[Path, option("Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path(
         "build/asic"

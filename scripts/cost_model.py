@@ -218,7 +218,7 @@ def fit(counted_rows: dict[str, Record]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def errors(counted_rows: dict[str, Record], constants: tuple[np.ndarray, np.ndarray], name: str) -> Any:
-    """How far energy and cells of a design are off with these constants, as shares of what was counted."""
+    """Errors of energy and cells of a design with these constants, as shares of the counted ones."""
     part, row, config = PARTS[target(BOARD).device], counted_rows[name], suited(DESIGNS[name], target(BOARD))
     (step, frame, onset), of_cells = constants
     frame += onset * (not config.opens_at_once)

@@ -67,7 +67,7 @@ def packages() -> dict[str, list[Path]]:
 
 # ------------------------------------------------------------------ fields of the configuration
 def _choices(schema: dict[str, Any]) -> str:
-    """What may be given for a field, from its JSON schema."""
+    """Possible values of a field, from its JSON schema."""
     if "$ref" in schema:
         return "a name, or an object" if schema["$ref"].endswith("Converter") else "signed format"
     if "enum" in schema:

@@ -1,6 +1,6 @@
-"""How large a checkout is: ``python -m scripts.house [ROOT]`` prints the table of docs/changing.md, folder by
-folder; ``--budget`` (``make budget``) holds this checkout against the caps of budget.toml. A token is what
-Python's tokenizer gives, comments, line ends and indentation left out."""
+"""Size of a checkout: ``python -m scripts.house [ROOT]`` prints a table, folder by folder; ``--budget``
+(``make budget``) compares this checkout with the caps of budget.toml. A token is one of Python's
+tokenizer, without comments, line ends and indentation."""
 
 import argparse
 import ast
@@ -21,7 +21,7 @@ BYTES = {
     "cpp": ("*.cpp", "*.c", "*.h"),
     "toml": ("*.toml",),
 }
-"""What else is counted, in bytes: git's patterns."""
+"""Files whose bytes are counted too: git's patterns."""
 LONG_STRING = 200
 """Characters of a string from which on it is counted, a docstring never."""
 
@@ -95,7 +95,7 @@ def fields() -> int:
 
 
 def figures(root: Path, texts: dict[str, list[str]]) -> dict[str, dict[str, int]]:
-    """What budget.toml caps, table by table, as it is today."""
+    """Current figures of budget.toml's caps, table by table."""
     every = [text for folder in texts.values() for text in folder]
     sizes = {
         kind: sum((root / name).stat().st_size for name in tracked(root, *patterns))

@@ -111,7 +111,7 @@ class Mutant:
         )
 
     def lines(self, text: str) -> tuple[str, str]:
-        """What is different, as the stretch of lines before and after, blanks squeezed: names the mutant
+        """The difference, as the stretch of lines before and after, blanks squeezed: names the mutant
         wherever the lines move to."""
         begin = text.index(self.old) if self.begin < 0 else self.begin
         first, last = text.rfind("\n", 0, begin) + 1, text.find("\n", begin + len(self.old))
@@ -364,7 +364,7 @@ class Scope:
 
 
 def sources(root: Path) -> Iterator[Path]:
-    """What a copy consists of, and what a verdict depends on."""
+    """Files of a copy, on which a verdict depends."""
     for folder in FOLDERS:
         for path in sorted((root / folder).rglob("*")) if (root / folder).is_dir() else []:
             if path.is_file() and "__pycache__" not in path.parts and path != root / SCOPE:

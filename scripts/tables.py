@@ -115,7 +115,7 @@ Row = tuple[Any, ...]
 CELLS = dict(
     lut="SB_LUT4", carry="SB_CARRY", ff="SB_DFF", bram="SB_RAM40_4K", spram="SB_SPRAM", dsp="SB_MAC16"
 )
-"""How the names of the cells begin that a column counts."""
+"""Beginnings of the names of the cells that a column counts."""
 
 
 def cells_of(design: Any) -> dict[str, int]:
@@ -191,7 +191,7 @@ def design_rows(asked: argparse.Namespace) -> Iterator[Row]:
 
 # ---------------------------------------------------------------------- buses
 def clock_mhz(design: Any) -> str:
-    """Of one placement."""
+    """Highest clock of one placement."""
     board = target(BOARD)
     sites = (board.clock_pin, *board.pins)
     pins = dict(zip(("clk", "shift_in", "capture", "shift_out"), sites, strict=False))

@@ -13,6 +13,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -71,6 +72,17 @@ def test_the_pages_are_short():
     assert sum(words.values()) <= 32_000
     assert {page for page, count in words.items() if count > 2500} <= {"specification"}
     assert len((ROOT / "README.md").read_text().splitlines()) <= 130
+
+
+def test_the_changelog_is_short():
+    """The release in hand first, in at most 60 lines, and the earlier ones in at most 40."""
+    releases = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.MULTILINE)[1:]
+    lengths = {release.split()[0]: len(release.strip().splitlines()) for release in releases}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert next(iter(lengths)) == project["version"]
+    assert [lengths.pop(project["version"]) <= 60, *(length <= 40 for length in lengths.values())] == [
+        True
+    ] * 3
 
 
 def anchors(path: Path) -> set[str]:

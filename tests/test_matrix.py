@@ -108,7 +108,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker",
         ("converter",),
     ),
-    "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
+    "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ()),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
     "build --standalone --flash": (

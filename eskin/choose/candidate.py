@@ -27,7 +27,7 @@ from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import Recipe
 
 SCREENED = Recipe(name="ridge regression", squares=True)
-"""How front ends alone are judged: in closed form, in float."""
+"""Recipe by which front ends alone are judged: closed form, float."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Judged:
 
     @property
     def standard_error(self) -> float:
-        """Of the accuracy, over recordings; no less than ``least_error``."""
+        """Standard error of the accuracy over recordings; no less than ``least_error``."""
         count = len(self.correct)
         return max(float(self.correct.std(ddof=1) / np.sqrt(count)), least_error(count)) if count > 1 else 0.0
 
@@ -142,7 +142,7 @@ class Judged:
 
     @property
     def score_standard_error(self) -> float:
-        """Of the score, over recordings."""
+        """Standard error of the score over recordings."""
         if self.stressed is None:
             return self.standard_error
         told = self.stressed[~np.isnan(self.stressed)]
@@ -188,8 +188,8 @@ def best_of(judged: Sequence[Judged]) -> Judged:
 
 
 def choose(judged: Sequence[Judged], market: Market) -> Judged:
-    """Of those level with the most accurate those level with the best score, and of these the cheapest; of equal
-    price the first. A board decides between level ones; one that was named has to hold the best, too.
+    """The cheapest of the candidates that are tied in accuracy with the most accurate and in score with the
+    best; at equal price the first. A board decides between tied ones; a named board must also hold the best.
 
     Raises
     ------

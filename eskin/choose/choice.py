@@ -56,7 +56,7 @@ LEAST = {
     "cells": "takes the fewest logic cells ({cells})",
     "latency": "has the shortest way from the last sample to the decision ({latency_s:.3g} s)",
 }
-"""What a preference is, in words."""
+"""A preference in words."""
 
 
 # ---------------------------------------------------------------------- the front end
@@ -264,7 +264,7 @@ def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -
 def choose_inside(
     plan: Plan, terms: Terms, wish: Wish, parts: Sequence[np.ndarray], effort: Effort = INSIDE
 ) -> list[Candidate]:
-    """What is chosen on each of ``parts`` (recordings) alone."""
+    """Choices on each of ``parts`` (recordings) alone."""
     recordings, choices, held = terms.recordings, [], []
     effort = effort.under_stress if terms.stress else effort
     for number, part in enumerate(parts):
@@ -370,7 +370,8 @@ def cross_validation_of(one: Judged, terms: Terms, tests: Sequence[np.ndarray]) 
 def splits_to_report(
     recordings: Recordings, config: AcceleratorConfig, groups: Sequence[str]
 ) -> list[list[str]]:
-    """What the network taken is cross-validated over: ``default_splits`` and the split it was chosen on."""
+    """Splits over which the chosen network is cross-validated: ``default_splits`` and the split on which
+    it was chosen."""
     splits = [split for split in default_splits(recordings, config) if split]
     return splits if list(groups) in splits else [*splits, list(groups)]
 
@@ -529,8 +530,8 @@ def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list
 
 
 def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
-    """What to expect of new recordings of groups that are known: the network taken with single recordings
-    left out, one seed. None without groups, or with too few recordings of a class."""
+    """Accuracy to expect on new recordings of known groups: the chosen network with single recordings left
+    out, one seed. None without groups, or with too few recordings of a class."""
     if not terms.groups or not terms.folds:
         return None
     try:
@@ -552,8 +553,9 @@ def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
 def _compared(
     record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate, rows: Sequence[Record]
 ) -> Record:
-    """What training.json says beside ``train``'s record. A linear classifier on the same integer features and
-    folds stands beside every split; each split gets its ``unseen`` figure, where something was chosen."""
+    """Comparisons for training.json beside ``train``'s record. A linear classifier on the same integer
+    features and folds is beside every split; each split gets its ``unseen`` figure if something was
+    chosen."""
     recordings, config = terms.recordings, taken.config
     splits = [split["groups"] for split in record["cross_validation"]]
     baselines = linear_yardsticks(recordings, config, splits, terms.folds)

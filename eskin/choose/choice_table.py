@@ -1,5 +1,4 @@
-"""What was chosen, and from what, in words and rows: front ends and networks of a training record, for
-terminal and report."""
+"""The choice in words and rows: front ends and networks of a training record, for terminal and report."""
 
 from collections.abc import Sequence
 
@@ -111,7 +110,7 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
 
 
 def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str:
-    """What candidate would mend the weakest mode, and what it costs."""
+    """The candidate that would fix the weakest mode, and its cost."""
     sign = (
         1 if weakest["figure"] < weakest["bound"] else -1
     )  # accuracies are to be high, shares of onsets low
@@ -137,7 +136,7 @@ def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str
 
 
 def left_out(groups: Sequence[str]) -> str:
-    """What stays together on one side of a split, in words."""
+    """Groups that stay together on one side of a split, in words."""
     return " and ".join(groups) or "single recordings"
 
 

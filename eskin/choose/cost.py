@@ -1,4 +1,4 @@
-"""What a whole design costs, front end included: the figures by which front end and network are chosen.
+"""Cost of a whole design, front end included, by which front end and network are chosen.
 
 Energy, cells and latency follow from a configuration by a formula; block memories take the elaborated design,
 so they are counted only where they decide. Golden knows no hardware: the figures come from
@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 from eskin.golden.core.config import AcceleratorConfig
 
 Prefer = Literal["energy", "cells", "latency"]
-"""What is to be least among candidates that are level in accuracy."""
+"""Cost to minimise among candidates that are tied in accuracy."""
 PREFERENCES: tuple[Prefer, ...] = get_args(Prefer)
 
 
@@ -32,7 +32,7 @@ class Cost:
 
 @dataclass(frozen=True, kw_only=True)
 class Market:
-    """What candidates cost, and what the user wants of the one that is taken.
+    """Prices of candidates, and the user's preference.
 
     cost_of, blocks_of, fits: of a configuration its `Cost`, its block memories, and whether ``board`` holds
     it. prefer: what is to be least. named: the user named the board, so only what fits it is a candidate;
@@ -47,7 +47,7 @@ class Market:
     named: bool = False
 
     def price(self, config: AcceleratorConfig) -> tuple[float, ...]:
-        """What is to be least; where that is equal, energy, then the time to the decision."""
+        """The preferred cost; at equal cost energy, then the time to the decision."""
         cost = self.cost_of(config)
         first = {"energy": cost.energy_touch_j, "cells": cost.cells, "latency": cost.latency_s}[self.prefer]
         return (first, cost.energy_touch_j, cost.touch_s)

@@ -52,7 +52,7 @@ def doubt(code: str, text: str, split: Mapping[str, Any] | None = None) -> Recor
 
 
 def sentences(found: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Of doubts, as ``warnings`` has them."""
+    """Sentences of doubts, as ``warnings`` has them."""
     return [one["text"] for one in found]
 
 

@@ -133,9 +133,9 @@ def first_touches(config: AcceleratorConfig, recordings: Recordings) -> FirstTou
 
 
 def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
-    """What ``find_touches`` finds of the first touches, from ``first_touches`` of a configuration with the
-    same rest level and gate whose touch is at least as long. ``partial`` says whether a touch was cut short
-    by what ``touches`` hold."""
+    """The result of ``find_touches`` for the first touches, from ``first_touches`` of a configuration with
+    the same rest level and gate whose touch is at least as long. ``partial``: the recording ends before
+    the touch does."""
     lead = np.array([start_frame(config, int(onset), 0) - 1 for onset in touches.onset_frame], dtype=np.int64)
     held = np.minimum(touches.lengths - lead, config.last_frame)
     spans = np.array(config.window_spans, dtype=np.int64).reshape(-1, 2)

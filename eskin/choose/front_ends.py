@@ -77,14 +77,14 @@ ENDS, LONGER = (0.05, 0.25, 0.5, 0.9), 1.1
 """Quantiles of the touches' lengths at which windows may end, each so many times the one before at least."""
 
 LENGTH_TELLS = 0.1
-"""How far above chance the number of completed windows may tell the class."""
+"""Margin above chance by which the number of completed windows may tell the class."""
 
 KEPT_BYTES = 3 << 28
 """Touches of gates that are kept for other windows on them."""
 
 Decide = Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int, np.ndarray], np.ndarray]
-"""Of features (n, features), labels (n), folds (rows each), the number of classes and the recording (n) that
-each row comes from: the class (n) that each row is given when the recordings of its fold are left out."""
+"""A classifier: from features (n, features), labels (n), folds (rows each), the number of classes and the
+recording (n) of each row to the class (n) of each row when the recordings of its fold are left out."""
 
 
 # ---------------------------------------------------------------------- the classifier
@@ -226,8 +226,8 @@ class Screen:
         return ends
 
     def length_tells(self, config: AcceleratorConfig, rows: np.ndarray) -> bool:
-        """Of windows that `gates` gave: how many of them the recordings ``rows`` complete, in quarters, tells
-        the class. A network would learn when recordings were stopped; each is decided by the others."""
+        """True if the number of windows from `gates` that the recordings ``rows`` complete, in quarters,
+        tells the class. A network would learn when recordings were stopped; each is decided by the others."""
         if config not in self._quarters:
             return False
         quarters, labels = self._quarters[config][rows], self.recordings.labels[rows]
@@ -327,7 +327,7 @@ class FrontEnds:
 
     @cached_property
     def by_gate(self) -> list[list[AcceleratorConfig]]:
-        """Of `Screen.gates`."""
+        """Result of `Screen.gates`."""
         return self.screen.gates(
             self._base, lambda done, total: self.progress("onset rules looked at", done, total)
         )

@@ -71,14 +71,14 @@ FITS: dict[str, Record] = {
     },
     STURDY: {**SQUARES, "name": STURDY, "sturdy": 1.0, **AS_RECORDED},
 }
-"""How fits of a linear cell differ from the configuration's recipe, in the order of preference."""
+"""Fits of a linear cell, as changes of the configuration's recipe, in the order of preference."""
 ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squares"}
 """Fits that are others where the recipe augments nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """How much is tried.
+    """Amount of work for the choice.
 
     fits, units: of linear cells and of GRUs. robust: units of GRUs that are trained with failing taxels.
     share: of a recurrent network's updates one part in so many.
@@ -115,8 +115,8 @@ INSIDE = Effort(
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
-    """What was asked for of the network; None: nothing. `eskin.choose.choice.train_chosen` says what each
-    means. protocol: of the recipe. open: the network is chosen."""
+    """The user's request about the network; None: no request. `eskin.choose.choice.train_chosen` defines
+    each field. protocol: of the recipe. open: the network is chosen."""
 
     cell: str | None = None
     hidden: int | None = None
@@ -295,7 +295,7 @@ def goes_on(tried: Sequence[Judged]) -> bool:
 def side_by_side(
     choices: Sequence[NetworkChoice], parts: Sequence[Part], terms: Terms
 ) -> list[tuple[Candidate, list[Judged]]]:
-    """What each choice returns, made on the part beside it. Networks of one candidate train at once."""
+    """Results of each choice on the part beside it. Networks of one candidate train at once."""
     waiting, answers = dict(enumerate(choices)), dict[int, list[Judged]]()
     outcomes: dict[int, tuple[Candidate, list[Judged]]] = {}
     while waiting:

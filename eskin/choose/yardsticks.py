@@ -33,15 +33,15 @@ BANDS = 8
 """Equal bands of frequency, from above 0 to half of the rate."""
 
 TREES = 100
-"""Of a random forest."""
+"""Trees of a random forest."""
 
 JUDGED_ON = 1000
 """Recordings that forests and support vectors on statistics are judged on at most."""
 
 
 def statistics(recordings: Recordings) -> dict[str, np.ndarray]:
-    """What a competent person would compute of whole recordings and of PARTS equal parts of each, a table
-    (recordings, columns) a statistic.
+    """Statistics of whole recordings and of PARTS equal parts of each, as a competent person would compute
+    them: a table (recordings, columns) per statistic.
 
     mean, spread (standard deviation) and activity (mean absolute change) of every taxel in the whole and in
     each part; first minus last: the mean of the first part less that of the last; spectrum: the logarithm of
@@ -121,7 +121,7 @@ def forest() -> Any:
 def linear_yardsticks(
     recordings: Recordings, config: AcceleratorConfig, splits: Sequence[Sequence[str]], folds: int
 ) -> list[Record]:
-    """What the linear classifier on the network's own features reaches, a row for each split as of
+    """Accuracy of the linear classifier on the network's own features, a row for each split as of
     ``yardsticks``; the network's hardware could hold it."""
     screen, rows = Screen(recordings), []
     multiplies = config.windows.steps * config.inputs * config.classes
@@ -141,8 +141,8 @@ def yardsticks(
     accuracy: float = 1.0,
     progress: Callable[[str, int, int], None] = lambda task, done, total: None,
 ) -> list[Record]:
-    """What others reach when ``groups`` are left out: support vectors on the network's features, and on whole
-    recordings a linear classifier, support vectors and a random forest.
+    """Accuracies of other classifiers when ``groups`` are left out: support vectors on the network's
+    features, and on whole recordings a linear classifier, support vectors and a random forest.
 
     Parameters
     ----------
@@ -197,9 +197,9 @@ def _row(name: str, groups: Sequence[str], correct: np.ndarray, multiplies: int 
 
 
 def neighbours_alike(recordings: Recordings, folds: int) -> tuple[float, float, float]:
-    """Whether recordings that stand side by side look alike, as those of one session do: (accuracy on whole
-    recordings leaving out single ones, the same leaving out blocks of neighbours of a class, standard error
-    of the paired difference)."""
+    """Similarity of neighbouring recordings, as of one session: (accuracy on whole recordings leaving out
+    single ones, the same leaving out blocks of neighbours of a class, standard error of the paired
+    difference)."""
     labels, classes = recordings.labels, len(recordings.class_names)
     x = raw_features(recordings)
     blocks = np.zeros(len(labels), dtype=int)

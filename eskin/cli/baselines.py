@@ -6,8 +6,7 @@ from eskin.requests import BaselinesRequest
 
 @app.command(epilog="Example: eskin baselines --data recordings.npz --group person")
 def baselines(asked: BaselinesRequest) -> None:
-    """Judge scikit-learn's classifiers and a GRU in float on the same unseen recordings: accuracy against
-    cost."""
+    """Compare scikit-learn's classifiers and a float GRU on the same folds: accuracy and cost."""
     from eskin.verbs import baselines_job
 
     recordings, user_config = load_data(asked.data, asked.config)

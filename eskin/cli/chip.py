@@ -11,7 +11,7 @@ from eskin.requests import AsicRequest
     "--liberty sram.lib --rom"
 )
 def asic(asked: AsicRequest) -> None:
-    """Make the netlist for a chip's process; tell area, memories, clock, leakage. Before layout; minutes."""
+    """Make a chip's netlist and report area, memories, clock and leakage, before layout. Takes minutes."""
     from eskin.golden.core import check_folder
     from eskin.golden.model import IntegerModel
     from eskin.rtl.fpga.tools import ToolError

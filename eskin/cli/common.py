@@ -1,4 +1,4 @@
-"""What the verbs share: the application, the console, progress, options, and how recordings and
+"""Common parts of the verbs: the application, the console, progress, options, and how recordings and
 configurations are read."""
 
 import functools

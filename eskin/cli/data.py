@@ -11,8 +11,8 @@ from eskin.requests import ConvertRequest, InspectRequest, names_of
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
 def inspect(asked: InspectRequest) -> Record:
-    """Show what an archive holds: taxels, rate, lengths, classes, groups, the onset of each recording, a
-    plot."""
+    """Show the content of an archive: taxels, rate, lengths, classes, groups, the onset of each recording,
+    a picture."""
     from eskin.pages.inspect_data import draw, in_rows
     from eskin.pages.inspect_data import inspect as look
     from eskin.pages.views import short_name, words, write_text
@@ -37,7 +37,7 @@ def inspect(asked: InspectRequest) -> Record:
     epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz"
 )
 def convert(asked: ConvertRequest) -> None:
-    """Write an archive of recordings in another form, and say what was understood of them."""
+    """Convert recordings to an archive, and print how they were understood."""
     from eskin.data import Reading, load_recordings
     from eskin.golden.data import for_model, save_archive
 

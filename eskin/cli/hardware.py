@@ -46,7 +46,7 @@ def generate(asked: GenerateRequest) -> None:
     epilog="Example: eskin export model --to c --out controller, or eskin export model --to onnx --out net"
 )
 def export(asked: ExportRequest) -> Record:
-    """Write a model in the words of other tools, with what checks it."""
+    """Write a model for other tools, with a check."""
     from eskin.golden.model import FloatModel
     from eskin.verbs.export_job import export_c, export_onnx
 
@@ -70,8 +70,8 @@ def export(asked: ExportRequest) -> Record:
 def cosim(asked: CosimRequest) -> Record:
     """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
 
-    Many recordings are split into parts that run beside each other; interrupted, the same command goes on
-    where it stopped.
+    Many recordings are split into parts that run side by side; an interrupted command continues where
+    it stopped.
     """
     from eskin.jobs import Jobs
     from eskin.verbs import cosim_job
@@ -154,8 +154,8 @@ def _clock(text: str | None) -> float | None:
 
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
 def build(asked: BoardRequest) -> None:
-    """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the
-    clock each budget needs."""
+    """Make a board's bitstream and report its area by block, its clock and the clock that each budget
+    needs."""
     from eskin.rtl.fpga.targets import target as board
     from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
@@ -231,7 +231,7 @@ def replay(asked: ReplayRequest) -> Record:
 
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(asked: ScheduleRequest) -> None:
-    """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
+    """Draw the work of each unit in each cycle, from the hardware's own program."""
     from eskin.golden.core import PRESETS
     from eskin.pages.views import terminal_table
     from eskin.rtl.views import schedule_view
@@ -282,8 +282,7 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
     "ulx3s:12"
 )
 def energy(asked: EnergyRequest) -> Record:
-    """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists;
-    minutes a configuration."""
+    """Estimate the energy of a touch and the power of waiting from a simulated netlist. Takes minutes."""
     from eskin.pages.energy_page import PAGE
     from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job

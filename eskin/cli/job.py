@@ -7,8 +7,8 @@ from eskin.requests import ReportRequest, RunRequest
 
 @app.command(epilog="Example: eskin run --data recordings.npz --recordings 40 --out result")
 def run(asked: RunRequest) -> Record:
-    """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and
-    report, all in one folder."""
+    """Do the whole job once, in one folder: choose, train, quantise, evaluate, generate, co-simulate,
+    report."""
     from eskin.pages.report import PAGE, summary
     from eskin.verbs.main_job import run as main_job
 

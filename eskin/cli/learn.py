@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 @app.command(epilog="Example: eskin train --data recordings.npz --out model --group person,trial")
 def train(asked: TrainRequest) -> None:
-    """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write
-    its folder."""
+    """Choose front end and network, cross-validate, then train a model on all recordings."""
     from eskin.choose.choice import train_chosen
     from eskin.choose.choice_table import network_name, windows_brief
     from eskin.choose.networks import check_units
@@ -77,8 +76,7 @@ def train(asked: TrainRequest) -> None:
     "eskin enrol model --teach few.npz --out model2, or eskin enrol --evaluate --data recordings.npz --group seq -k 1,2"
 )
 def enrol(asked: EnrolRequest) -> Record:
-    """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host
-    loads the new weights."""
+    """Adapt a model to a new mounting, person or position with a few touches; the bitstream stays."""
     mode = "evaluate" if asked.evaluate else "teach" if asked.teach is not None else "train"
     asked.check(mode)
     progressing = progress_bars()
@@ -114,7 +112,7 @@ def enrol(asked: EnrolRequest) -> Record:
     "--std 40",
 )
 def import_(asked: ImportRequest) -> Record:
-    """Make a model folder of a network trained elsewhere; then quantise it with --data."""
+    """Make a model folder from a network of another tool; then quantise it with --data."""
     from eskin.exchange.import_network import import_network
     from eskin.golden.core import AcceleratorConfig
     from eskin.golden.model import check_model_target
@@ -221,8 +219,7 @@ def quantise(asked: QuantiseRequest) -> None:
 
 @app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
 def evaluate(asked: EvaluateRequest) -> Record:
-    """Set float against integer: accuracy, agreement, per class, per step; on training data this is no
-    accuracy on unseen recordings."""
+    """Compare the float model with the integer model: accuracy, agreement, per class, per step."""
     from eskin.golden.model import load_config
     from eskin.training.evaluate import evaluate as compare
 
@@ -233,8 +230,7 @@ def evaluate(asked: EvaluateRequest) -> Record:
 
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(asked: CompareRequest) -> Record:
-    """Set float against integer stage by stage: errors, saturations, and every signal against the range of
-    its format."""
+    """Compare float with integer stage by stage: errors, saturations, the range of every signal."""
     from eskin.golden.model import load_config, random_images, random_recordings
     from eskin.golden.model.image_network import image_recordings
     from eskin.pages.compare_page import PAGE, render

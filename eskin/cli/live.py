@@ -12,8 +12,7 @@ from eskin.requests import WatchRequest
     "eskin watch model --data recordings.npz --port /dev/ttyUSB1"
 )
 def watch(asked: WatchRequest) -> Record:
-    """Watch a model at work in the browser: taxels, windows, features, hidden state, logits and decisions as
-    they come."""
+    """Watch a model live in the browser: taxels, windows, features, hidden state, logits and decisions."""
     from eskin.verbs import build_job, watch_job
 
     if asked.port and asked.simulate:

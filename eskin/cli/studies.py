@@ -11,7 +11,7 @@ from eskin.requests import FORMATS, StabilityRequest, SweepRequest
     epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6"
 )
 def sweep(asked: SweepRequest) -> None:
-    """Train and quantise a grid of networks, chart accuracy against cost, and name the smallest that is
+    """Train and quantise a grid of networks, plot accuracy against cost, and name the smallest that is
     enough."""
     bounds = (("--accuracy-floor", asked.accuracy_floor), ("--latency-budget", asked.latency_budget))
     for (name, value), most in zip(bounds, (1.0, math.inf), strict=True):
@@ -56,8 +56,8 @@ def sweep(asked: SweepRequest) -> None:
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
 def stability(asked: StabilityRequest) -> Record:
-    """Show where the method fails: every failure mode with a figure, a bound and a curve, and what defences
-    save and cost."""
+    """Show where a model fails: every failure mode with a figure, a bound and a curve; benefit and cost of
+    defences."""
     from eskin.golden.model import load_config
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs import stability_job

@@ -10,7 +10,7 @@ from eskin.data.arrays import Group
 from eskin.data.table import Refuse, check_unpacked
 
 _OWN = ("IMAGE", "DIMENSION_SCALE", "GROUP", "ARRAY", "CARRAY", "EARRAY", "VLARRAY", "TABLE", "PALETTE")
-"""What HDF5's libraries say in an attribute CLASS of their own."""
+"""Values of the attribute CLASS that HDF5's libraries write themselves."""
 
 
 def read_hdf5(path: Path, refuse: Refuse) -> Group:

@@ -19,7 +19,7 @@ from eskin.golden.data.recordings import check_offsets, natural
 SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
 LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
 CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
-"""What an array may be called, in the order of preference."""
+"""Names of the array of class names, in the order of preference."""
 Names = tuple[str, ...]
 Facts = dict[str, Any]
 
@@ -51,7 +51,7 @@ class Group:
             yield from inner.shapes(f"{above}{name}/")
 
     def listed(self) -> str:
-        """What arrays there are, with their shapes."""
+        """List of the arrays with their shapes."""
         return ", ".join([*self.shapes()][:12]) or "none"
 
 
@@ -217,8 +217,7 @@ class _Arrays:
             yield from self.of_group(group.groups[name], (*above, name), known)
 
     def asked(self, full: str) -> bool:
-        """Whether --samples names an array: by its name, its path, the group that it stands in, or a pattern
-        with a *."""
+        """True if --samples names an array: by its name, its path, its group, or a pattern with a *."""
         plain = re.sub(r"[(]\d+[)]", "", full)  # without the numbers of structs
         asked = (self.reading.samples or "*").replace(".", "/").strip("/")
         ends = (plain, full, plain.rpartition("/")[2])

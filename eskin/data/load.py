@@ -31,7 +31,7 @@ KINDS = {
     **dict.fromkeys((".mat", ".h5", ".hdf5", ".npy"), "arrays"),
     ".png": "pictures",
 }
-"""What a file of recordings ends in, and what kind it is; logs are text's kind, since they are tables, too."""
+"""Endings of recording files, and their kinds; logs are of text's kind, since they are tables too."""
 FORMS = (
     "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5, .npy or .png files or "
     "logs), a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"

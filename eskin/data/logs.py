@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 TYPES = ("MultiArray", "TactileState")
-"""How the types of messages end that are frames."""
+"""Endings of the message types that are frames."""
 CLOCK_OFF_S = 1.0
 """A header's clock that is further off the log's is told."""
 
@@ -43,7 +43,7 @@ class _Log(NamedTuple):
 
 
 def is_log(path: Path) -> bool:
-    """Whether a path is an MCAP file, a bag's file, or the folder of a ROS 2 bag."""
+    """True if a path is an MCAP file, a bag's file, or the folder of a ROS 2 bag."""
     return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() in SUFFIXES
 
 
@@ -148,7 +148,7 @@ def _clock(stamps: np.ndarray, topic: str, reading: Reading, refuse: Refuse) -> 
 
 
 def _of_clocks(stamps: np.ndarray, topic: str, reading: Reading) -> list[str]:
-    """What is to be told where messages have stamps of their own."""
+    """Remarks about messages with time stamps of their own."""
     stamped = stamps[stamps[:, 1] != 0]
     if not len(stamped):
         return []

@@ -29,17 +29,17 @@ _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1
 _RECORDING = "recording recording_id rec rec_id record series series_id sequence_id sample_id".split()
 CLASS = "class label labels target class_name".split()
 _CLASS_TOO = "category material object texture surface gesture".split()
-"""What says the class where only one of them is there."""
+"""Column names that are the class if only one of them exists."""
 _GROUPS = "person subject participant user session block trial run fold group day speed seq sequence".split()
 _LETTERS = {"p": "person", "t": "trial", "s": "session"}
-"""What a letter before a number means in a file's name."""
+"""Group names for a letter before a number in a file's name."""
 _CALLED_AS_GROUP = re.compile(rf"(?:{'|'.join((*_LETTERS, *_GROUPS))})[ _-]?\d+", re.I)
 _LIKE_RATE = re.compile(r"(?:\b|_|sampl\w*?|frame)(?:rate|freq(?:uency)?|k?hz|fps|odr|fs)(?:\b|_)", re.I)
 RATE = re.compile(
     r"fs|fps|odr|(?:sampl\w*?|frame)?[_ ]?(?:rate|(?<=.)freq\w*)(?:[_ (\[]*hz[)\]]?)?|sampl\w*?[_ (\[]*hz[)\]]?",
     re.I,
 )
-"""How a rate is called: the first finds any that may be one, the second one that is."""
+"""Patterns for the name of a rate: the first finds any candidate, the second a certain one."""
 UNIT = ("unit", "units", "sample_unit")
 
 
@@ -80,12 +80,13 @@ def understand(
         scale = config.sensor.volt_per_code or None
     names = [table.names[column] if table.names else str(column + 1) for column in taxels]
     said = {str(value) for name in found.attributes if name in UNIT for value in found.fact(name)}
+    units = [unit for unit in table.units_of(taxels) if unit]
     arrays = {
         "samples": values,
         "offsets": found.offsets,
         "labels": found.labels,
         "sample_rate_hz": np.array(rate),
-        "unit": np.array(table.units_of(taxels) or (said.pop() if len(said) == 1 else "")),
+        "unit": np.array(units or (said.pop() if len(said) == 1 else "")),
     }
     if of_one_file and table.class_names:
         arrays["class_names"] = np.array(table.class_names)
@@ -98,7 +99,7 @@ def understand(
 
 
 class _Meaning:
-    """What is understood of a table so far.
+    """Interpretation of a table so far.
 
     chosen: the columns of --columns. time: the column of the clock. taken: the columns that say recording and
     class. starts: the first row of each recording. labels: the class of each. groups: what recordings have in
@@ -164,7 +165,7 @@ class _Meaning:
         return None
 
     def _class(self) -> int | str | None:
-        """What says the class: a column, an attribute by its name, or None, the first level of the path."""
+        """Source of the class: a column, an attribute by its name, or None, the first level of the path."""
         table, asked = self.table, self.reading.label
         there = ", ".join((*self.attributes, *table.names))[:300] or "no header, so no names"
         if asked is not None:
@@ -308,14 +309,17 @@ class _Meaning:
             elif not (self._inside(column).size or table.is_missing(column).any()):
                 self._group(table.names[column], self.fact(column), called)
         if not taxels:
-            table.refuse("has no column left for taxels; choose them with --columns")
+            table.refuse(
+                "has no column left for taxels; choose them with --columns, or what separates them with --delimiter"
+            )
         self._check_sorted([*self.taken, *self._named(_GROUPS)])
         if self.time is not None:
             self.notes.insert(0, f"{table.called(self.time)} is time")
         return taxels
 
     def _role(self, column: int) -> tuple[str, str]:
-        """What a column is (group, taxel, time, left out, refused), by the first rule that fits, and why."""
+        """Role of a column (group, taxel, time, left out, refused), by the first rule that fits, and the
+        reason."""
         table = self.table
         name, *names = (name.lower() for name in (table.names[column], *table.names)) if table.names else [""]
         if name in _GROUPS:
@@ -443,11 +447,12 @@ def _second(table: Table, column: int) -> float:
     """Seconds of one of a time column: by the unit in its name; 0: it does not say."""
     match = TIME.match(table.names[column]) if table.names else None
     of_name = match and (match[1] or match[0])
-    return _SECONDS.get((table.units_of([column])[0] or of_name or "").lower().replace("seconds", "s"), 0.0)
+    (unit,) = table.units_of([column]) or [of_name or ""]
+    return _SECONDS.get(unit.lower().replace("seconds", "s"), 0.0)
 
 
 def _course(values: np.ndarray, starts: np.ndarray) -> str:
-    """How a column goes in every recording: "level", "up" or "down" as a time does; "" as signals do."""
+    """Course of a column in every recording: "level", "up" or "down" as a time does; "" as signals do."""
     if len(values) - len(starts) < LEAST_STEPS or not np.isfinite(values).all():
         return ""
     courses = set()
@@ -461,8 +466,8 @@ def _course(values: np.ndarray, starts: np.ndarray) -> str:
 
 
 def _is_clock(values: np.ndarray) -> bool:
-    """Whether values of one recording run evenly though not in every frame, as a coarse clock, or wrap as a
-    counter of few bits."""
+    """True if values of one recording run evenly though not in every frame, as a coarse clock, or wrap as
+    a counter of few bits."""
     steps = np.diff(values)
     middle = np.median(steps)
     if middle != 0 and (steps == middle).mean() > 0.9:

@@ -10,7 +10,7 @@ from eskin.golden.core import InputError
 from eskin.golden.data.recordings import Recordings, recordings_of
 
 MODES = ("1", "P", "L", "LA", "RGB", "RGBA")
-"""Of Pillow: 8 bits a pixel at most, or grey in colours."""
+"""Pillow's modes that are read: 8 bits a pixel at most, or grey in colours."""
 
 
 def load_pictures(source: Path, files: Sequence[Path]) -> Recordings:

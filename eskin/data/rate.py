@@ -1,4 +1,4 @@
-"""Whether the declared sample rate can be right, where recordings show it."""
+"""Plausibility of the declared sample rate, from the recordings."""
 
 import numpy as np
 
@@ -10,7 +10,8 @@ sides."""
 DURATIONS = {"duration_ms": 1e-3, "duration_s": 1.0}
 """Group arrays that tell how long each recording took, and their unit in seconds."""
 RATE_ERROR = 0.05
-"""How far such an array may be from the declared rate: an oscillator without a crystal is off by as much."""
+"""Largest deviation of such an array from the declared rate: an oscillator without a crystal is off by as
+much."""
 
 
 def wrong_rate(recordings: Recordings) -> list[str]:

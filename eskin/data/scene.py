@@ -154,7 +154,7 @@ def synthetic_recordings(
 
 
 def _habit(rng: np.random.Generator) -> dict[str, float]:
-    """What a person keeps from trial to trial: factors, radians, hertz, half widths."""
+    """Habits of a person that stay from trial to trial: factors, radians, hertz, half widths."""
     return {
         "speed": np.exp(rng.normal(0, 0.08)),
         "force": np.exp(rng.normal(0, 0.30)),

@@ -1,5 +1,5 @@
-"""What every reader makes of a file: rows with names, a clock and attributes, and what is said of a source
-(``Reading``)."""
+"""Tables, into which every reader turns a file: rows with names, a clock and attributes, and the user's
+remarks about a source (``Reading``)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 2 << 30
 UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
-"""What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a
-half or a tenth."""
+"""Size to which a file may always unpack, and beyond it the multiple of its own size: recordings shrink to
+a half or a tenth."""
 NUMBER = re.compile(r"[-+]?(?:(?:\d[\d.,]*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.I)
 MISSING = ("", "nan", "n/a", "<na>", "null")
 
@@ -29,7 +29,7 @@ Refuse = Callable[..., NoReturn]
 
 @dataclass(frozen=True)
 class Reading:
-    """What a user says about a source; None and empty: it is found out.
+    """The user's remarks about a source; None and empty: to be found out.
 
     rate_hz: frames a second. recording, label: columns, by name or by number from 1, or an attribute. columns:
     the taxels. delimiter: what separates columns. scale: what one code is worth. samples: array of a .mat or
@@ -119,8 +119,8 @@ class Table:
         ``a (mV)``. None where some have none."""
         behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
         texts = self.units or [match[1] if match else "" for match in behind]
-        units = [texts[column].strip("()[] ") for column in columns] if texts else [""]
-        return units[:1] if len(set(units)) == 1 else units if all(units) else []
+        units = [texts[column].strip("()[] ") for column in columns] if texts else []
+        return units[: 1 if len({*units}) == 1 else None] if all(units) else []
 
     def is_missing(self, column: int) -> np.ndarray:
         """(rows) where a cell has no value, or one of the words for none."""
@@ -173,7 +173,7 @@ class Table:
         return pd.to_numeric(cells.astype(str), errors="coerce").to_numpy(dtype=np.float64)
 
     def is_text(self, column: int) -> bool:
-        """Whether most cells of a column are no numbers."""
+        """True if most cells of a column are no numbers."""
         return self.frame[column].dtype.kind not in "iufbM" and bool(
             2 * np.isnan(self.parsed(column)).sum() >= len(self.lines)
         )
@@ -201,7 +201,7 @@ TIME = re.compile(
     r"^(?:times?|t|timestamps?|elapsed|seconds|zeit|x_value)(?:[ _]*[(\[]?(s|sec|seconds|ms|msec|us|µs|ns)[)\]]?)?$",
     re.I,
 )
-"""How columns of time are called, and their unit."""
+"""Names of time columns, and their unit."""
 
 
 def table_of(frame: pd.DataFrame, source: str, **more: Any) -> Table:

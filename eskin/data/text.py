@@ -173,19 +173,14 @@ class _File:
             yield [cell.strip() for cell in cells]
 
     def _found(self, asked: str | None) -> str:
-        """What separates the cells: what splits most lines alike, into the largest share of numbers; a comma
-        may be a decimal point where something else separates."""
+        """Separator of the cells: the one that splits most lines alike, into the largest share of numbers;
+        a comma may be a decimal point where another separator is used."""
         shown = self.rows[:200]
         if asked is not None:
             asked = next((sign for sign, word in DELIMITERS.items() if word == asked), asked)
             if len(asked) != 1 or asked.isalnum() or asked in '".-+\n\r\0':
                 self.refuse(
                     f"--delimiter {asked!r}: cannot separate numbers; give a comma, a semicolon, tab or blank"
-                )
-            if max(map(len, self._cells(asked, shown))) < 2:
-                self.refuse(
-                    f"is one column when it is split at {asked!r}; give another --delimiter, or leave it out",
-                    0,
                 )
             return asked
 
@@ -231,7 +226,7 @@ class _File:
         return tuple(first), tuple(rest[0])
 
     def decimal_comma(self) -> bool:
-        """Whether numbers have decimal commas. Of a number such as 1,234 alone nobody knows."""
+        """True if numbers have decimal commas. A number such as 1,234 alone is ambiguous."""
         text = "\n".join(self.lines[row] for row in self.rows)
         text = "\n".join(re.findall(r'"[^"]*"', text)) if self.delimiter == "," else text
         found = _WITH_COMMA.findall(text)

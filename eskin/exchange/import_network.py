@@ -49,7 +49,7 @@ SHOWS = BY_LAST_STEP | {
     "every": "the file gives the logits of every step, which do not show how a touch is decided",
     "weights": "weights do not show how a touch is decided",
 }
-"""What shows how a touch is decided."""
+"""Evidence of how a touch is decided."""
 
 
 @dataclass(frozen=True)

@@ -220,7 +220,7 @@ BOUNDS: dict[str, Callable[[Mapping[str, Any], list[np.ndarray]], int]] = {
     "Gather": lambda a, i: i[0].size // max(i[0].shape[a.get("axis", 0)], 1) * i[1].size,
     "Concat": lambda a, i: sum(part.size for part in i),
 }
-"""How many values come out of an operator that may give more than it takes."""
+"""Number of output values of an operator that may give more than it takes."""
 OPERATORS = (
     *GATES,
     *BOUNDS,
@@ -512,8 +512,8 @@ def convert_onnx(
 
 
 def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np.ndarray]) -> tuple[str, int]:
-    """Whether the file's outputs are logits of the ``last`` or of ``every`` step, and the steps they were computed
-    on; random touches tell. Refuses a graph that computes other logits than the arrays."""
+    """The kind of the file's outputs, logits of the ``last`` or of ``every`` step, and the steps on which
+    they were computed, by random touches. Refuses a graph that computes other logits than the arrays."""
     graph, inputs, steps = network.graph, config.inputs, config.windows.steps
     sizes = {
         "batch": 1,

@@ -125,7 +125,7 @@ def _wide(config: AcceleratorConfig) -> str:
 
 
 def _frame_values(config: AcceleratorConfig) -> Record:
-    """What the templates take beside the fields of the configuration."""
+    """Values of the templates beside the fields of the configuration."""
     rule, windows, features = config.onset_rule, config.windows, config.features
     formats, kinds, faults = config.formats, features.feature_kinds, config.faults.fault_frames
     touch_mode, immediate = windows.window_mode == "touch", config.opens_at_once
@@ -368,8 +368,8 @@ def _brackets(size: Iterable[int]) -> str:
 
 
 def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]]:
-    """Of each recording what every call gives that gives something: (frame, 1-based, 0 for eskin_finish; what
-    is returned; cls; margin; step; local_cls)."""
+    """Expected results of each recording, for every call with a result: (frame, 1-based, 0 for
+    eskin_finish; return value; cls; margin; step; local_cls)."""
     rows, offsets = trace.streams["decision"]
     frames, calls = completing_frames(trace), []
     for first, last, length in zip(offsets, offsets[1:], recordings.lengths, strict=False):

@@ -12,7 +12,7 @@ from eskin.golden.core import ArchiveError, InputError
 from eskin.golden.core.files import check_unpacked
 
 MOST_VALUES = 1 << 20
-"""Of one array; the largest that the accelerator takes has 4 x 32 x 512."""
+"""Most values of one array; the largest that the accelerator takes has 4 x 32 x 512."""
 TORCH_SUFFIXES = (".pt", ".pth")
 
 

@@ -1,5 +1,5 @@
-"""What a source tells as it happens: frames, and every stage that the frames bring. Plain data, so that page
-and tests read it.
+"""Events of a source: frames, and every stage that the frames bring. They are plain data, so that page and
+tests read them.
 
 Frames are numbered from 1 in their recording, touches and steps from 0, as in docs/specification.md.
 """
@@ -98,7 +98,7 @@ class Decided:
 
 @dataclass(frozen=True)
 class Stage:
-    """What hardware gave at one stage: values (None: nothing came), and the places where they differ from the
+    """Values of the hardware at one stage (None: nothing came), and the places where they differ from the
     model's."""
 
     values: tuple[int | None, ...]
@@ -107,8 +107,8 @@ class Stage:
 
 @dataclass(frozen=True)
 class Hardware:
-    """What hardware said of a step (or, ``closing``, of a touch), stage by stage: ``sum``, ``feature``,
-    ``state``, ``logit`` and ``decision``, of which class and margin stand first."""
+    """Values of the hardware for a step (or, ``closing``, for a touch), stage by stage: ``sum``,
+    ``feature``, ``state``, ``logit`` and ``decision``, of which class and margin come first."""
 
     touch: int
     step: int
@@ -127,8 +127,8 @@ class Differs:
 
 @dataclass(frozen=True)
 class Taught:
-    """What each class has been taught: slots (classes) of trajectories (touches, K, values), codes. refused:
-    why nothing was taught or forgotten, a sentence; empty if it was."""
+    """Taught touches of each class: slots (classes) of trajectories (touches, K, values), codes. refused:
+    reason why nothing was taught or forgotten, a sentence; empty otherwise."""
 
     slots: tuple[np.ndarray, ...]
     refused: str = ""
@@ -159,7 +159,7 @@ Event = Begin | Frames | Onset | Where | Step | Decided | Hardware | Differs | T
 
 @dataclass
 class Tally:
-    """What has been played: counted by the player, shown by the page.
+    """Recordings that have been played: counted by the player, shown by the page.
 
     recordings: played to their end. correct, undecided: of those with a label. compared, mismatches: values
     of hardware. behind_s: how much later than asked the source is.

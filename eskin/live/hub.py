@@ -161,7 +161,7 @@ class Hub:
 
     @property
     def viewers(self) -> int:
-        """How many there are."""
+        """Number of viewers."""
         return len(self._viewers)
 
     @property
@@ -227,7 +227,7 @@ def encoded(kind: str, **fields: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Of an array or a number of numpy its values, of a record its fields."""
+    """Values of a numpy array or number, fields of a record."""
     return value.tolist() if hasattr(value, "tolist") else vars(value)
 
 

@@ -34,7 +34,7 @@ LESSONS = 8
 
 
 class Controls:
-    """What viewers ask for. Every method may be called from any thread."""
+    """Requests of viewers. Every method may be called from any thread."""
 
     def __init__(self, *, speed: float = 1.0) -> None:
         self._condition = threading.Condition()
@@ -77,7 +77,7 @@ class Controls:
         self._change()
 
     def lessons(self) -> Iterator[tuple[str, int]]:
-        """What was asked to be taught and forgotten, (teach or forget, class), each once."""
+        """Requests to teach and forget, (teach or forget, class), each once."""
         while self._lessons:
             yield self._lessons.popleft()
 
@@ -86,7 +86,7 @@ class Controls:
         self._change(stopped=True)
 
     def left(self, label: int) -> bool:
-        """Whether a recording of this class is not to be played any further."""
+        """True if a recording of this class is not to be played any further."""
         return self.skip or self.stopped or self.label not in (-1, label)
 
     def wait(self, seconds: float | None) -> None:
@@ -323,7 +323,7 @@ class Player:
 def hello(
     config: AcceleratorConfig, recordings: Recordings | None, numbers: Sequence[int], **more: Any
 ) -> Record:
-    """What a viewer must know first, for JSON."""
+    """First message to a viewer, for JSON."""
     network, formats, every = config.network, config.formats, config.sensor.scan_every
     labels = recordings.labels[list(numbers)] if recordings is not None else np.zeros(0, dtype=np.int64)
     return {

@@ -162,8 +162,8 @@ class PageServer:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _send(self, connection: ServerConnection, viewer: Viewer, waiting: asyncio.Event) -> None:
-        """What waits for the viewer, in one message at a time: JSON, a list. The next only when the browser
-        has room for it."""
+        """Send the waiting events to the viewer, one message at a time: JSON, a list. The next one only
+        when the browser has room for it."""
         with contextlib.suppress(ConnectionClosed):
             while True:
                 await waiting.wait()

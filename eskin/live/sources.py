@@ -58,11 +58,11 @@ class Source(Protocol):
         """Forget what this class was taught."""
 
     def taught(self) -> list[Event]:
-        """What has been taught; nothing where nothing can be."""
+        """Taught touches; empty where nothing can be taught."""
 
     @property
     def decision(self) -> int:
-        """Of the recording: the global decision of its first touch, -1 none yet."""
+        """Decision of the recording: the global one of its first touch, -1 if none yet."""
 
     def close(self) -> None:
         """Give back what it holds."""
@@ -91,7 +91,7 @@ class ModelSource:
         return [*self.events(self.stream.push(samples)), *self.where(scanned)]
 
     def scanned(self, samples: np.ndarray) -> np.ndarray:
-        """Of the next frames those that the chain takes."""
+        """The frames of ``frames`` that the chain takes."""
         every = self.config.sensor.scan_every
         return samples[-self.stream.frame % every :: every]
 
@@ -151,7 +151,7 @@ class ModelSource:
         pass
 
     def events(self, decisions: Sequence[Decision]) -> list[Event]:
-        """What the stream's decisions mean, with the beginnings of their touches before them."""
+        """Events of the stream's decisions, with the beginnings of their touches before them."""
         events: list[Event] = []
         for decision in decisions:
             self._begun(events, decision.touch, decision.onset_frame, decision.start_frame)

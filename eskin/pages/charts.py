@@ -1,4 +1,4 @@
-"""What the charts have in common."""
+"""Common parts of the charts."""
 
 import base64
 import io

@@ -1,5 +1,5 @@
-"""What an archive holds, before anything is trained on it: figures, the onset of each recording, a picture;
-of images each class's mean."""
+"""Content of an archive before any training: figures, the onset of each recording, a picture; of images
+each class's mean."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def held_shares(recordings: Recordings) -> np.ndarray:
 
 
 def _others_move(steps: np.ndarray, usual: np.ndarray, alive: np.ndarray, taxel: int) -> bool:
-    """Whether half of the other taxels that are ``alive`` change, and on average by more than usual, from
+    """True if half of the other taxels that are ``alive`` change, and on average by more than usual, from
     frame to frame."""
     neighbours = (np.arange(len(usual)) != taxel) & alive
     means = steps.mean(axis=0)[neighbours]
@@ -181,8 +181,8 @@ def _state(span: int, held: float) -> str:
 
 
 def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
-    """What the terminal shows beside the figures: of_classes, of_recordings (number, class, onset, frames;
-    few of many), and for what to do next odd (state -> taxels), lost, few (classes), group."""
+    """Rows of the terminal beside the figures: of_classes, of_recordings (number, class, onset, frames;
+    few of many), and as advice odd (state -> taxels), lost, few (classes), group."""
     onsets, names, labels = figures["onset_frames"], recordings.class_names, recordings.labels
     of_classes = []
     for label, (name, count) in enumerate(figures["classes"].items()):

@@ -112,7 +112,7 @@ def read_json(path: Path) -> _Fields:
 
 @contextmanager
 def well_formed(folder: Path) -> Iterator[None]:
-    """What goes wrong over fields of another type or size than a run writes becomes one sentence."""
+    """Errors over fields of another type or size than a run writes become one sentence."""
     try:
         yield
     except InputError:
@@ -171,7 +171,7 @@ class Result:
 
     @property
     def things(self) -> str:
-        """What the network decides on: recordings or images."""
+        """Kind of the network's input: recordings or images."""
         return "images" if self.config.is_image else "recordings"
 
 
@@ -223,8 +223,8 @@ def _read_trace(path: Path) -> dict[str, np.ndarray]:
 
 # ---------------------------------------------------------------------- figures in words
 def _split_name(split: Record, things: str = "recordings") -> str:
-    """What the recordings that a figure stands for have that the network never saw; no more than left out,
-    where it was chosen on them."""
+    """Property of a figure's recordings that the network never saw; only "left out" where it was chosen on
+    them."""
     groups = " + ".join(split["groups"])
     if "nested" in split:
         return f"{groups or things} left out"
@@ -481,7 +481,7 @@ COSTS = {
     "energy_touch_j": ("energy of a touch (µJ)", 1e6),
     "decision_time_s": ("time to the decision (s)", 1),
 }
-"""What accuracy is drawn against: key of a candidate, label, factor."""
+"""Costs against which accuracy is drawn: key of a candidate, label, factor."""
 
 
 def draw_candidates(rows: Sequence[Record]) -> Figure:
@@ -533,6 +533,8 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 )
                 named.add(place)
         axes.margins(x=0.15, y=0.15)
+        if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
+            axes.set_ylim(min(stressed) - 0.05, 1.03)  # a gate that always opens leaves by the bottom
         cost_axis(axes)
         axes.set_xlabel(label)
         labelled.append((axes, names, [(row[key], row) for row in shown]))
@@ -623,7 +625,7 @@ def write_report(folder: str | Path) -> Path:
 
 
 def _values(result: Result) -> Record:
-    """What page and summary are made of."""
+    """Values of page and summary."""
     splits = result.training["cross_validation"]
     return vars(result) | {
         "network": _network(result.config),

@@ -37,7 +37,7 @@ FIRST = 12
 
 
 def flat(curve: Record | None) -> bool:
-    """Whether a curve says nothing: no line of it moves."""
+    """True if no line of a curve moves."""
     return curve is None or all(
         max(line) - min(line) <= 1e-9 * max(1.0, abs(max(line))) for line in curve["lines"].values()
     )

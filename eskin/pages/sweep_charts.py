@@ -221,7 +221,7 @@ def accuracy_chart(result: Record) -> Figure:
 
 
 def _kind(point: Record) -> str:
-    """What points of one colour have in common: the cell, or the network for images."""
+    """Common property of points of one colour: the cell, or the network for images."""
     return point["config"].get("network") or cell_name(point["config"])
 
 

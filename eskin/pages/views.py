@@ -94,8 +94,7 @@ VERDICTS = {
 
 
 def verdict(played: Record) -> str:
-    """What a co-simulation ended with, in a word or two; results of version 0.2 say no more than
-    bit_exact."""
+    """Result of a co-simulation in a word or two; results of version 0.2 have only bit_exact."""
     return VERDICTS[played.get("verdict") or ("bit-exact" if played["bit_exact"] else "differs")]
 
 

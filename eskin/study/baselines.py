@@ -278,7 +278,7 @@ METHODS: dict[str, Method] = {
         Network("gru", "GRU 12, float", _gru),
     )
 }
-"""What `eskin baselines` judges, by name."""
+"""Methods of `eskin baselines`, by name."""
 SWEPT = ("logistic", "svm", "neighbours")
 """The baselines that a sweep shows beside its points."""
 

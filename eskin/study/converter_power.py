@@ -1,10 +1,10 @@
-"""What a converter takes by itself, by its data sheet: beside the chain's estimate, never in its sum."""
+"""Power of a converter by its data sheet: beside the chain's estimate, never in its sum."""
 
 from eskin.golden.core import AcceleratorConfig, Record, converter_plan
 
 
 def converter_power(config: AcceleratorConfig) -> Record | None:
-    """What the converter takes at most while it runs all the time; None without a converter.
+    """Highest power of the converter while it runs all the time; None without a converter.
 
     Returns
     -------

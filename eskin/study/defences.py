@@ -122,7 +122,7 @@ def _streams(recordings: Recordings, onsets: np.ndarray, change: Change) -> Reco
 def failures(
     recordings: Recordings, config: AcceleratorConfig, taxel: int
 ) -> dict[str, tuple[AcceleratorConfig, Recordings]]:
-    """What happens to one taxel: name -> (configuration, recordings).
+    """Failures of one taxel: name -> (configuration, recordings).
 
     dead: at its rest level from the first frame on. stuck: at the highest code from STUCK_AFTER of the touch
     on. stuck, masked: the same with the mask bit set.
@@ -148,8 +148,8 @@ def failures(
 
 
 FrontEnd = dict[str, tuple[AcceleratorConfig, np.ndarray, Touches]]
-"""What happened -> (configuration, row of each recording's first touch or -1, touches). ``clean``, and ``NAME
-TAXEL`` of ``failures``."""
+"""Name of a disturbance -> (configuration, row of each recording's first touch or -1, touches). ``clean``,
+and ``NAME TAXEL`` of ``failures``."""
 
 
 def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
@@ -194,7 +194,7 @@ def compare_defences(
     front_ends: dict[str, FrontEnd] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> list[Record]:
-    """What each set of defences saves and costs, on recordings that a network has not seen, in integers,
+    """Benefit and cost of each set of defences, on recordings that a network has not seen, in integers,
     through the whole front end.
 
     Parameters

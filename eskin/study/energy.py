@@ -28,8 +28,7 @@ BATTERY_J = 1000e-3 * 5.0 * 3600
 """The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
 TOUCHES_PER_S = 1.0
 FLOOR_FACTOR_MAX, TOUCH_J_MAX, IMAGE_J_MAX = 1.5, 1.0e-6, 100e-6
-"""What is aimed at on the UP5K: average power over the measured floor, joule of compute a touch, and an
-image."""
+"""Goals on the UP5K: average power over the measured floor, joule of compute per touch, and per image."""
 RAM_READ_ASSUMED_J = 4.4e-12
 """A block RAM read. Not measured and in no total: a 256 x 16 macro of a 130 nm process (14.2 pJ), scaled by
 40 / 130."""
@@ -37,7 +36,7 @@ RAM_READ_ASSUMED_J = 4.4e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """What is known of a part.
+    """Published figures of a part.
 
     static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock
     network and a little logic. toggle_j: a register bit that changes, with its carry, look-up table and
@@ -60,7 +59,8 @@ class Part:
 
 
 _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
-"""Of the UP5K, by the source's table: supply of the PLL and three I/O banks while the oscillator runs."""
+"""Power of the UP5K's supply of the PLL and three I/O banks while the oscillator runs, by the source's
+table."""
 _OSCILLATOR_A = {6e6: 388.4e-6, 12e6: 645e-6, 24e6: 1162e-6, 48e6: 2184e-6}
 
 PARTS = {
@@ -150,7 +150,7 @@ PUBLISHED = tuple(
 
 @dataclass(frozen=True, kw_only=True)
 class Activity:
-    """What the hardware does, averages of co-simulated recordings.
+    """Activity of the hardware, averages of co-simulated recordings.
 
     step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
     quiet_frame_cycles: of a frame of a touch, and of another one. frame_toggles: of a frame, in the rest.

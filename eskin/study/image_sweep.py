@@ -35,7 +35,7 @@ from eskin.training.image_models import image_config, judged_pieces, pieces_of, 
 from eskin.training.train_images import ImageRecipe, judge, size_of
 
 FIELDS = ("size", "layers", "weight_bits", "lanes", "clock_hz")
-"""What a grid may vary."""
+"""Fields that a grid may vary."""
 
 CLOCK_HZ = 36e6
 """Clock without a wish: what `eskin build` reaches with TactNet4 on 8 lanes of an iCE40UP5K, and some
@@ -87,13 +87,13 @@ class ImagePoint:
 
     @property
     def recommended(self) -> AcceleratorConfig:
-        """What `eskin train` takes to make it."""
+        """Options of `eskin train` that make it."""
         hardware = self.config.hardware
         return self.trained.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, "plain")
 
     @property
     def widths(self) -> dict[str, int]:
-        """What was asked for, as of an `eskin.study.sweep.Point`."""
+        """Requested widths, as of an `eskin.study.sweep.Point`."""
         return {"weight_bits": self.config.weight_bits}
 
     @property

@@ -73,7 +73,8 @@ def known_without_touch(
     decide: Callable[[Touches], np.ndarray] | None = None,
     left_in: int = 0,
 ) -> Leak | None:
-    """What the model knows of recordings without their touches; None where no recording has a lead-in.
+    """Share of recordings without their touches that the model classifies; None if no recording has a
+    lead-in.
 
     Parameters
     ----------
@@ -96,8 +97,8 @@ def known_without_touch(
 
 
 def known_from_first_frames(model: IntegerModel, recordings: Recordings) -> Leak | None:
-    """What a model whose gate opens at once knows of recordings of which only the first frames are left,
-    repeated; None where all are too short. Recordings may begin in contact, so they may tell LEVEL_TELLS of
+    """Accuracy of a model whose gate opens at once on recordings of which only the first frames are left,
+    repeated; None if all are too short. Recordings may begin in contact, so they may tell LEVEL_TELLS of
     the way from chance to 1."""
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)

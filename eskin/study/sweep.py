@@ -34,7 +34,7 @@ WIDTHS = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entri
 HARDWARE = ("lanes", "lane_type")
 AWARE = "quantisation_aware"
 FIELDS = (*NETWORK, *WIDTHS, AWARE, *HARDWARE)
-"""What a grid may vary. Widths are those of ``eskin.training.quantise.choose_formats``."""
+"""Fields that a grid may vary. Widths are those of ``eskin.training.quantise.choose_formats``."""
 
 _CELLS: tuple[dict[str, list[Any]], ...] = (
     {"cell": ["gru"], "reset": ["before", "after"], "hidden": [4, 6, 8, 12, 16]},
@@ -92,7 +92,7 @@ class Point:
 
     @property
     def recommended(self) -> AcceleratorConfig:
-        """What `eskin train` takes to make it."""
+        """Options of `eskin train` that make it."""
         return self.config
 
     def to_dict(self) -> Record:
@@ -264,7 +264,7 @@ def _point(base: AcceleratorConfig, fields: Record) -> Point:
 # ---------------------------------------------------------------------- judging
 @dataclass(frozen=True)
 class Job:
-    """What is trained and judged at a time, on every split: a network or a baseline."""
+    """A unit of training and judging, on every split: a network or a baseline."""
 
     config: AcceleratorConfig
     widths: Mapping[str, int]
@@ -302,7 +302,7 @@ def judge(recordings: Recordings, job: Job) -> Record:
 
 
 def split_figures(record: Mapping[str, Any]) -> Record:
-    """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and
+    """Figures of a point for one split of ``cross_validate``: groups, accuracy (integer), spread and
     standard_error (over seeds, of the accuracy over all folds), by_seed, float_accuracy, float_by_seed,
     agreement, decision_time_s, per_step (step, time_s since the onset, accuracy), per_fold (held_out,
     accuracy, by_seed)."""
@@ -341,7 +341,7 @@ def spread_of(by_seed: Sequence[float], recordings: int) -> Record:
 # ---------------------------------------------------------------------- the sweep
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """What the recommended point has to meet: accuracy_floor, a share; latency_budget, seconds. None: no
+    """Conditions on the recommended point: accuracy_floor, a share; latency_budget, seconds. None: no
     bound."""
 
     accuracy_floor: float | None = None
@@ -354,7 +354,7 @@ class Bounds:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What a sweep of either task asks for.
+    """The request of a sweep of either task.
 
     points: the networks. seeds, folds: of every split. bounds: of the recommendation.
     """
@@ -388,8 +388,8 @@ class SweepRequest(Request):
     baselines: Sequence[str] = ()
 
     def work(self) -> list[Job]:
-        """What has to be trained and judged: the baselines, which take longest, then the points, whose lanes
-        do not matter here."""
+        """Pieces of work: the baselines, which take longest, then the points, whose lanes do not matter
+        here."""
         common = (
             tuple(tuple(split) for split in self.splits),
             tuple(int(seed) for seed in self.seeds),
@@ -509,8 +509,8 @@ def _record(point: Any, splits: list[Record], cost: Mapping[str, float]) -> Reco
 
 
 def size(record: Mapping[str, Any]) -> tuple:
-    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes, then no
-    options that take hardware beside them; the rest only makes the order firm."""
+    """Size of a model: multiplies of a decision, then bits of its weights, then lanes, then no options
+    that take hardware beside them; the rest only makes the order unique."""
     config = record["config"]
     options = (config.get("compand", "none") != "none") + (config.get("decision") == "early")
     return (
@@ -635,5 +635,5 @@ def flat_rows(result: Mapping[str, Any]) -> list[Record]:
 
 
 def split_name(groups: Sequence[str]) -> str:
-    """What a split leaves out, in words."""
+    """Name of the groups that a split leaves out."""
     return " and ".join(groups) or "recordings"

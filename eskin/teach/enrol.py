@@ -45,7 +45,7 @@ from eskin.training.recipe import Recipe, choose_recipe
 
 @dataclass(frozen=True, kw_only=True)
 class Enrolment:
-    """How a network is trained on.
+    """Settings of training on.
 
     updates, learning_rate: gradient steps and the largest rate of their one-cycle schedule, Adam. share: of
     the draws that are new touches, where old recordings are at hand. near: weight of the sum of squared

@@ -1,5 +1,5 @@
-"""What enrolment brings: each value of a group is left out of the training in turn, then enrolled with a few of
-its touches, by training on or by prototypes."""
+"""Benefit of enrolment: each value of a group is left out of the training in turn, then enrolled with a
+few of its touches, by training on or by prototypes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ from eskin.training.prototypes import by_last_step, group_numbers, teach_touches
 from eskin.training.recipe import choose_recipe
 
 DRAWS = {"dense": 1, "prototypes": 10}
-"""How often the touches to enrol are drawn, by readout; figures are means."""
+"""Number of draws of the touches to enrol, by readout; figures are means."""
 SET_ASIDE = 5
-"""Of so many recordings of a class in a group one is set aside, and judges what enrolment costs on the other
-groups."""
+"""One recording in this number, of a class in a group, is set aside, to judge the cost of enrolment on the
+other groups."""
 CHOICES = 5
 """Front ends chosen at most, each without a part of the values: one a value took most of the time."""
 FIGURES = ("before", "after", "others_before", "others_after")
@@ -33,10 +33,10 @@ FIGURES = ("before", "after", "others_before", "others_after")
 
 @dataclass(frozen=True)
 class Question:
-    """What ``judge`` answers for one seed: how good a network is on each value of ``groups`` that it was not
-    trained on, before and after k touches a class of it are enrolled, for each of ``ks``. configs: for each
-    value, in the order of ``group_values``. readout: ``dense``, trained on with them; or ``prototypes``,
-    taught them: of k = 0, too."""
+    """Input of ``judge`` for one seed: the accuracy of a network on each value of ``groups`` on which it
+    was not trained, before and after k touches per class of it are enrolled, for each of ``ks``. configs:
+    for each value, in the order of ``group_values``. readout: ``dense``, which is trained on with them, or
+    ``prototypes``, which are taught them (k = 0 too)."""
 
     groups: tuple[str, ...]
     ks: tuple[int, ...]

@@ -15,7 +15,7 @@ FAULTY_WINDOWS = 3
 at most."""
 
 UNCLIPPED_LIMIT = 10.0
-"""What a stuck taxel reads in training where deviations are not clipped, in standard deviations of the
+"""Reading of a stuck taxel in training if deviations are not clipped, in standard deviations of the
 features."""
 
 

@@ -88,7 +88,7 @@ def cross_validate(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Terms:
-    """What all networks of a choice are judged on.
+    """Shared settings of cross-validation.
 
     groups: what is left out. seeds: of the networks of a fold. stress: disturbances that they are judged
     under, too.
@@ -121,7 +121,7 @@ class Piece:
 
     @property
     def key(self) -> tuple[int, bytes]:
-        """Of what it is trained on."""
+        """Key of the training data."""
         return self.copy, self.train.tobytes()
 
 
@@ -149,7 +149,7 @@ class Trained:
     losses: np.ndarray | None = None
 
     def decided(self) -> FoldDecisions:
-        """What it decides on its test."""
+        """Decisions on its test recordings."""
         run = _judge(self.real, self.integer, self.data, self.piece.test)
         return dataclasses.replace(run, updates=self.updates, losses=self.losses)
 

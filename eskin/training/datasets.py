@@ -58,7 +58,7 @@ class Datasets:
         self._known: dict[str, Dataset] = {}
 
     def of(self, config: AcceleratorConfig, recipe: Recipe) -> Dataset:
-        """What a recipe of this time warp trains on under the configuration's front end."""
+        """Training data of a recipe of this time warp under the configuration's front end."""
         key = f"{front_end_key(config)} {recipe.warp}"
         if key not in self._known:
             self._known[key] = find_dataset(self._recordings, config, recipe)

@@ -291,8 +291,8 @@ def _candidate_rows(
     correct: Sequence[np.ndarray],
     seeds: int,
 ) -> list[Record]:
-    """What training.json says of each network; of those level with the best the one with the fewest
-    multiplies is chosen.
+    """Rows of each network for training.json; of those tied with the best the one with the fewest multiplies
+    is chosen.
 
     correct: of each network the share of seeds that were right, for each image.
     """

@@ -210,7 +210,7 @@ def fit_sturdy(
         return _inputs(config, values * counts[..., None])
 
     def by_taxel(values: np.ndarray) -> np.ndarray:
-        """What was given for each of D, for each input."""
+        """Values given for each of D, for each input."""
         return np.tile(values, config.sets if config.sets > 1 else 1)
 
     x, taxel = shaped(features), by_taxel(taxel_of)

@@ -51,8 +51,8 @@ class RecurrentClassifier(torch.nn.Module):
 
 
 def _gru_logits(p: dict[str, torch.Tensor], features: torch.Tensor) -> torch.Tensor:
-    """What `run_cell` gives of a GRU with reset before, for networks side by side, in a fraction of the time:
-    touches lie last, and the gradient of the steps is written out."""
+    """Result of `run_cell` for a GRU with reset before, for networks side by side, in a fraction of the
+    time: touches are the last axis, and the gradient of the steps is written out."""
     networks, touches, steps, inputs = features.shape
     x = features.permute(0, 3, 2, 1).reshape(networks, inputs, -1)
     w, b = (torch.cat([p[f"{kind}_{gate}"] for gate in "zrn"], 1) for kind in "Wb")

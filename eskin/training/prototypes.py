@@ -62,8 +62,8 @@ def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
 def _centres(
     config: AcceleratorConfig, values: np.ndarray, labels: np.ndarray, most: int
 ) -> list[np.ndarray]:
-    """Of each class the trajectories that its touches lie around, codes (``most`` or fewer, K, values):
-    centres by k-means. A mean over a group is near none of its touches where these differ, in speed say."""
+    """Centres of the trajectories of each class's touches, codes (``most`` or fewer, K, values), by
+    k-means. A mean over a group is near none of its touches if these differ, in speed for example."""
     centres = []
     with threadpool_limits(1):
         for label in range(config.classes - config.readout_rule.spare_classes):

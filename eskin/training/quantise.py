@@ -40,7 +40,7 @@ WEIGHT_BITS, FEATURE_BITS, BIAS_BITS, LOGIT_BITS = 8, 12, 16, 16
 """Default widths; state and gates keep the configuration's."""
 
 OPERAND_BITS = 16
-"""Of a lane's operand: the widest feature."""
+"""Bits of a lane's operand: the widest feature."""
 
 LEAST_STATE_FRAC = 10
 """Fraction bits that a state keeps where it makes room on the lanes' scale for finer recurrent weights."""
@@ -603,7 +603,7 @@ def _noted_ranges(
 
 
 def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[Record]:
-    """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
+    """Ranges for training.json and the report: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
     names = (
         "feature",
@@ -698,7 +698,7 @@ IN_LOGITS = ("margin_threshold", "early_margin")
 def _of_prototypes(
     trained: Trained, asked: Mapping[str, Any], recordings: Recordings | None
 ) -> Mapping[str, Any]:
-    """What prototypes are made with: as asked, else as config.json says.
+    """Settings of prototypes: as requested, otherwise from config.json.
 
     Raises
     ------

@@ -17,8 +17,8 @@ WEIGHT_LIMIT = 1.98
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """How a network is trained; Adam and cross-entropy throughout, features scaled by one mean and one
-    standard deviation.
+    """Training of a network; Adam and cross-entropy throughout, features scaled by one mean and one standard
+    deviation.
 
     loss: on ``all`` steps (mean) or on the ``last``. updates, batch: gradient steps and touches each; epochs:
     passes over the training part instead of updates (then every touch is used once an epoch, in random

@@ -57,7 +57,7 @@ def check_split(recordings: Recordings, groups: Sequence[str], folds: int) -> No
 
 
 def held_out(recordings: Recordings, groups: Sequence[str], test: np.ndarray) -> str:
-    """What a fold leaves out, in words: ``speed 300``; the number of groups where there are many."""
+    """Groups that a fold leaves out, in words: ``speed 300``; the number of groups if there are many."""
     if not groups:
         return f"{len(test)} recordings"
     columns = [recordings.labels if name == "label" else recordings.groups[name] for name in groups]

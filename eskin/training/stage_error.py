@@ -72,7 +72,7 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
 
 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
-"""Of the absolute values of a signal: ends, whiskers, box and middle."""
+"""Quantiles of the absolute values of a signal: ends, whiskers, box and middle."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ TABLE_ENDS = {"sigmoid": 8.0, "tanh": 4.0, "tanh_of_state": 4.0}
 
 
 def _units(config: AcceleratorConfig) -> dict[str, float]:
-    """What codes of 1.0 are, by unit."""
+    """Codes of 1.0, by unit."""
     gate, state = float(config.gate_one), 2.0**config.formats.state_format.frac_bits
     products = {"product": 2.0**config.product_frac, "dense": 2.0**config.dense_product_frac}
     logit = 2.0**config.formats.logit_format.frac_bits

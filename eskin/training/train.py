@@ -24,7 +24,7 @@ from eskin.training.splits import check_split, default_splits
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingRequest:
-    """How a network of a configuration is cross-validated and trained.
+    """Settings of cross-validation and training of a network of a configuration.
 
     Parameters
     ----------

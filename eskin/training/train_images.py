@@ -44,7 +44,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class ImageRecipe:
-    """How a network for images is trained.
+    """Training of a network for images.
 
     epochs, batch; learning_rate: the largest of a one-cycle schedule; weight_decay: AdamW's, on weights
     alone; label_smoothing; dropout: before the last layer. Each image of each batch anew: turn (degrees, +-),
@@ -315,7 +315,7 @@ CODE = partial(
     "training/image_formats.py",
     "training/train_images.py",
 )
-"""What the result of an `ImageFold` depends on beside its data."""
+"""Code on which the result of an `ImageFold` depends beside its data."""
 
 
 def size_of(config: AcceleratorConfig) -> str:

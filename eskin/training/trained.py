@@ -128,7 +128,8 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
 
 
 def written_by(start: AcceleratorConfig, integer: IntegerModel) -> Record:
-    """What training.json keeps of a quantisation: the configurations that it started from and that it made."""
+    """Record of a quantisation in training.json: the configurations from which it started and which it
+    made."""
     return {"quantised": {"start": start.to_dict(), "config": integer.config.to_dict()}}
 
 

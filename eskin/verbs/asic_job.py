@@ -208,7 +208,7 @@ def _slowest(
 
 
 def room_um2(wide: int, high: int) -> float:
-    """What the cells may take of so many tiles, gaps between them included: 8 x 2 are 0.541 mm2."""
+    """Room for cells in a number of tiles, gaps between them included: 8 x 2 are 0.541 mm2."""
     sides = zip((wide, high), TILE_UM, TILE_GAP_UM, strict=True)
     width, height = (count * tile + (count - 1) * gap for count, tile, gap in sides)
     return UTILISATION * width * height

@@ -113,7 +113,7 @@ def suited(
 
 @dataclass(frozen=True, kw_only=True)
 class BuildRequest:
-    """What is to be placed.
+    """The design to place.
 
     Attributes
     ----------
@@ -346,7 +346,7 @@ def board_of(model: Path) -> tuple[int, int, Any]:
 
 
 FLASH_IMAGE = "flash.bin"
-"""What a build writes for the board's flash."""
+"""File of a build for the board's flash."""
 
 
 def write(result: Record, bitstream: Path | None, netlist: Path, out: Path) -> None:
@@ -429,7 +429,7 @@ def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[Record]:
 def misfit_sentence(
     config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit, *, alone: bool = False
 ) -> str:
-    """What it lacks, and what would help."""
+    """The missing resources, and the remedy."""
     short = misfit.shortage
     lacks = _lacks(short)
     helps = []
@@ -460,7 +460,8 @@ def _lacks(short: Mapping[str, tuple[int, int]]) -> str:
 
 
 def weights_sentence(config: AcceleratorConfig) -> str:
-    """Whether the weights alone fit a board, which, and what would: known before anything is simulated."""
+    """A sentence on the board whose memories hold the weights, and on what helps if none does: known
+    before any simulation."""
     short: list[str] = []
     helps = ["take a smaller --hidden"]
     for name in ("icebreaker", LARGEST):
@@ -489,8 +490,8 @@ def weights_sentence(config: AcceleratorConfig) -> str:
 
 
 def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:
-    """What of a linear cell's weights fits a part whose block memories do not hold them, the rest of the
-    design as it is."""
+    """Number of a linear cell's weights that fit a part whose block memories do not hold them, with the
+    rest of the design unchanged."""
     remaining = needed - _weight_blocks(config, target)
     shorter = {
         steps: config.replace(steps=steps, feature_shift=()) for steps in range(1, config.windows.steps)

@@ -164,9 +164,9 @@ def measured(
 def _taught(
     model: IntegerModel, device: Device, joule: np.ndarray, edge_j: float, leakage_j: float
 ) -> Record:
-    """What teaching the touch that was played costs: ``teach_j`` (None: it was refused), ``teach_cycles``; nothing
-    where no touch can be taught. ``joule``: where it is added up; edge_j: of the clock's first net; leakage_j: of
-    a cycle."""
+    """Cost of teaching the touch that was played: ``teach_j`` (None: it was refused), ``teach_cycles``;
+    empty where no touch can be taught. ``joule``: where it is added up; edge_j: of the clock's first net;
+    leakage_j: of a cycle."""
     if not model.config.readout_rule.taught:
         return {}
     state, odd = device.state, device.read(int(TeachRegister.TAUGHT)) >> ODD
@@ -180,7 +180,7 @@ def _taught(
 
 
 ACCESSES, ODD = "reads and writes", 9
-"""What macros cost; the bit of TAUGHT that changes with every touch taught."""
+"""Kinds of access that macros charge for; the bit of TAUGHT that toggles with every touch taught."""
 GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "step_blocks_j", "interval_blocks_j", "average_w")
 """Energies that are told of glitches alone, too."""
 

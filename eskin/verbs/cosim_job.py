@@ -23,7 +23,7 @@ PART = {"verilator": 40, "icarus": 8, "compiled": 16}
 part loads the design anew. Small enough that no worker waits long for the last part, and far more work than
 starting a simulator."""
 CODE = partial(code_version, "golden", "rtl", "cosim")
-"""What a co-simulation depends on beside data and model."""
+"""Code on which a co-simulation depends beside data and model."""
 
 Piece = tuple[int, int]
 """First recording of a part, and the one after its last."""

@@ -1,4 +1,4 @@
-"""What a design costs before it is made: the one model that the choice of `train` and `run` and the sweep ask.
+"""Cost of a design before it is made: the one model that the choice of `train` and `run` and the sweep use.
 
     E(touch) = frames * cycles of a frame * (e_clock + (FRAME_TOGGLES + ONSET_TOGGLES) * e_toggle)
              + steps * (cycles of a step * (e_clock + STEP_TOGGLES * e_toggle) + multiplies * e_multiply)
@@ -20,7 +20,7 @@ from eskin.study.energy import estimate, scheduled_activity
 from eskin.verbs.build_job import suited
 
 CODE = ("rtl", "verbs/cost.py")
-"""What these figures depend on, beside golden."""
+"""Code on which these figures depend, beside golden."""
 BOARD = "icebreaker"
 """The board that candidates are priced on unless another is named."""
 CELLS = {
@@ -39,7 +39,7 @@ them."""
 FEW_TAXELS = 4
 """Taxels up to which synthesis keeps their state in flip-flops, not in a memory."""
 LINK_CELLS, LINK_BLOCKS = 471, 1
-"""What the host's link adds."""
+"""Cells and block memories of the host's link."""
 
 
 @lru_cache(maxsize=4096)
@@ -74,7 +74,7 @@ def estimated(config: AcceleratorConfig, part: str) -> Record:
 
 
 def parts_of(config: AcceleratorConfig) -> dict[str, float]:
-    """How many of each of CELLS the design has; address bits: of inputs and hidden units."""
+    """Number of each of CELLS in the design; address bits: of inputs and hidden units."""
     hidden = config.network.hidden if config.recurrent else 0
     return {
         "always": 1,
@@ -122,7 +122,7 @@ def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:
 
 
 def market(prefer: Prefer = "energy", board: str | None = None) -> Market:
-    """What candidates cost on the named board, which then has to hold them, or on BOARD.
+    """Prices of candidates on the named board, which then has to hold them, or on BOARD.
 
     Raises
     ------

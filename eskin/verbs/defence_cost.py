@@ -1,4 +1,4 @@
-"""What a configuration's defences cost in hardware: the design placed for a board, and played in
+"""Cost of a configuration's defences in hardware: the design placed for a board, and played in
 co-simulation.
 """
 

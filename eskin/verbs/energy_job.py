@@ -34,7 +34,7 @@ from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
-"""What is compared without other wishes: board, lanes, lane type."""
+"""Default comparison: board, lanes, lane type."""
 IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
 """The same of images."""
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5

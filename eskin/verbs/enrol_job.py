@@ -44,7 +44,7 @@ def evaluate(
     progress: Progress | None = None,
     cache: Path = CACHE,
 ) -> Record:
-    """What enrolment brings on each value of the groups asked for, left out of the first training
+    """Benefit of enrolment for each value of the requested groups, left out of the first training
     (``eskin.teach.evaluate.judge``).
 
     ``config``: front end and network; None: the front end is chosen for each value without its recordings,

@@ -63,7 +63,8 @@ def export_c(
 
 ONNX_FILE = "model.onnx"
 ONNX_LIMIT = 1e-5
-"""Of the largest logit, or of 1 where that is less: single precision in another order."""
+"""Allowed difference, as a share of the largest logit, or of 1 if that is less: single precision in
+another order."""
 
 
 def export_onnx(

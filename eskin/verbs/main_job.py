@@ -158,7 +158,7 @@ def _stress(training: Record) -> Record:
 
 
 def board_sentence(config: AcceleratorConfig, board: str) -> str:
-    """Whether the board holds the whole design, by the estimate of its cost, and which one would."""
+    """A sentence on the board that holds the whole design, by the estimate of its cost."""
     boards = [name for name in dict.fromkeys((board, *TARGETS)) if cost.fits(config, name)]
     size = f"{cost.cells_of(config)} logic cells and {cost.blocks_of(config, board)} block memories"
     where = f"fits the {board}"
@@ -177,7 +177,7 @@ def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
 
 
 def recording_hashes(recordings: Recordings) -> list[str]:
-    """Of the samples of each recording."""
+    """Hashes of the samples of each recording."""
     return [content_key(recordings.recording(n).astype(np.int64)) for n in range(len(recordings))]
 
 
@@ -530,7 +530,7 @@ def _accuracy(training: Record, images: bool) -> str:
 
 
 def _outcome(folder: Path) -> Any:
-    """What a co-simulation's stage left in its folder."""
+    """Result that a co-simulation's stage left in its folder."""
     return json.loads((folder / "result.json").read_text())
 
 
@@ -547,7 +547,7 @@ def _take_over(folder: Path, result: Path, name: str) -> Record | None:
 
 
 def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Record]:
-    """What exit status 0 stands for: {name, held, detail} each."""
+    """Checks behind exit status 0: {name, held, detail} each."""
     integer, real = (percent(evaluated[f"{kind}_accuracy"]) for kind in ("integer", "float"))
     loss = f"integer {integer}, float {real} on the training data"
     agreement = (

@@ -150,7 +150,7 @@ def play_all(
 
 
 def _held(link: Link, model: IntegerModel, kept: Path | None) -> Record:
-    """What the board was taught, read out, against ``model``; written to ``kept``."""
+    """Taught touches of the board, read out, against ``model``; written to ``kept``."""
     arrays = taught_arrays(model.config, link.places)
     held = IntegerModel(model.config, {**model.arrays, **arrays}, "the board")
     in_use, names = taught_in_use(held), model.config.network.class_names
@@ -164,11 +164,11 @@ def _held(link: Link, model: IntegerModel, kept: Path | None) -> Record:
 
 
 Decided = Iterator[tuple[np.ndarray, np.ndarray, int]]
-"""Of each recording: decision rows, the frame that brings each, and its touches."""
+"""Decisions of each recording: decision rows, the frame that brings each, and its touches."""
 
 
 def _streamed(stream: Stream, recordings: Recordings) -> Decided:
-    """Of what the stream has been taught when a recording's turn comes."""
+    """Decisions of the stream, with the touches taught before a recording's turn."""
     for index in range(len(recordings)):
         stream.arm()
         decisions = [*stream.push(recordings.recording(index)), *stream.finish()]
@@ -177,7 +177,7 @@ def _streamed(stream: Stream, recordings: Recordings) -> Decided:
 
 
 def _decided(model: IntegerModel, recordings: Recordings) -> Decided:
-    """Of the integer model; an image is one touch, decided with its last row."""
+    """Decisions of the integer model; an image is one touch, decided with its last row."""
     if model.config.is_image:
         rows, offsets = run_images(model, images_of(recordings)).streams["decision"]
         frames = np.full(len(rows), model.config.image.height)

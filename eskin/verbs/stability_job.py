@@ -57,7 +57,7 @@ STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
 CODE = partial(code_version, *LEARNING, "rtl", "cosim")
-"""What records depend on beside their data and model."""
+"""Code on which records depend beside their data and model."""
 
 LEFT = 150
 """Random cycles at which a recording is left; a quarter of the bench's ``flips`` where that is less."""
@@ -211,7 +211,7 @@ class _Records:
 # ---------------------------------------------------------------------- what workers do
 @dataclass(frozen=True)
 class Comparison:
-    """What every comparison of defences needs; ``front_ends`` fills in each worker as it goes."""
+    """Inputs of every comparison of defences; each worker fills ``front_ends`` as it works."""
 
     recordings: Recordings
     splits: list[list[str]]
@@ -232,7 +232,7 @@ def compare_one(shared: Comparison, row: defences.Variant) -> Record:
 
 
 def cost_one(recordings: Recordings, config: AcceleratorConfig) -> Record:
-    """What a configuration costs in hardware."""
+    """Cost of a configuration in hardware."""
     return hardware_cost(config, recordings)
 
 
@@ -246,7 +246,7 @@ def confirm(shared: tuple[Bench | ImageBench, str, str], name: str) -> Record:
 
 
 def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str, **options: Any) -> Record:
-    """What the suite keeps of a co-simulation."""
+    """Record of a co-simulation for the suite."""
     result = flow.cosimulate(
         case.model or bench.model, case.recordings, work=work, simulator=simulator, **options
     )
@@ -271,7 +271,7 @@ class _Hardware:
         return code_version("rtl", "cosim")
 
     def costs(self, configs: Sequence[AcceleratorConfig]) -> list[Record]:
-        """What each configuration costs (eskin.verbs.defence_cost)."""
+        """Cost of each configuration (eskin.verbs.defence_cost)."""
         names = [f"cost {self.version} {json.dumps(config.to_dict())}" for config in configs]
         pieces = dict(zip(names, configs, strict=True))
         costs = self.keep.results(cost_one, pieces, self.bench.recordings, "defences in hardware")

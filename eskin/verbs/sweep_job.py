@@ -38,14 +38,14 @@ CACHE = Path("build/sweep_points")
 """Finished trainings by content; shared by all sweeps, safe to delete."""
 
 CODE = partial(code_version, *LEARNING)
-"""What a training depends on beside its data."""
+"""Code on which a training depends beside its data."""
 
 PART = "iCE40UP5K"
 """Whose energy is estimated: the only part with published measurements. Its clock may stop between
 samples."""
 
 FOLDS = 5
-"""Of every split."""
+"""Folds of every split."""
 RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
 
 

@@ -166,7 +166,7 @@ def _ending_in_order(controls: Controls) -> Iterator[None]:
 
 
 def figures(player: Player, hub: Hub) -> Record:
-    """What was played, for table and JSON."""
+    """Figures of the recordings played, for table and JSON."""
     tally = player.tally
     return vars(tally) | {
         "compared_values": tally.compared,

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from soc import CORE, LICENCE, LOADED_WORDS, Soc
 
-from eskin.cosim.flow import converter_parameters
 from eskin.cosim.netlist import netlist_hardware
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError, write_json
+from eskin.golden.core.converters import converter_plan
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, through_converter
 from eskin.golden.model.decision_word import decision_word
@@ -33,7 +33,7 @@ from eskin.rtl.program.memory_map import Register
 HERE = Path(__file__).parent
 BAUD = 1e6
 WORDS = {"icebreaker": 1 << 14}
-"""Of the memory: two large ones of an iCE40 UP5K; elsewhere 4096."""
+"""Words of the memory: two large ones of an iCE40 UP5K; elsewhere 4096."""
 CONVERTER = "ads7953"
 COMPILER = "cc -target riscv32-freestanding -mcpu=generic_rv32 -O2 -std=c99 -ffreestanding -nostdlib -fno-sanitize=all"
 COMPILER += " -flto -DESKIN_BASE=0x40000000u"
@@ -67,7 +67,7 @@ def firmware(folder: Path) -> list[int]:
 
 
 def parts(recordings: Recordings, begin: int, frames: int) -> Recordings:
-    """Of each recording the frames from ``begin`` on, at most so many (0: all)."""
+    """Frames of each recording from ``begin`` on, at most this number (0: all)."""
     ranges = [
         np.arange(first + begin, min(last, first + begin + frames) if frames else last)
         for first, last in pairwise(recordings.offsets)
@@ -110,8 +110,8 @@ def prepare(options: argparse.Namespace) -> None:
     settings = {"FRAMES": len(pins), "PERIOD": round(period), "DIVISOR": uart_divisor(clock_hz, BAUD)}
     settings["TAXELS"] = config.sensor.taxels
     if options.feed == "converter":
-        parameters = converter_parameters(config)
-        settings |= {name: value for name, value in parameters.items() if name != "PIN_CODES"}
+        settings |= {"CYCLE_PS": round(1e12 / config.hardware.clock_hz)}
+        settings |= converter_plan(config).parameters(config)
     flags = [f"-G{name}={value}" for name, value in settings.items()]
     flags += ["-DCONVERTER"] * (options.feed == "converter") + ["-DFLASH"] * (board == "icebreaker")
     (folder / "simulation.f").write_text("\n".join(flags) + "\n")

@@ -36,7 +36,7 @@ LICENCE = SERV / "LICENSE"
 """Goes with whatever contains the CPU."""
 BAUD = 1e6
 LOADED_WORDS = 3072
-"""Of 32 bits, that the flash holds of the program."""
+"""32-bit words of the program in the flash."""
 
 
 class Soc(wiring.Component):

@@ -30,13 +30,13 @@ from eskin.training.losses import descend
 IMAGES, TILES = 12, 4
 """Images of a touch; tiles along each side of an image, a frame each."""
 UPDATES, BATCH, RATE = 400, 32, 0.01
-"""Of the training: Adam on cross-entropy, one cycle."""
+"""Training: Adam on cross-entropy, one cycle."""
 FILTERS = 8
-"""Of each gate of the ConvLSTM."""
+"""Filters of each gate of the ConvLSTM."""
 VALUES, LEAST_SIDE, SIDE_STEP = 1280, 64, 32
-"""What the last layer of the DCNN reads; pixels of its image's side."""
+"""Inputs of the last layer of the DCNN; pixels of its image's side."""
 MEAN, SCALE = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-"""Of the photographs that published weights were trained on, by colour."""
+"""Mean and scale of the photographs on which published weights were trained, by colour."""
 
 
 class CnnLstm(torch.nn.Module):
@@ -85,7 +85,7 @@ class ConvLstm(torch.nn.Module):
 
 
 def multiplies(network: torch.nn.Module, *shape: int) -> int:
-    """Of one input of this shape, as torch counts them: products of convolutions and matrices."""
+    """Multiplies of one input of this shape, as torch counts them: products of convolutions and matrices."""
     with FlopCounterMode(display=False) as counter, torch.no_grad():
         network(torch.zeros(1, *shape))
     return counter.get_total_flops() // 2

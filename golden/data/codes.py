@@ -14,7 +14,7 @@ MOST_CLIPPED = 0.01
 UNEVEN = 8.0
 """Factor by which columns differ in range from which on each needs a scale of its own."""
 Worth = float | tuple[float, ...]
-"""What one code is worth: of all taxels, or of each."""
+"""Value of one code: one for all taxels, or one for each."""
 FEW_CODES = 16
 """A taxel that moves by fewer codes, from its 1 % to its 99 % quantile, has lost its signal to the scale."""
 
@@ -53,7 +53,7 @@ def clipped_to(codes: np.ndarray, fmt: QFormat, names: Sequence[str] = ()) -> tu
 
 
 def in_words(worth: Worth) -> str:
-    """What a code is worth, of taxels of several kinds the least and the most."""
+    """Value of one code in words; for taxels of several kinds the smallest and the largest."""
     return " to ".join(f"{value:.6g}" for value in sorted({float(np.min(worth)), float(np.max(worth))}))
 
 
@@ -109,7 +109,7 @@ def to_codes(
             f"{source}: a scale of {scale} makes no codes; give what one code is worth, a number above 0"
         )
     low, high = float(values.min()), float(values.max())
-    if scale is not None and not math.isfinite(max(-low, high) / np.min(scale)):
+    if scale is not None and not math.isfinite(max(-low, high) / float(np.min(scale))):
         raise InputError(
             f"{source}: a scale of {scale} makes infinite codes of samples up to {max(-low, high):.6g}; "
             "give a larger one"

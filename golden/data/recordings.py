@@ -666,8 +666,8 @@ def _shown(value: np.ndarray) -> str:
 
 
 def _other_worth(recordings: Recordings, config: AcceleratorConfig) -> np.ndarray | None:
-    """How many of a configuration's codes one of the recordings is; None where that is one, or where one of
-    them does not say it."""
+    """Number of a configuration's codes per code of the recordings; None if it is one, or if one of them
+    has no value per code."""
     step, of_model = np.array(recordings.volt_per_code), np.array(config.sensor.volt_per_code)
     if recordings.taxels != config.sensor.taxels or not (step.all() and of_model.all()):
         return None

@@ -142,6 +142,7 @@ def check_stream(model, recordings, work, *, one_by_one, simulator="verilator"):
     return compared
 
 
+@pytest.mark.slow
 def test_stream_prediction_and_hardware_agree(model, tmp_path):
     assert (
         check_stream(model, scene(9, seed=4), tmp_path, one_by_one=lambda index: True, simulator="icarus")

@@ -107,6 +107,7 @@ def run(project: Path, *words: str) -> tuple[int, str, dict]:
     )
 
 
+@pytest.mark.slow
 def test_killed_survived_timeout_and_equivalent(project):
     status, shown, result = run(project)
     outcomes = {(row["was"], row["now"]): row["outcome"] for row in result["mutants"]}

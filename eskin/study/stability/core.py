@@ -33,7 +33,7 @@ ONE_TAXEL_MEAN, ONE_TAXEL_WORST = 0.985, 0.94
 """Share of the undisturbed accuracy that must be left when one taxel is gone: mean over the taxels, and the
 worst one."""
 COMMON_OFFSET = 0.25
-"""What a supply step moves all features by, standard deviations of the features."""
+"""Offset of all features by a supply step, in standard deviations of the features."""
 
 
 # ---------------------------------------------------------------------- what an experiment works on
@@ -78,7 +78,7 @@ class Scene:
         object.__setattr__(self, "recordings", scanned)
 
     def __getstate__(self) -> Record:
-        """What another process gets: the fields, not what was computed from them here."""
+        """State for another process: the fields, without values computed from them here."""
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}
 
     def changed(self, config: Mapping[str, Any] | None = None, **parts: Any) -> Self:
@@ -320,8 +320,8 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an experiment found. worst_case: in words. case: for the hardware, where one can be played. rtl:
-    what a co-simulation compared, where one was played. detail: counts behind the figure."""
+    """Result of an experiment. worst_case: in words. case: for the hardware, if one can be played. rtl:
+    the comparison in co-simulation, if one was played. detail: counts behind the figure."""
 
     value: float
     worst_case: str
@@ -362,8 +362,8 @@ class Mode:
 
     @property
     def description(self) -> str:
-        """What is measured: the first sentence of the function's docstring where the table does not say
-        it."""
+        """Description of the measurement: the first sentence of the function's docstring unless the table
+        has one."""
         if isinstance(self.run, str):
             return "Measured in co-simulation."
         return self.measures or (self.run.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
@@ -378,7 +378,7 @@ class Mode:
         return round(bound * (bench.origin or bench).clean_accuracy, 6) if relative else float(bound)
 
     def holds(self, value: float, bound: float) -> bool:
-        """Whether a figure is within a bound; the bound itself is."""
+        """True if a figure is within a bound, the bound included."""
         return value <= bound if self.at_least is None else value >= bound
 
     def room(self, value: float, bound: float) -> float:

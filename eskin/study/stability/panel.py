@@ -278,7 +278,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class _Clean:
-    """What bounds refer to."""
+    """Reference of the bounds."""
 
     clean_accuracy: float
     origin: None = None

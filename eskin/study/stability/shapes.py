@@ -1,5 +1,5 @@
-"""What most failure modes are: one disturbance, over recordings, taxels or quiet stretches, at a nominal level
-and along a curve of levels.
+"""Common shapes of failure modes: one disturbance, over recordings, taxels or quiet stretches, at a nominal
+level and along a curve of levels.
 
 An experiment is a value with the disturbance in it, called with a bench; ``eskin.study.stability.table`` has one
 a row.
@@ -56,7 +56,7 @@ class Played:
 
 @dataclass(frozen=True)
 class Found:
-    """What became of a case: the share that went wrong, and recordings for the hardware, wrong ones first."""
+    """Result of a case: the share that went wrong, and recordings for the hardware, wrong ones first."""
 
     wrong: float
     case: Case

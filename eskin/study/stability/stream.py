@@ -135,7 +135,7 @@ def ramp(bench: Scene, speed: float, taxels: Sequence[int]) -> Change:
 
 
 def stretches_and_frames(bench: Scene) -> str:
-    """How much quiet there was, in words."""
+    """Amount of quiet, in words."""
     streams = lead_ins(bench)[0]
     return f"{len(streams)} quiet stretches, {sum(map(len, streams))} frames"
 
@@ -206,8 +206,8 @@ def two_touches(bench: Bench) -> Outcome:
 
 
 def leak_of(bench: Bench, left_in: float = 0.0) -> Leak:
-    """What the model under test knows of the recordings without their touches, but for the share ``left_in``
-    of their frames; where none has a lead-in, nothing."""
+    """Accuracy of the model under test on the recordings without their touches, except the share
+    ``left_in`` of their frames; empty if none has a lead-in."""
 
     def decide(touches: Touches) -> np.ndarray:
         logits = bench.forward(bench.features(touches))[1]

@@ -19,7 +19,7 @@ NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
     "state": (lambda config: config.recurrent, "a linear cell has no state, no gates and no tables"),
     "loadable": (lambda config: config.hardware.loadable, "weights are in ROM: there is nothing to write"),
 }
-"""What a mode may need of a configuration, and why it is not run without it."""
+"""Parts of a configuration that a mode may need, and the sentence for a mode that is not run without them."""
 
 
 def modes_of(bench: Bench | ImageBench) -> Mapping[str, Mode]:

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from eskin.choose import choice as choosing
-from eskin.choose.choice import choose_inside, configure, inner_folds, splits_to_report, train_chosen, unseen
-from eskin.choose.choice_table import unseen as unseen_of
+from eskin.choose.choice import choose_inside, configure, inner_folds, train_chosen, unseen
 from eskin.choose.networks import Wish
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, with_network
 from eskin.training import train
@@ -137,16 +136,6 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
         trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
 
 
-def test_the_split_of_the_choice_is_reported_beside_those_of_the_sensor(gripped):
-    assert splits_to_report(gripped, CONFIG, ["person"]) == [["person"]]
-    groups = {name: np.arange(len(gripped)) % 4 for name in ("seq", "speed", "trial")}
-    samples = gripped.samples[:, :8] + 29000
-    pvdf = dataclasses.replace(gripped, samples=samples, sample_bits=16, sample_rate_hz=2000.0, groups=groups)
-    derived = PRESETS["pvdf"].replace(name="derived")
-    assert splits_to_report(pvdf, derived, ["seq"]) == [["trial"], ["speed"], ["seq"]]
-    assert splits_to_report(pvdf, derived, []) == [["trial"], ["speed"], ["seq"], []]
-
-
 # ---------------------------------------------------------------------- folds that chose nothing
 @pytest.mark.parametrize(
     "wish",
@@ -194,19 +183,6 @@ def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
     assert sum(fold["recordings"] for fold in nested["per_fold"]) == 60
     assert all(fold["network"] == "linear" for fold in nested["per_fold"])
     assert any(doubt["code"] == "by_choice" for doubt in record["doubts"])
-
-
-def test_without_a_figure_the_choice_is_not_called_unseen(gripped, quick, monkeypatch, tmp_path):
-    def failing(*_):
-        raise InputError("no room")
-
-    monkeypatch.setattr(choosing, "unseen", failing)
-    record = trained(gripped, None, tmp_path, cell="linear")
-    (split,) = record["cross_validation"]
-    assert split["nested"] is None and unseen_of(split) is split
-    (doubt,) = (doubt for doubt in record["doubts"] if doubt["code"] == "no_unseen_figure")
-    assert doubt["text"].endswith("no figure of folds that chose nothing: no room")
-    assert doubt["groups"] == ["person"]
 
 
 def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypatch):

@@ -4,11 +4,9 @@ truth is known."""
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from eskin.choose.candidate import Candidate, Judged, choose
-from eskin.choose.choice import choose_front_end, choose_split, configure, inner_folds, search_inside
-from eskin.choose.choice_table import ROWS, front_end_table, front_end_words
+from eskin.choose.choice import choose_front_end, choose_split, inner_folds, search_inside
 from eskin.choose.doubts import still_climbing
 from eskin.choose.first_touches import cut_windows, first_touches
 from eskin.choose.front_ends import (
@@ -21,10 +19,9 @@ from eskin.choose.front_ends import (
     features,
     listed,
 )
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
-from eskin.training.level import TIE
 from eskin.training.linear_fit import discriminants
 from eskin.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
@@ -326,53 +323,6 @@ def test_fewer_scans_keep_their_times_and_are_taken_where_they_suffice():
     assert chosen["energy_touch_j"] < min(row["energy_touch_j"] for row in rivals if row["scan_every"] == 1)
 
 
-def test_the_record_says_what_was_judged_and_how():
-    recordings = touched_at_random()
-    steps: list[tuple[int, int]] = []
-    front_end = choose_front_end(
-        recordings,
-        priced(),
-        groups=["label", "day"],
-        folds=3,
-        progress=lambda what, done, total: steps.append((done, total)),
-    )
-    record = front_end.record()
-    rows = [record["chosen"], *record["rivals"]]
-    assert (
-        record["split"] == ["label", "day"]
-        and record["split_from"] == "as asked for"
-        and record["recordings_looked_at"] == 48
-    )
-    assert steps[-1][0] == len(rows) and all(done <= total for done, total in steps)
-    best = max(row["accuracy"] for row in rows)
-    for row in rows:
-        assert (
-            row["behind"] == pytest.approx(best - row["accuracy"])
-            and row["standard_error"] >= 0
-            and row["missed"] >= 0
-        )
-        assert row["level"] == (row["behind"] <= 1.000001 * TIE * row["behind_error"])
-        assert front_end_words(row)
-    assert [row["accuracy"] for row in rows[1:]] == sorted(
-        (row["accuracy"] for row in rows[1:]), reverse=True
-    )
-    assert {(row["rest"], row["onset"]) for row in rows} >= {
-        ("none", "immediate"),
-        ("initial", "immediate"),
-        ("tracked", "baseline"),
-    }
-    assert {row["feature_scale"] for row in rows} == {"array", "taxel"}
-    assert {tuple(row["feature_kinds"]) for row in rows} >= {
-        ("mean",),
-        ("mean", "activity"),
-        ("mean", "integral"),
-    }
-    shown = front_end_table(record)
-    assert shown[0] is record["chosen"] and len(shown) <= ROWS
-    assert {(row["rest"], row["onset"]) for row in shown} == {(row["rest"], row["onset"]) for row in rows}
-    assert choose_front_end(recordings, priced(), groups=["label", "day"], folds=3).config == front_end.config
-
-
 def test_a_preset_of_the_same_sensor_is_one_of_the_candidates():
     recordings = touched_at_random(24)
     wide = replace(
@@ -407,28 +357,6 @@ def test_kinds_that_need_too_many_inputs_are_no_candidates():
     assert len({config.features.feature_kinds for config in features(BASE, 8)}) == 5
 
 
-def test_what_cannot_be_judged_or_built_is_said(make_recordings):
-    with pytest.raises(InputError, match="has no group array 'day'; it has none"):
-        choose_front_end(make_recordings(), priced(), groups=["day"])
-    with pytest.raises(InputError, match="taxels: is 257; it must lie in 1..256"):
-        choose_front_end(make_recordings(taxels=257, lengths=[40] * 10), priced())
-    with pytest.raises(InputError, match="every taxel is constant"):
-        choose_front_end(replace(make_recordings(), samples=np.full((220, 4), 9, np.int32)), priced())
-    few = choose_front_end(make_recordings(lengths=[60, 60, 60]), priced())
-    assert few.record() is None and "too few recordings to judge front ends on" in few.reasons[-1]
-
-
 def test_very_short_recordings_are_judged_too(make_recordings):
     front_end = choose_front_end(make_recordings(lengths=[3] * 12), priced())
     assert front_end.config.last_frame <= 3 and front_end.record()["chosen"]["missed"] == 0
-
-
-def test_a_preset_asked_for_is_not_judged():
-    recordings = replace(
-        touched_at_random(6),
-        samples=np.tile(touched_at_random(6).samples, (1, 2))[:, :8],
-        sample_rate_hz=2000.0,
-    )
-    front_end = configure(recordings, PRESETS["pvdf"], priced())
-    named = PRESETS["pvdf"].replace(class_names=recordings.class_names)
-    assert front_end.record() is None and front_end.config == named

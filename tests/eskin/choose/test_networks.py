@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import Candidate, Judged
+from eskin.choose.candidate import Judged
 from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
     FITS,
@@ -15,7 +15,6 @@ from eskin.choose.networks import (
     Effort,
     Part,
     Wish,
-    check_units,
     goes_on,
     network,
     network_choice,
@@ -177,17 +176,3 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
 def test_a_linear_cell_decides_by_its_last_step_and_others_as_they_did():
     assert network(CONFIG, "linear", None).network.decision == "last"
     assert network(CONFIG, "gru", 8).network.decision == CONFIG.network.decision == "vote"
-
-
-def test_units_of_a_cell_that_has_none_are_refused():
-    for cell in ("auto", "linear"):
-        with pytest.raises(InputError, match=f"--hidden 8: --cell {cell} takes no number of units"):
-            check_units(cell, 8)
-    check_units("gru", 8)
-    check_units(None, 8)
-
-
-def test_a_candidate_says_its_network():
-    candidate = Wish(open=True).candidate(CONFIG, "linear", None, "least squares")
-    assert candidate.network == {"cell": "linear", "hidden": 0, "recipe": "least squares"}
-    assert isinstance(candidate, Candidate) and candidate.front_end == CONFIG

@@ -71,21 +71,6 @@ def test_statistics_of_the_whole_stand_behind_those_of_the_parts():
     )
 
 
-def test_rows_for_the_report():
-    loaded = result_case.recordings(12)
-    rows = yardsticks(loaded, CONFIG, ["person"], 5)
-    assert [row["name"] for row in rows] == [
-        "RBF-SVM on the same features",
-        "linear classifier on whole recordings",
-        "RBF-SVM on statistics of whole recordings",
-        "random forest on statistics of whole recordings",
-    ]
-    for row in rows:
-        assert 0 <= row["accuracy"] <= 1
-        assert row["standard_error"] >= 0
-        assert not row["hardware"] and "without" not in row
-
-
 def test_what_a_better_forest_is_better_by():
     """The classes differ by how much they move alone."""
     loaded = result_case.recordings(48)

@@ -116,6 +116,7 @@ def test_an_enrolment_that_loses_does_not_pass(model, tmp_path, monkeypatch, new
     assert result["passed"] is passed and (result["before"], result["after"]) == pytest.approx(new)
 
 
+@pytest.mark.slow
 @each_row(
     ("cell", "reset", "widths", "gain"),
     [("lstm", "before", {}, 0.1), ("gru", "before", {"weight_bits": 4}, 0.2)],
@@ -133,6 +134,7 @@ def test_other_cells_and_narrow_weights_are_enrolled_too(tmp_path, cell, reset, 
 
 
 # ---------------------------------------------------------------------- refusals
+@pytest.mark.slow
 def test_classes_in_another_order_are_the_same_classes(model, tmp_path):
     turned = dataclasses.replace(FEW, labels=2 - FEW.labels, class_names=FEW.class_names[::-1])
     for name, few in (("a", FEW), ("b", turned)):

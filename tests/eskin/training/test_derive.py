@@ -135,14 +135,6 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
     assert touched(config, short)[0] >= 0.9
 
 
-@each_row(("lengths", "steps"), [((40,) * 6, 20), ((9,) * 6, 8), ((2,) * 6, 1)])
-def test_very_short_recordings_get_a_configuration_too(make_recordings, lengths, steps):
-    config, _ = derive_config(make_recordings(lengths=lengths))
-    assert config.windows.steps == steps
-    assert config.onset_rule.onset == "immediate"
-    assert config.sensor.taxels == 4
-
-
 def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
     rng = np.random.default_rng(5)
     recordings = make_recordings(lengths=[1500] * 20, taxels=5, sample_bits=8)
@@ -160,18 +152,6 @@ def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
     assert touching == full == 0.8  # taxel 4 of every fifth recording shows nothing
     onsets = find_touches(config, recordings, steps=0).onset_frame
     assert (onsets > 500).all() and (onsets <= 500 + config.onset_rule.onset_mean_frames).all()
-
-
-def test_what_no_accelerator_has_is_refused_with_the_file_named(make_recordings):
-    with pytest.raises(
-        InputError,
-        match="recordings 'made' give no working configuration: .*taxels: is 257; it must lie in 1..256",
-    ):
-        derive_config(make_recordings(taxels=257))
-    with pytest.raises(InputError, match="every taxel is constant"):
-        derive_config(replace(make_recordings(), samples=np.full((220, 4), 9, np.int32)))
-    with pytest.raises(InputError, match="class_names: has 1 names"):
-        derive_config(make_recordings(classes=1))
 
 
 def test_the_fast_and_wide_sensor_gets_a_clock_that_can_take_it(make_recordings):

@@ -92,10 +92,10 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch):
     for name in ("OFFSET", "COMMON", "DRIFT"):
         monkeypatch.setattr(linear_fit, name, 0.0)
     rng = np.random.default_rng(4)
-    labels, penalty = np.arange(50) % 2, 1e-2
+    labels = np.arange(50) % 2
     features = rng.normal(0, 1, (50, 6, 4)) + (labels[:, None, None] - 0.5) * rng.normal(1, 1, (6, 4))
     config = CONFIG.replace(rest="initial", rest_frames=4)
-    arrays = linear_fit.fit_sturdy(config, features, np.ones((50, 6)), labels, (3.0, 2.0), penalty)
+    arrays = linear_fit.fit_sturdy(config, features, np.ones((50, 6)), labels, (3.0, 2.0), 1.0)
     copies = [(1.0, features)]
     for taxel in range(4):
         for level in (-1.5, 0.0):
@@ -114,7 +114,7 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch):
     indicators = np.tile(np.eye(2)[labels], (len(copies), 1))
     mean, share = weight @ x, weight @ indicators
     unit = features.reshape(50, -1).var(axis=0).sum()
-    gram = (x - mean).T @ (weight[:, None] * (x - mean)) + penalty * unit / 50 * np.eye(24)
+    gram = (x - mean).T @ (weight[:, None] * (x - mean)) + linear_fit.SMOOTH * unit / 50 * np.eye(24)
     weights = np.linalg.solve(gram, (x - mean).T @ (weight[:, None] * (indicators - share)))
     fitted = (x - mean) @ weights + share
     turn, bias = linear_fit.discriminants_of((weight[:, None] * indicators).T @ fitted, np.array([25, 25]))

@@ -348,6 +348,7 @@ def test_the_folder_and_the_record(tmp_path, quick):
 
 
 # ---------------------------------------------------------------------- real recordings
+@pytest.mark.slow
 def test_one_split_of_the_piezo_recordings(shared_data):
     """Quick: one seed of the split by speed with half the updates; the full figures are below."""
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")

@@ -30,13 +30,14 @@ def test_rows_in_one_phase_where_the_clock_decides_in_time(clock_hz, decide_with
 
 
 @pytest.mark.timeout(1800)
-@each_row("cells", ["tiny", "real"])
+@each_row("cells", ["tiny"])
 def test_a_missing_opensta_is_named_with_its_command(tmp_path, monkeypatch, cells):
     check(tmp_path, monkeypatch, cells, measured=False)
 
 
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(not timing.has_sta(), reason="OpenSTA is not installed: apt-get install opensta")
+@pytest.mark.slow
 @each_row("cells", ["tiny", "real"])
 def test_the_clock_by_opensta(tmp_path, monkeypatch, cells):
     check(tmp_path, monkeypatch, cells, measured=True)

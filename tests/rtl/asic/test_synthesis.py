@@ -97,6 +97,7 @@ class Narrow(wiring.Component):
         return m
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 @each_row(("cells", "macros"), [("tiny", 2), ("real", 1)])
 def test_narrow_words_beside_each_other_in_macros(tmp_path, cells, macros):

@@ -9,7 +9,7 @@ from amaranth.lib.memory import Memory
 from eskin.rtl.common.collisions import NO_COLLISION, without_contents
 from tests.rtl.decision import test_classifier
 from tests.rtl.engine import test_engine as test_engine_bench
-from tests.rtl.frontend import test_normaliser
+from tests.rtl.top import test_accelerator
 from tests.support.stream_bench import simulate
 
 
@@ -53,15 +53,11 @@ def test_a_collision_shows(attributes, value):
 
 
 @pytest.mark.parametrize(
-    ("name", "stalls"),
-    [("three end together", (0.3, 0.5)), ("pvdf", (0.0, 0.0)), ("every frame", (0.3, 0.5))],
+    ("name", "stall"),
+    [("two windows end together", 0.4), ("tracked, touch windows, LSTM", 0.0), ("tracked, free", 0.4)],
 )
-def test_front_end(name, stalls):
-    config = test_normaliser.shifted(test_normaliser.CASES[name])
-    stream, means = test_normaliser.make_stream(config, 150, seed=11), test_normaliser.means_of(config)
-    expected, touches = test_normaliser.golden_centred(config, [stream], means)
-    assert touches
-    assert test_normaliser.run_chain(config, [stream], means, stalls=stalls, seed=1) == expected
+def test_whole_design(name, stall):
+    test_accelerator.test_bit_exact_at_every_stage(name, stall)
 
 
 @pytest.mark.parametrize(

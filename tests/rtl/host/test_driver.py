@@ -100,8 +100,14 @@ def plays(model, design, recordings, lazy=False, pairs=False, **options):
     return len(rows), cycles
 
 
-@pytest.mark.parametrize("pairs", [False, True], ids=["codes", "pairs"])
-@pytest.mark.parametrize("lazy", [False, True], ids=["interrupt", "lazy"])
+@pytest.mark.parametrize(
+    ("lazy", "pairs"),
+    [
+        (lazy, pairs) if lazy == pairs else pytest.param(lazy, pairs, marks=pytest.mark.slow)
+        for lazy in (False, True)
+        for pairs in (False, True)
+    ],
+)
 def test_recordings_decide_as_the_model_does(model, design, lazy, pairs):
     length = CONFIG.rest_level.rest_frames + CONFIG.last_frame + 4 * CONFIG.windows.hop
     recordings = random_recordings(model.config, [length, length // 2, length, length], 5)

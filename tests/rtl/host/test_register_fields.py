@@ -22,6 +22,7 @@ from tests.rtl.host.test_driver import CONFIG
 from tests.support.driver_board import Board
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_every_field_does_what_its_description_says(tmp_path):
     """Each field is written and read in simulation, with what else its access does."""

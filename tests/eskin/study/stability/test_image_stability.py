@@ -2,12 +2,11 @@
 broken variants do not."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import IntegerModel, images_of, run_images
 from eskin.requests import StabilityRequest
 from eskin.study.stability.images import (
@@ -151,27 +150,6 @@ def test_a_map_goes_on_to_the_decision_of_the_whole_network(bench):
     assert list(maps) == [0, 2, 4] and all(
         (continued(bench.model, number, values) == whole).all() for number, values in maps.items()
     )
-
-
-def test_the_job_writes_the_page_and_keeps_what_it_judged(bench, tmp_path, monkeypatch):
-    bench.model.save(tmp_path / "model")
-    names = ["noise on every taxel", "a row lost"]
-    asked = StabilityRequest(
-        model=tmp_path / "model", data="made", out=tmp_path / "out", mode=names, cosim=False, few=20
-    )
-    options = {"workers": 1, "cache": tmp_path / "kept"}
-    result = run(asked, bench.recordings, **options)
-    assert [mode["name"] for mode in result["modes"]] == names and json.loads(
-        (tmp_path / "out/stability.json").read_text()
-    ) == result
-    page = (tmp_path / "out/stability.html").read_text()
-    assert all(name in page for name in names)
-    monkeypatch.setattr("eskin.verbs.stability_job.judge_mode", None)
-    assert run(asked, bench.recordings, **options)["modes"] == result["modes"]
-    with pytest.raises(
-        InputError, match="mode 'taxel dead': is unknown for images; the modes are object moved"
-    ):
-        run(dataclasses.replace(asked, mode=["taxel dead"]), bench.recordings)
 
 
 @pytest.mark.slow

@@ -21,7 +21,12 @@ from tests.support.prices import cost_by_size, priced
 MASKED = "one taxel stuck at full scale, masked, worst"
 
 
-@pytest.mark.parametrize("make", [stability_case.bench, stability_case.linear_bench])
+def undetected():
+    """Without the fault detector, which would mask what is masked anyway."""
+    return stability_case.bench().changed({"fault_frames": 0, "fault_activity": 0, "clip": 0})
+
+
+@pytest.mark.parametrize("make", [stability_case.bench, stability_case.linear_bench, undetected])
 def test_the_panel_gives_the_figures_of_the_suite(make):
     """Touches are found once for a front end there and here for each mode; all recordings in both."""
     bench, names = make(), [*PANEL, MASKED]

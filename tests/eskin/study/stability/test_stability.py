@@ -10,8 +10,6 @@ import pytest
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.model import preprocess
 from eskin.jobs import Jobs
-from eskin.pages.stability_page import figure_in_words, write_page
-from eskin.pages.views import words
 from eskin.requests import StabilityRequest
 from eskin.study.stability import sensor
 from eskin.study.stability import suite as stability
@@ -275,27 +273,7 @@ def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypat
     assert "differ in frames lost" in (tmp_path / "out" / "stability.html").read_text()
 
 
-def test_figures_in_words():
-    assert figure_in_words(0.99371, "accuracy") == "99.37\u00a0%" and figure_in_words(0, "wrong sums") == "0"
-    assert figure_in_words(1.14249, "error at step t / error at step 20") == "1.142"
-
-
 PAGE = {"model": "m", "data": "d", "recordings": 1, "clean_accuracy": 1.0, "not_run": [], "defences": []}
-
-
-def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
-    record, _ = judge(MODES["state bits"], stability_case.bench())
-    moving = {**record["curve"], "x": [1, 2], "lines": {"y": [0.0, 1.0]}}
-    still = {**record["curve"], "x": [1, 2], "lines": {"y": [0.5, 0.5], "z": [1.0, 1.0]}}
-    modes = [
-        {**record, "curve": moving},
-        {**record, "name": "rtl", "curve": None},
-        {**record, "name": "still", "curve": still},
-    ]
-    result = PAGE | {"modes": modes, "not_run": [{"name": "n", "group": "memory", "why": "later"}]}
-    page = write_page(tmp_path, result).read_text()
-    assert page.count("<img") == 1 and "n (later)" in page and page.count("Its curve is flat") == 1
-    assert page.index("<details>") < page.index("All 3 modes")
 
 
 def test_bounds_of_accuracy_are_relative_and_a_detector_that_is_off_is_not_failed(monkeypatch):
@@ -346,20 +324,6 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
     assert [bool(c.faults.fault_frames) for c in costed] == [False, True, True, True, True]
     assert costed[-1].network.margin_threshold == 7
     assert result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7"
-
-
-def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path):
-    record, (mode, _) = {"name": "none", **JUDGED}, judge(MODES["state bits"], stability_case.bench())
-    wrong = HARDWARE_COST | {"logic_cells": None, "bit_exact": False}
-    rows = [{**record, "hardware": cost} for cost in (HARDWARE_COST, wrong)]
-    result = PAGE | {"modes": [mode], "weakest": ["state bits"], "defences": rows}
-    page = write_page(tmp_path, result).read_text()
-    for phrase in ('<td class="n">1234</td>', "logic cells", "with 4 dsp lanes", "which DIFFERS"):
-        assert phrase in page
-    said = words("stability", **result, figure=figure_in_words, page="")
-    assert "1234" in said and "253" in said
-    result["defences"] = [{**record, "hardware": None}]  # without a co-simulation
-    assert "1234" not in write_page(tmp_path, result).read_text()
 
 
 @pytest.mark.slow
