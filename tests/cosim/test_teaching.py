@@ -12,7 +12,6 @@ from eskin.cosim.device import Design, Device, Model
 from eskin.cosim.gates import FLIP
 from eskin.cosim.link import Link
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.cosim.pin_port import PinPort
 from eskin.golden.core import PRESETS, InputError, SimulationError
 from eskin.golden.data import Recordings, load_archive
 from eskin.golden.model import IntegerModel, Stream, random_integer_model
@@ -31,6 +30,7 @@ from eskin.verbs import asic_job
 from eskin.verbs.replay_job import play_all
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.link_flow import TIMEOUT_BYTES
+from tests.support.pin_port import PinPort
 from tests.support.replayed import Recorded
 from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files

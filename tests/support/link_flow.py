@@ -14,11 +14,11 @@ import numpy as np
 from eskin.cosim import runner
 from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
-from eskin.cosim.pin_port import PinPort
 from eskin.cosim.scoreboard import UNEXPECTED_FAULTS
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.fpga.generate import pack_decision
 from tests.support.noisy_port import NoisyPort
+from tests.support.pin_port import PinPort
 
 TIMEOUT_BYTES = 60
 """Byte times to wait for an answer: a packet of decision and one of answer, and the cycles in between, take
