@@ -295,10 +295,10 @@ def taught_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) ->
 def run_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """A row of each result folder of ``eskin run``."""
     for folder in map(Path, asked.rows):
-        names = "run.json", "cosim.json", "model/training.json"
-        run, played, training = (json.loads((folder / name).read_text()) for name in names)
+        names = "run.json", "cosim.json", "cosim_declared.json", "model/training.json"
+        run, played, paced, training = (json.loads((folder / name).read_text()) for name in names)
         chosen = next(row for row in run["candidates"] if row["chosen"])
-        split, cycles = training["cross_validation"][0], played["cycles"]["decision_latency_max"]
+        split, cycles = training["cross_validation"][0], paced["cycles"]["decision_latency_max"]
         source, network = Path(run["data"]["source"]), f"{chosen['cell']} {chosen['hidden'] or ''}".strip()
         yield (
             f"{source.parent.name or source}, {run['data']['recordings']}",
@@ -310,7 +310,7 @@ def run_rows(asked: argparse.Namespace) -> Iterator[Row]:
             *(chosen[kind] for kind in ("cells", "block_memories")),
             f"{chosen['decision_time_s']:.2f} s",
             f"{played['compared_values']}, {played['mismatches']} differ",
-            f"{1e6 * cycles / played['clock_hz']:.2f} us",
+            f"{1e6 * cycles / paced['clock_hz']:.2f} us",
             f"{1e-3 * run['lowest_clock_hz']:.0f} kHz",
         )
 
