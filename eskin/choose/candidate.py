@@ -19,6 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from eskin.choose.choice_table import beyond
 from eskin.choose.cost import Market
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import IntegerModel, with_network
@@ -123,13 +124,13 @@ class Judged:
 
     @property
     def stressed_accuracy(self) -> float | None:
-        """The mean of it."""
+        """Accuracy on disturbed recordings, mean over those that were disturbed."""
         return None if self.stressed is None else float(np.nanmean(self.stressed))
 
     @cached_property
     def scores(self) -> np.ndarray:
-        """(recordings) what the rule compares: the mean of sound and disturbed. The few that are disturbed
-        stand for all, so the mean over recordings is that of both accuracies."""
+        """(recordings) the score of each: the mean of its sound and disturbed decisions. Disturbed recordings
+        are few and are weighted up, so the mean over all recordings is the mean of both accuracies."""
         if self.stressed is None:
             return self.correct
         told = ~np.isnan(self.stressed)
@@ -162,7 +163,7 @@ class Judged:
         """{mode, figure} of the mode that is furthest beyond its bound, or nearest to it."""
         if not (figures := self.figures):
             return None
-        row = max(figures, key=lambda row: abs(row["figure"] - row["bound"]) * (1 - 2 * row["held"]))
+        row = max(figures, key=beyond)
         return {name: row[name] for name in ("mode", "figure")}
 
     @property

@@ -81,6 +81,11 @@ def network_name(row: Record) -> str:
     return "linear" if row["recipe"] == "linear" else f"linear ({row['recipe']})"
 
 
+def beyond(row: Record) -> float:
+    """Distance of a figure from its bound: above 0 beyond it, below 0 within it."""
+    return abs(row["figure"] - row["bound"]) * (1 - 2 * row["held"])
+
+
 def where_it_fails(candidates: Sequence[Record]) -> Record | None:
     """The network taken under disturbance beside the cheapest one that knows of none; None without a panel.
 
@@ -93,9 +98,6 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
     if taken is None:
         return None
     plain = min((row for row in candidates if not row["robust"]), key=lambda row: row["energy_touch_j"])
-
-    def beyond(row: Record) -> float:
-        return abs(row["figure"] - row["bound"]) * (1 - 2 * row["held"])
 
     of_plain = {row["mode"]: row["figure"] for row in plain["stress"]}
     rows = [row | {"plain": of_plain.get(row["mode"])} for row in taken["stress"]]
@@ -111,9 +113,8 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
 
 def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str:
     """The candidate that would fix the weakest mode, and its cost."""
-    sign = (
-        1 if weakest["figure"] < weakest["bound"] else -1
-    )  # accuracies are to be high, shares of onsets low
+    # an accuracy has to be high, a share of false onsets low
+    sign = 1 if weakest["figure"] < weakest["bound"] else -1
     found = [
         (sign * row["figure"], -other["energy_touch_j"], other)
         for other in candidates
