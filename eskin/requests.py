@@ -428,10 +428,8 @@ class ExportRequest(OfModel):
 # ---------------------------------------------------------------------- studies
 @dataclass(frozen=True, kw_only=True)
 class SweepRequest(Judged, OnCluster):
-    out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep")
-    grid: Annotated[str, option("default (84 points), bits (8, 6, 4 bits), or JSON: {field: [values]}.")] = (
-        "default"
-    )
+    out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the chart.")] = Path("build/sweep")
+    grid: Annotated[str, option("default (84 points), or JSON: {field: [values]}.")] = "default"
     accuracy_floor: Annotated[float | None, option("Required accuracy on new recordings, 0 to 1.")] = None
     latency_budget: Annotated[float | None, option("Longest time from features to decision, seconds.")] = None
     seeds: Annotated[int | None, option("Seeds per point. Default: 3; images 1.", min=1, max=100)] = None

@@ -64,7 +64,7 @@ from eskin.rtl.program.schedule import (
 )
 from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.study.energy import estimate, scheduled_activity
-from eskin.verbs import asic_job, build_job, defence_cost
+from eskin.verbs import asic_job, build_job
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "figures.md"
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
@@ -246,9 +246,11 @@ def check_rows(asked: argparse.Namespace) -> Iterator[Row]:
     base = PRESETS["thesis"].with_lanes(LANES, "dsp")
     for name, fields in CHECKS.items():
         model = random_integer_model(base.replace(**dict.fromkeys(fields, True)), 1)
-        cells = defence_cost.placed(model.config, model.arrays, BOARD, build_job.CACHE, link=True)
-        cycles = schedule(model.config).step_cycles
-        yield name, *(cells.get(kind) for kind in ("logic_cells", "ff", "bram")), cycles
+        request = build_job.BuildRequest(
+            lanes_asked=True, config=model.config, arrays=model.arrays, target=target(BOARD)
+        )
+        cells = build_job.build(request)[0]
+        yield name, *(cells[kind] for kind in ("logic_cells", "ff", "bram")), step_cycles(model.config)
 
 
 def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:

@@ -127,7 +127,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1", ("image",)),
     "stability": (
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
-        ("chosen-kinds",),
+        ("chosen-kinds", "image"),
     ),
     "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --seeds 1 --out {out}", ("linear",)),
     "baselines": (
@@ -183,7 +183,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
     (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
     (
-        ("enrol", "enrol --teach", "asic"),
+        ("enrol", "enrol --teach", "asic", "stability"),
         ("image",),
         "is a network for images, which this verb does not take",
     ),

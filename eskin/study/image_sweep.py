@@ -254,8 +254,8 @@ class ImageSweepRequest(Request):
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[Record], Record]:
         """The outcome of each point, in the keys of `eskin.study.sweep.judge`, and what sweep.json
-        holds of images alone: judged_images (of a seed), judged_split, baselines (none). What is kept
-        is named by its images and code, not by ``version``."""
+        holds of images alone: judged_images (of a seed), judged_split. What is kept is named by its images
+        and code, not by ``version``."""
         group, seeds = list(self.group), list(map(int, self.seeds))
         tuned = {point.trained for point in self.points if point.aware}
         pieces = {
@@ -280,5 +280,5 @@ class ImageSweepRequest(Request):
             split["decision_time_s"] = split["per_step"][0]["time_s"]
             outcomes.append({"splits": [split]})
         judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
-        header = {"baselines": [], "judged_split": group, "judged_images": judged_images}
+        header = {"judged_split": group, "judged_images": judged_images}
         return outcomes, header | {"images": True, "classes": len(recordings.class_names)}
