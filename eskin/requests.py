@@ -390,7 +390,6 @@ class EvaluateRequest(ModelOnData, InJson):
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest(OfModel, InJson):
     data: Annotated[str | None, option(f"{DATA} Default: synthetic touches that reach every rule.")] = None
-    out: Annotated[Path, option("Folder of compare.html.")] = Path("build/compare")
 
 
 @dataclass(frozen=True, kw_only=True)

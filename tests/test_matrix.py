@@ -95,7 +95,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("linear", "lstm", "image"),
     ),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
-    "compare": ("compare {model} --out {out}", ("gru-after", "image")),
+    "compare": ("compare {model}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
     "generate --streams": ("generate {model} --bus wishbone --streams axis --out {out}/design", ()),

@@ -45,23 +45,18 @@ ATTRIBUTES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Node:
-    """A node: as the file has it; type, name (of its first output where it has none), domain, inputs and
-    outputs, attributes."""
-
-    made: onnx.NodeProto
-    op_type: str
-    name: str
-    domain: str
-    input: list[str]
-    output: list[str]
-    attributes: Record
-
-
 def _text(value: Any) -> Any:
     """Letters of a file, which need not be UTF-8."""
     return value.decode(errors="replace") if isinstance(value, bytes) else value
+
+
+def attributes_of(node: onnx.NodeProto) -> Record:
+    """A node's attributes by name."""
+    values = {entry.name: onnx.helper.get_attribute_value(entry) for entry in node.attribute}
+    return {
+        name: [_text(entry) for entry in value] if isinstance(value, list) else _text(value)
+        for name, value in values.items()
+    }
 
 
 class Graph:
@@ -79,8 +74,7 @@ class Graph:
             versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
         except Exception:  # protobuf's errors have no common class of their own
             raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None
-        self.producer = _text(model.producer_name)
-        self.graph, self.metadata = model.graph, {entry.key: entry.value for entry in model.metadata_props}
+        self.graph, self.producer = model.graph, _text(model.producer_name)
         if not self.graph.node:
             raise InputError(f"network '{path}': has no nodes; save {TAKEN}")
         if len(versions) != 1 or not OPSETS[0] <= versions[0] <= OPSETS[1]:
@@ -89,30 +83,30 @@ class Graph:
                 f"network '{path}': has opset {shown}; save it with one of {OPSETS[0]} to {OPSETS[1]}"
             )
         self.opset = versions[0]
-        self.constants = {_text(tensor.name): self._array(tensor) for tensor in self.graph.initializer}
-        inputs = [value for value in self.graph.input if _text(value.name) not in self.constants]
+        for node in self.graph.node:
+            if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
+                self.refuse(node, f"is none of those that are taken: {TAKEN}")
+        self.constants = {tensor.name: self._array(tensor) for tensor in self.graph.initializer}
+        try:
+            onnx.checker.check_model(model)
+        except Exception as error:
+            reason = str(error).strip().partition("\n")[0]
+            raise InputError(f"network '{path}': is no valid ONNX ({reason:.160}); save it again") from None
+        self.metadata = {entry.key: entry.value for entry in model.metadata_props}
+        inputs = [value for value in self.graph.input if value.name not in self.constants]
         if len(inputs) != 1:
-            names = ", ".join(_text(value.name) for value in inputs[:4]) or "none"
+            names = ", ".join(value.name for value in inputs[:4]) or "none"
             raise InputError(
                 f"network '{path}': has {len(inputs)} inputs ({names:.80}); save one that takes features alone"
             )
-        self.input = _text(inputs[0].name)
-        self.ends = self.input, *[_text(value.name) for value in self.graph.output][:1]
+        self.input, self.outputs = inputs[0].name, [value.name for value in self.graph.output]
+        self.ends = self.input, *self.outputs[:1]
         self.dims = [dim.dim_value for dim in inputs[0].type.tensor_type.shape.dim]
-        self.all: list[Node] = []
-        for entry in self.graph.node:
-            inputs_of, outputs_of = ([_text(name) for name in names] for names in (entry.input, entry.output))
-            name = _text(entry.name) or (outputs_of[0] if outputs_of else "")
-            node = Node(entry, _text(entry.op_type), name, _text(entry.domain), inputs_of, outputs_of, {})
-            if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
-                self.refuse(node, f"is none of those that are taken: {TAKEN}")
-            self._check_form(node, entry, versions[0])
-            node.attributes.update(self._attributes(node, entry))
-            self.all.append(node)
 
-    def refuse(self, node: Node, why: str) -> NoReturn:
-        """An InputError that names the node."""
-        raise InputError(f"network '{self.path}', node '{node.name:.60}' of type {node.op_type:.40}: {why}")
+    def refuse(self, node: onnx.NodeProto, why: str) -> NoReturn:
+        """An InputError that names the node, or its first output where it has no name."""
+        name, kind = (_text(word) for word in (node.name or next(iter(node.output), ""), node.op_type))
+        raise InputError(f"network '{self.path}', node '{name:.60}' of type {kind:.40}: {why}")
 
     def _array(self, tensor: Any) -> np.ndarray:
         where = f"network '{self.path}', tensor '{_text(tensor.name):.60}'"
@@ -130,46 +124,16 @@ class Graph:
             raise InputError(f"{where}: holds values that are no finite numbers; train the network again")
         return array.astype(np.float64) if array.dtype.kind == "f" else array
 
-    def _check_form(self, node: Node, made: Any, opset: int) -> None:
-        """Refuse a node that has not the inputs, or the types of attributes, that ONNX gives its type."""
-        try:
-            schema = onnx.defs.get_schema(node.op_type, opset)
-        except onnx.defs.SchemaError:
-            self.refuse(node, f"is not in opset {opset}; save the network again")
-        if not schema.min_input <= len(node.input) <= schema.max_input or not node.output:
-            self.refuse(
-                node, f"has {len(node.input)} inputs and {len(node.output)} outputs; save the network again"
-            )
-        for entry in made.attribute:
-            attribute: Any = schema.attributes.get(_text(entry.name))
-            if attribute is not None and entry.type != int(attribute.type):
-                self.refuse(
-                    node, f"has {_text(entry.name):.40} of another type than ONNX's; save the network again"
-                )
+    def nodes(self, *kinds: str) -> list[onnx.NodeProto]:
+        return [node for node in self.graph.node if node.op_type in kinds]
 
-    def _attributes(self, node: Node, made: Any) -> Record:
-        try:
-            values = {_text(entry.name): onnx.helper.get_attribute_value(entry) for entry in made.attribute}
-        except Exception:
-            self.refuse(node, "is damaged; save the network again")
-        values = {
-            name: self._array(value) if isinstance(value, onnx.TensorProto) else value
-            for name, value in values.items()
-        }
-        return {
-            name: [_text(entry) for entry in value] if isinstance(value, list) else _text(value)
-            for name, value in values.items()
-        }
-
-    def nodes(self, *kinds: str) -> list[Node]:
-        return [node for node in self.all if node.op_type in kinds]
-
-    def constant(self, node: Node, place: int, role: str) -> np.ndarray:
+    def constant(self, node: onnx.NodeProto, place: int, role: str) -> np.ndarray:
         """The weights that a node takes as its input number ``place``."""
         name = node.input[place] if place < len(node.input) else ""
         by_node = {output: entry for entry in self.nodes("Constant") for output in entry.output}
         if name in by_node:
-            return np.asarray(by_node[name].attributes.get("value", 0.0))
+            value = attributes_of(by_node[name]).get("value")
+            return self._array(value) if isinstance(value, onnx.TensorProto) else np.asarray(value)
         if name not in self.constants:
             self.refuse(node, f"computes its {role}; save trained weights")
         return self.constants[name]
@@ -177,7 +141,7 @@ class Graph:
     def compute(self, values: np.ndarray) -> list[np.ndarray]:
         """The outputs for one input."""
         named: dict[str, np.ndarray] = dict(self.constants) | {self.input: values, "": np.zeros(0)}
-        for node in self.all:
+        for node in self.graph.node:
             try:
                 outputs = self._outputs(node, [named[name] for name in node.input])
             except InputError:
@@ -189,20 +153,17 @@ class Graph:
                 )
             for name, output in zip(node.output, outputs, strict=False):
                 named[name] = np.asarray(output)
-        return [
-            named[name] for name in map(_text, (value.name for value in self.graph.output)) if name in named
-        ]
+        return [named[name] for name in self.outputs if name in named]
 
-    def _outputs(self, node: Node, inputs: list[np.ndarray]) -> list[np.ndarray]:
+    def _outputs(self, node: onnx.NodeProto, inputs: list[np.ndarray]) -> list[np.ndarray]:
         if node.op_type in GATES:
             return _recurrent(self, node, inputs)
-        if BOUNDS.get(node.op_type, lambda a, i: 0)(node.attributes, inputs) > MOST_VALUES:
+        if BOUNDS.get(node.op_type, lambda a, i: 0)(attributes_of(node), inputs) > MOST_VALUES:
             raise ValueError("beyond any network")
-        proto = node.made
-        proto.ClearField("domain")  # ai.onnx is the default one's other name
-        operands = {name: array for name, array in zip(proto.input, inputs, strict=True) if name}
+        node.ClearField("domain")  # ai.onnx is the default one's other name
+        operands = {name: array for name, array in zip(node.input, inputs, strict=True) if name}
         opset = onnx.helper.make_opsetid("", self.opset)
-        function = onnx.helper.make_function("eskin", "node", [*operands], proto.output, [proto], [opset])
+        function = onnx.helper.make_function("eskin", "node", [*operands], node.output, [node], [opset])
         return [*ReferenceEvaluator(function).run(None, operands, {})]
 
 
@@ -241,9 +202,9 @@ OPERATORS = (
 rest by onnx's own reference."""
 
 
-def _recurrent(g: Graph, node: Node, i: list[np.ndarray]) -> list[np.ndarray]:
+def _recurrent(g: Graph, node: onnx.NodeProto, i: list[np.ndarray]) -> list[np.ndarray]:
     """GRU and LSTM as ONNX's operators define them."""
-    a = node.attributes
+    a = attributes_of(node)
     x, w, r = i[0], i[1][0], i[2][0]
     units, batch_first = r.shape[1], a.get("layout", 0)
     x = x.swapaxes(0, 1) if batch_first else x
@@ -342,12 +303,12 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
         classes, columns = weights.shape
         return OnnxNetwork(graph, "linear", "before", "sigmoid", 0, classes, columns, arrays, names, metadata)
     node = layers[0]
-    attributes, order = node.attributes, GATES[node.op_type]
+    attributes, order = attributes_of(node), GATES[node.op_type]
     if (direction := attributes.get("direction", "forward")) != "forward":
         graph.refuse(node, f"runs {direction!s:.20}; the accelerator has one direction, forward")
     for name, value in attributes.items():
         if name not in ATTRIBUTES[node.op_type] and value:
-            graph.refuse(node, f"has {_text(name):.40}, which the accelerator does not; save it without")
+            graph.refuse(node, f"has {name:.40}, which the accelerator does not; save it without")
     activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
     slopes = (attributes.get("activation_alpha") or [0.2])[:1] + (attributes.get("activation_beta") or [0.5])[
         :1
@@ -397,10 +358,10 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     """Weights (C, columns) and bias (C) of the one dense layer."""
     layers = graph.nodes("Gemm", "MatMul")
     if len(layers) != 1:
-        node = layers[1] if layers else graph.all[-1]
+        node = layers[1] if layers else graph.graph.node[-1]
         graph.refuse(node, f"is where a dense layer is wanted, and there are {len(layers)}; save {TAKEN}")
     node, additions = layers[0], graph.nodes("Add")
-    weights, attributes = graph.constant(node, 1, "weights"), node.attributes
+    weights, attributes = graph.constant(node, 1, "weights"), attributes_of(node)
     names = {"dense": node.input[1]}
     if node.op_type == "Gemm":
         if additions or attributes.get("alpha", 1.0) != 1.0 or attributes.get("beta", 1.0) != 1.0:
@@ -565,9 +526,8 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
             return str(found[0]), taken
     if len(failed) == len(fitting):
         raise failed[0]
-    output = _text(graph.graph.output[0].name) if graph.graph.output else ""
     raise InputError(
-        f"network '{graph.path}', output '{output:.60}': is not the dense layer behind the last step, or behind every "
+        f"network '{graph.path}', output '{graph.ends[-1]:.60}': is not the dense layer behind the last step, or behind every "
         f"step, of a network that begins at 0; save {TAKEN}"
     )
 

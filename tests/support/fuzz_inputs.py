@@ -426,7 +426,7 @@ train --data @ --out made --config ../in/config.json
 train --data @ --out made --config thesis
 train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
-compare ../in/model --data @ --out page
+compare ../in/model --data @
 cosim ../in/model --data @
 sweep --data @ --seeds 1
 baselines --data @ --out made
@@ -490,7 +490,7 @@ train --data @ --out made
 train --data @ --out made --cell tactnet
 sweep --data @ --out swept
 evaluate ../in/image_model --data @ --json e.json
-compare ../in/image_model --data @ --out page
+compare ../in/image_model --data @
 stability ../in/image_model --data @ --out stable
 cosim ../in/image_model --data @
 run --data @

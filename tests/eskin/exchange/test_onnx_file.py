@@ -180,9 +180,9 @@ def not_numbers(made):
 
         (lambda made: node(made, "cell").attribute.append(helper.make_attribute("activations", ["Tanh", "Relu"])), "activations Tanh, Relu"),
 
-        (odd_activations, "node 'cell' of type GRU: has activations of another type than ONNX's"),
+        (odd_activations, "is no valid ONNX"),
 
-        (lambda made: node(made, "readout_bias").input.append("features"), "node 'readout_bias' of type Add: has 3 inputs"),
+        (lambda made: node(made, "readout_bias").input.append("features"), "is no valid ONNX"),
 
 
 
