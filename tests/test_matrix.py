@@ -183,7 +183,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
     (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
     (
-        ("enrol", "enrol --teach", "asic", "stability"),
+        ("enrol", "enrol --teach", "asic", "stability", "import"),
         ("image",),
         "is a network for images, which this verb does not take",
     ),

@@ -123,14 +123,6 @@ def import_(asked: ImportRequest) -> Record:
         chosen = AcceleratorConfig.load(asked.config)
     else:
         chosen, recordings = _imported_config(asked.file, asked.data)
-    for name, value in (
-        (("--cell", asked.cell), ("--reset", asked.reset), ("--data", asked.data)) if chosen.is_image else ()
-    ):
-        if value is not None:
-            raise InputError(
-                f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for "
-                "images; leave it out"
-            )
     if asked.mean is not None or asked.std is not None:
         recordings = None
     elif asked.data is not None and recordings is None:
@@ -150,7 +142,7 @@ def import_(asked: ImportRequest) -> Record:
         name: ", ".join(f"{value:.6g}" for value in np.atleast_1d(record["normalisation"].get(name, ())))
         for name in ("mean", "std")
     }
-    show("import", **{"check": None, "passed": True} | record, **scale, out=asked.out, images=chosen.is_image)
+    show("import", **{"check": None, "passed": True} | record, **scale, out=asked.out)
     return record
 
 

@@ -17,7 +17,6 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from eskin.exchange.import_images import read_image_network
 from eskin.exchange.reference import NAMES, check_reference
 from eskin.exchange.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
 from eskin.golden.core import AcceleratorConfig, ArchiveError, Arrays, InputError, Record, read_arrays
@@ -405,8 +404,7 @@ def import_network(
         ``read_linear``; an ONNX file (`eskin.exchange.import_onnx`), whose cell and reset are its own.
     config:
         Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden
-        size follows the file. Of images: `eskin.exchange.import_images.read_image_network`, for which
-        cell, reset and recordings say nothing.
+        size follows the file.
     out:
         A new folder, or a model folder, which is replaced.
     cell, reset:
@@ -434,6 +432,11 @@ def import_network(
         folder that must not be replaced.
     """
     check_model_target(out)
+    if config.is_image:
+        raise InputError(
+            f"configuration '{config.name}': is a network for images, which this verb does not take; train it "
+            "here with 'eskin train'"
+        )
     scale: Record
     notes: list[str] = []
     shows, own = "weights" if config.recurrent else "regression", NAMES
@@ -441,19 +444,11 @@ def import_network(
         from eskin.exchange.import_onnx import convert_onnx, read_onnx
 
         network = read_onnx(file)
-        if config.is_image:
-            raise InputError(
-                f"network '{file}': ONNX is read for networks of recordings, and configuration "
-                f"'{config.name}' is for images; give a torch state_dict"
-            )
         _check_scale(mean, std)
         config, arrays, shows, notes = convert_onnx(network, config, cell, reset)
         kind, names, own = "ONNX", network.names, network.graph.ends
         held = network.scale(config) if mean is None and recordings is None else None
         scale = held or _normalisation(file, config, mean, std, recordings)
-    elif config.is_image:
-        config, arrays, names = read_image_network(Path(file), config, mean, std)
-        kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}
     else:
         config, arrays, names, kind = _read_network(
             file, with_network(config, cell=cell, reset=reset), mean, std
@@ -461,21 +456,19 @@ def import_network(
         scale = _normalisation(file, config, mean, std, recordings)
         if config.recurrent and config.network.cell == "gru":
             notes = [f"reset gate {config.network.reset} the recurrent product, as the file's bias rows say"]
-    if not config.is_image:
-        arrays |= {
-            name: np.broadcast_to(scale[key], constants_shape(config))
-            for name, key in (("mu", "mean"), ("sigma", "std"))
-        }
-        scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
+    arrays |= {
+        name: np.broadcast_to(scale[key], constants_shape(config))
+        for name, key in (("mu", "mean"), ("sigma", "std"))
+    }
+    scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
     checked: Record = {}
     if check is not None:
-        found = check_reference(check, FloatModel(config, arrays, str(file)), std or 1.0, own)
+        found = check_reference(check, FloatModel(config, arrays, str(file)), own)
         checked = {"check": found, "passed": found["passed"]}
         if found["shows"] == "last" and shows in ("every", "weights"):
             shows = "reference"
-    if not config.is_image:
-        config, decided = _decide(config, shows)
-        notes = [decided, *notes]
+    config, decided = _decide(config, shows)
+    notes = [decided, *notes]
     record = {
         "imported": {
             "file": str(file),
