@@ -535,7 +535,6 @@ class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
     bench: Annotated[
         Literal["sample", "cocotb"], option("Under cocotb: one recording per class (others in bulk), or all.")
     ] = "sample"
-    jobs: Annotated[int | None, option("Parallel processes. Default: one per core.", min=1)] = None
 
 
 @dataclass(frozen=True, kw_only=True)

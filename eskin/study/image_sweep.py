@@ -198,20 +198,13 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
         raise InputError(f"field size: is {size!r}; give height x width as text, as in '26x47'")
     if bits not in (4, 8) or isinstance(bits, bool):
         raise InputError(f"field weight_bits: is {bits!r}; give 8 or 4")
-    if not isinstance(lanes, int) or isinstance(lanes, bool):
-        raise InputError(f"field lanes: is {lanes!r}; give a whole number")
-    if not isinstance(clock, (int, float)) or isinstance(clock, bool) or not 0 < clock < 1e10:
-        raise InputError(f"field clock_hz: is {clock!r}; give a clock in Hz, as in 36e6")
-    if isinstance(layers, str) and layers not in NETWORKS:
+    texts = NETWORKS.get(layers, ()) if isinstance(layers, str) else layers
+    if not texts or not isinstance(texts, (list, tuple)) or not all(isinstance(text, str) for text in texts):
         raise InputError(
             f"field layers: is {layers!r}; give {', '.join(NETWORKS)}, or a list of layers such as ['conv 3 "
             "8', 'pool']"
         )
-    if not isinstance(layers, str) and not (
-        isinstance(layers, list) and all(isinstance(layer, str) for layer in layers)
-    ):
-        raise InputError(f"field layers: is {layers!r}; give a list of layers such as ['conv 3 8', 'pool']")
-    texts = list(NETWORKS[layers]) if isinstance(layers, str) else [str(parse_layer(text)) for text in layers]
+    texts = [str(parse_layer(text)) for text in texts]
     height, width = image_size(size)
     name = network_name(texts)
     if name in NETWORKS:
@@ -227,9 +220,7 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
         "map_formats": (QFormat(3, 5, signed=False),) * (weights - 1),
         "logit_format": QFormat(8, 8),
     }  # widths count cycles and memories; where the points stand is only known after training
-    return ImagePoint(
-        name, trained, trained.replace(**formats, clock_hz=float(clock)).with_lanes(lanes, "plain")
-    )
+    return ImagePoint(name, trained, trained.replace(**formats, clock_hz=clock).with_lanes(lanes, "plain"))
 
 
 def _of_size(recordings: Recordings, height: int, width: int) -> Recordings:
