@@ -397,7 +397,7 @@ class ImportRequest:
     file: Annotated[
         Path,
         argument(
-            "A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order, an .onnx file; "
+            "A torch state_dict (.pt, .pth), or an .onnx file; "
             "linear cell: an .npz with coef_ and intercept_, columns window by window."
         ),
     ]
