@@ -7,15 +7,14 @@ of another step, a transposed layout or an offset is found. Nothing of a file is
 
 import json
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 import onnx
+import onnxruntime
 from onnx import numpy_helper
-from onnx.reference import ReferenceEvaluator
 
 from eskin.exchange.reference import TOLERANCE, differences
 from eskin.exchange.torch_files import MOST_VALUES, check_readable
@@ -35,19 +34,29 @@ ACTIVATIONS = {
     ("HardSigmoid", "Tanh"): "hard_sigmoid",
     ("HardSigmoid", "Tanh", "Tanh"): "hard_sigmoid",
 }
+OPERATORS = (
+    *GATES,
+    *("Gemm", "MatMul", "Add", "ConstantOfShape", "Expand", "Gather", "Concat", "Constant", "Identity"),
+    *("Cast", "Shape", "Transpose", "Squeeze", "Unsqueeze", "Reshape", "Flatten", "Slice"),
+)
+"""All that may stand in a file; everything else is refused by its name."""
 TAKEN = (
     "one GRU or LSTM in one direction and one Gemm, or MatMul and Add, behind its last step or all of its steps, "
     "or a dense layer alone"
 )
 ATTRIBUTES = {
-    "GRU": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "layout", "linear_before_reset"),
-    "LSTM": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "layout"),
+    "GRU": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "linear_before_reset"),
+    "LSTM": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size"),
 }  # fmt: skip
 
 
 def _text(value: Any) -> Any:
     """Letters of a file, which need not be UTF-8."""
     return value.decode(errors="replace") if isinstance(value, bytes) else value
+
+
+def _first_line(error: Exception) -> str:
+    return f"{str(error).strip().partition(chr(10))[0]:.160}"
 
 
 def attributes_of(node: onnx.NodeProto) -> Record:
@@ -74,7 +83,7 @@ class Graph:
             versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
         except Exception:  # protobuf's errors have no common class of their own
             raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None
-        self.graph, self.producer = model.graph, _text(model.producer_name)
+        self.model, self.graph, self.producer = model, model.graph, _text(model.producer_name)
         if not self.graph.node:
             raise InputError(f"network '{path}': has no nodes; save {TAKEN}")
         if len(versions) != 1 or not OPSETS[0] <= versions[0] <= OPSETS[1]:
@@ -82,16 +91,22 @@ class Graph:
             raise InputError(
                 f"network '{path}': has opset {shown}; save it with one of {OPSETS[0]} to {OPSETS[1]}"
             )
-        self.opset = versions[0]
         for node in self.graph.node:
             if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
                 self.refuse(node, f"is none of those that are taken: {TAKEN}")
         self.constants = {tensor.name: self._array(tensor) for tensor in self.graph.initializer}
         try:
             onnx.checker.check_model(model)
+            inferred = onnx.shape_inference.infer_shapes(model, data_prop=True).graph.value_info
         except Exception as error:
-            reason = str(error).strip().partition("\n")[0]
-            raise InputError(f"network '{path}': is no valid ONNX ({reason:.160}); save it again") from None
+            raise InputError(
+                f"network '{path}': is no valid ONNX ({_first_line(error)}); save it again"
+            ) from None
+        for value in inferred:
+            if math.prod(dim.dim_value or 1 for dim in value.type.tensor_type.shape.dim) > MOST_VALUES:
+                raise InputError(
+                    f"network '{path}', value '{value.name:.60}': is beyond any that the accelerator takes"
+                )
         self.metadata = {entry.key: entry.value for entry in model.metadata_props}
         inputs = [value for value in self.graph.input if value.name not in self.constants]
         if len(inputs) != 1:
@@ -139,106 +154,18 @@ class Graph:
         return self.constants[name]
 
     def compute(self, values: np.ndarray) -> list[np.ndarray]:
-        """The outputs for one input."""
-        named: dict[str, np.ndarray] = dict(self.constants) | {self.input: values, "": np.zeros(0)}
-        for node in self.graph.node:
-            try:
-                outputs = self._outputs(node, [named[name] for name in node.input])
-            except InputError:
-                raise
-            except Exception:  # shapes that do not fit fail anywhere inside numpy
-                self.refuse(
-                    node,
-                    f"cannot be computed on an input of shape {values.shape}; save a network that takes one touch at a time",
-                )
-            for name, output in zip(node.output, outputs, strict=False):
-                named[name] = np.asarray(output)
-        return [named[name] for name in self.outputs if name in named]
-
-    def _outputs(self, node: onnx.NodeProto, inputs: list[np.ndarray]) -> list[np.ndarray]:
-        if node.op_type in GATES:
-            return _recurrent(self, node, inputs)
-        if BOUNDS.get(node.op_type, lambda a, i: 0)(attributes_of(node), inputs) > MOST_VALUES:
-            raise ValueError("beyond any network")
-        node.ClearField("domain")  # ai.onnx is the default one's other name
-        operands = {name: array for name, array in zip(node.input, inputs, strict=True) if name}
-        opset = onnx.helper.make_opsetid("", self.opset)
-        function = onnx.helper.make_function("eskin", "node", [*operands], node.output, [node], [opset])
-        return [*ReferenceEvaluator(function).run(None, operands, {})]
-
-
-# ---------------------------------------------------------------------- operators
-BOUNDS: dict[str, Callable[[Mapping[str, Any], list[np.ndarray]], int]] = {
-    "Gemm": lambda a, i: i[0].shape[a.get("transA", 0)] * i[1].shape[1 - a.get("transB", 0)],
-    "MatMul": lambda a, i: (
-        math.prod(np.broadcast_shapes(i[0].shape[:-2], i[1].shape[:-2]))
-        * math.prod(i[0].shape[-2:-1])
-        * i[1].shape[-1]
-    ),
-    "Add": lambda a, i: math.prod(np.broadcast_shapes(i[0].shape, i[1].shape)),
-    "ConstantOfShape": lambda a, i: math.prod(i[0].tolist()),
-    "Expand": lambda a, i: math.prod(np.broadcast_shapes(i[0].shape, tuple(i[1].tolist()))),
-    "Gather": lambda a, i: i[0].size // max(i[0].shape[a.get("axis", 0)], 1) * i[1].size,
-    "Concat": lambda a, i: sum(part.size for part in i),
-}
-"""Number of output values of an operator that may give more than it takes."""
-OPERATORS = (
-    *GATES,
-    *BOUNDS,
-    *(
-        "Constant",
-        "Identity",
-        "Cast",
-        "Shape",
-        "Transpose",
-        "Squeeze",
-        "Unsqueeze",
-        "Reshape",
-        "Flatten",
-        "Slice",
-    ),
-)
-"""All that may stand in a file; everything else is refused by its name. GRU and LSTM are computed here, the
-rest by onnx's own reference."""
-
-
-def _recurrent(g: Graph, node: onnx.NodeProto, i: list[np.ndarray]) -> list[np.ndarray]:
-    """GRU and LSTM as ONNX's operators define them."""
-    a = attributes_of(node)
-    x, w, r = i[0], i[1][0], i[2][0]
-    units, batch_first = r.shape[1], a.get("layout", 0)
-    x = x.swapaxes(0, 1) if batch_first else x
-    kinds = len(GATES[node.op_type])
-    bias = i[3].reshape(2, kinds, units) if len(i) > 3 and i[3].size else np.zeros((2, kinds, units))
-    for start in i[5:7]:
-        if start.any():
-            g.refuse(
-                node, "starts from a state that is not 0, and a touch always does; leave initial states out"
+        """The outputs for one input, as onnxruntime computes them."""
+        try:
+            session = onnxruntime.InferenceSession(
+                self.model.SerializeToString(), providers=["CPUExecutionProvider"]
             )
-    w, r = w.reshape(kinds, units, -1), r.reshape(kinds, units, units)
-    hard = a.get("activations", ["Sigmoid"])[0] == "HardSigmoid"
-    gate = lambda v: np.clip(0.2 * v + 0.5, 0, 1) if hard else 0.5 * (1 + np.tanh(0.5 * v))
-    h = c = np.zeros((x.shape[1], units))
-    states = []
-    for step in x:
-        rows = [step @ w[k].T + bias[0, k] for k in range(kinds)]
-        if node.op_type == "LSTM":
-            gi, go, gf, gc = (row + h @ r[k].T + bias[1, k] for k, row in enumerate(rows))
-            c = gate(gf) * c + gate(gi) * np.tanh(gc)
-            h = gate(go) * np.tanh(c)
-        else:
-            z, reset = (gate(rows[k] + h @ r[k].T + bias[1, k]) for k in (0, 1))
-            if a.get("linear_before_reset", 0):
-                inner = reset * (h @ r[2].T + bias[1, 2])
-            else:
-                inner = (reset * h) @ r[2].T + bias[1, 2]
-            h = (1 - z) * np.tanh(rows[2] + inner) + z * h
-        states.append(h)
-    every, last = np.stack(states)[:, None], h[None]
-    ends = [last, c[None]]
-    if batch_first:
-        every, ends = every.transpose(2, 0, 1, 3), [end.swapaxes(0, 1) for end in ends]
-    return [every, *ends]
+            outputs = session.run(None, {self.input: values.astype(np.float32)})
+        except Exception as error:  # onnxruntime's errors have no common class of their own
+            raise InputError(
+                f"network '{self.path}': cannot be computed on an input of shape {values.shape} ({_first_line(error)}); "
+                "save a network that takes one touch at a time"
+            ) from None
+        return [np.asarray(output, dtype=np.float64) for output in outputs]
 
 
 # ---------------------------------------------------------------------- what the nodes say

@@ -186,9 +186,13 @@ def not_numbers(made):
 
 
 
-        (start, "starts from a state that is not 0"),
+        (start, "of a network that begins at 0"),
 
         (external, "lies in another file"),
+
+        (bomb, "value 'zeros': is beyond any"),
+
+        (wide, "beyond any that the accelerator takes"),
 
         (not_numbers, "no finite numbers"),
 
