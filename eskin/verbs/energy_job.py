@@ -172,8 +172,8 @@ def job(
     Returns
     -------
     dict
-        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), checks,
-        published, battery_j, passed (all bit-exact).
+        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), battery_j,
+        passed (all bit-exact).
     """
     config = model.config
     chosen_boards = []
