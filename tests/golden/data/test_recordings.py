@@ -381,7 +381,7 @@ def test_folders_that_are_no_data_set_are_refused(tmp_path):
         load_recordings(root)
     for number in range(MOST_CLASSES):  # before any of a large tree's files is read
         (root / f"run {number}").mkdir()
-    with pytest.raises(InputError, match="has 130 sub-folders, one a class"):
+    with pytest.raises(InputError, match="has 131 sub-folders, one a class"):
         load_recordings(root)
 
 
