@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from eskin.data import Reading, load_recordings
 from eskin.data.folds import grouped_folds
 from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core.groups import MOST_CLASSES
 from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
@@ -310,6 +311,22 @@ def test_names_become_groups(tmp_path):
         "roll/Press_Sp300_P07_t2.lvm",
         "roll/Press_Sp450_P11_t1.lvm",
     ]
+
+
+def test_folders_that_are_no_data_set_are_refused(tmp_path):
+    with pytest.raises(InputError, match="has no sub-folder"):
+        load_recordings(tmp_path)
+    root = folder_of(tmp_path, text_of())
+    (root / "slide").mkdir()
+    with pytest.raises(InputError, match="slide': has no file of recordings"):
+        load_recordings(root)
+    (root / "slide" / "a.lvm").write_text("0,0\t1,65\n0,1\t1,65\n")
+    with pytest.raises(InputError, match="has 2 columns where 'brush/p01_t2.lvm' has 5"):
+        load_recordings(root)
+    for number in range(MOST_CLASSES):  # before any of a large tree's files is read
+        (root / f"run {number}").mkdir()
+    with pytest.raises(InputError, match="has 131 sub-folders, one a class"):
+        load_recordings(root)
 
 
 # ---------------------------------------------------------------------- the real ones
