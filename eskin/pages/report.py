@@ -92,19 +92,17 @@ def read_json(path: Path) -> _Fields:
         record.file = path
         return record
 
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is no regular file; make the result again with 'eskin run'")
     try:
-        value = json.loads(path.read_text(), object_hook=fields)
-    except FileNotFoundError:
-        raise InputError(
-            f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote"
-        ) from None
+        return json.loads(path.read_text(), object_hook=fields)
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged ({error}); make the result again with 'eskin run'") from None
-    if not isinstance(value, _Fields):
-        raise InputError(f"{path}: holds no JSON object; make the result again with 'eskin run'")
-    return value
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    why = error.strerror if isinstance(error, OSError) else f"is damaged: {error}"
+    return InputError(
+        f"{path}: cannot be read ({why}); name a folder that 'eskin run' wrote, or run it again"
+    )
 
 
 @contextmanager
@@ -117,8 +115,7 @@ def well_formed(folder: Path) -> Iterator[None]:
     except (
         TypeError,
         ValueError,
-        KeyError,
-        IndexError,
+        LookupError,
         AttributeError,
         ArithmeticError,
         jinja2.TemplateError,
@@ -206,12 +203,8 @@ def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: i
 def _read_trace(path: Path) -> dict[str, np.ndarray]:
     try:
         trace = read_arrays(path)
-    except FileNotFoundError:
-        raise InputError(
-            f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote"
-        ) from None
     except (OSError, ArchiveError) as error:
-        raise InputError(f"{path}: is damaged ({error}); make the result again with 'eskin run'") from None
+        raise _unreadable(path, error) from None
     for name in TRACE_ARRAYS:
         if name not in trace:
             raise InputError(f"{path}: has no array '{name}'; make the result again with 'eskin run'")
