@@ -273,16 +273,6 @@ class IntegerModel:
         hidden, logits = _run(arithmetic, self.config, self.arrays, features)
         return hidden.astype(np.int64), logits.astype(np.int64)
 
-    def logits_of(self, variants: Arrays, features: np.ndarray) -> np.ndarray:
-        """Logit codes (variants, n, K, C), int64: the network once for each variant of its arrays, name ->
-        (variants, *shape); arrays without a variant stay. The codes are not checked against their formats."""
-        count = len(next(iter(variants.values())))
-        names = network_shapes(self.config, real=False)
-        arrays = {
-            name: np.broadcast_to(self.arrays[name], (count, *self.arrays[name].shape)) for name in names
-        } | dict(variants)
-        return _run(Fixed(self.config), self.config, arrays, features)[1].astype(np.int64)
-
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> IntegerModel:
         """The integer model in a model folder; one of images is refused unless ``images`` says that the
