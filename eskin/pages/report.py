@@ -531,29 +531,6 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
     return figure
 
 
-def draw_scans(rows: Sequence[Record]) -> Figure | None:
-    """Accuracy of the best front end at every ``scan_every``, by the linear classifier that chose front ends, with its
-    energy of a touch; None where one alone was judged."""
-    best: dict[int, Record] = {}
-    for row in sorted(rows, key=lambda row: -row["accuracy"]):
-        best.setdefault(row.get("scan_every", 1), row)
-    if len(best) < 2:
-        return None
-    figure, (axes,) = panel_row(1, 5.2, 2.6)
-    for place, (_, row) in enumerate(sorted(best.items())):
-        bars = share_bars([row["accuracy"]], [row["standard_error"]])
-        axes.errorbar(place, row["accuracy"], yerr=bars, fmt="o", capsize=2, color=FLOAT_COLOUR)
-        energy = f"{1e6 * row['energy_touch_j']:.3g} µJ"
-        axes.annotate(
-            energy, (place, row["accuracy"]), (7, 0), textcoords="offset points", va="center", fontsize=8
-        )
-    axes.set_xticks(range(len(best)), [str(every) for every in sorted(best)])
-    axes.set(xlabel="one frame in so many is scanned", ylabel="accuracy, linear, unquantised")
-    axes.margins(x=0.2)
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    return figure
-
-
 # ---------------------------------------------------------------------- the page
 def write_report(folder: str | Path) -> Path:
     """Make ``report.html`` in a result folder from the other files in it.
@@ -609,7 +586,6 @@ def _render(result: Result) -> str:
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
                 "training": draw_training(splits),
                 "candidates": draw_candidates(candidates) if candidates else None,
-                "scans": draw_scans([front_end["chosen"], *front_end["rivals"]]) if front_end else None,
             }
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
     values = _values(result)
