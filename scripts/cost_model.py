@@ -21,15 +21,17 @@ from scipy.optimize import nnls
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
-from eskin.golden.core import AcceleratorConfig, Memo, Record, code_version, content_key
+from eskin.golden.core import AcceleratorConfig, Record, content_key
 from eskin.golden.data import Recordings
-from eskin.golden.model import random_integer_model, with_network
+from eskin.memo import Memo, code_version
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.study.energy import PARTS, counted_activity, estimate
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model
 from eskin.verbs.build_job import suited
 from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of

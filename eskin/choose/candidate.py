@@ -22,8 +22,9 @@ import numpy as np
 from eskin.choose.choice_table import beyond
 from eskin.choose.cost import Market
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model import IntegerModel, with_network
+from eskin.golden.model import IntegerModel
 from eskin.training.crossval import FoldDecisions
+from eskin.training.formats import with_network
 from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import Recipe
 

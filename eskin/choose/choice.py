@@ -27,10 +27,11 @@ from eskin.choose.cost import Market
 from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
 from eskin.choose.networks import AUTO, INSIDE, Effort, Part, Wish, check_units, network_choice, side_by_side
 from eskin.choose.yardsticks import linear_yardsticks
+from eskin.data.fit import check_fit
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.training.crossval import (
     Piece,

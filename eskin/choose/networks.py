@@ -31,8 +31,8 @@ from eskin.choose.choice_table import network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
-from eskin.golden.model import with_network
 from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
+from eskin.training.formats import with_network
 from eskin.training.level import is_level
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 

@@ -30,8 +30,8 @@ def train(asked: TrainRequest) -> None:
     from eskin.choose.choice import train_chosen
     from eskin.choose.choice_table import network_name, windows_brief
     from eskin.choose.networks import check_units
-    from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
+    from eskin.memo import Memo
     from eskin.study.stability.panel import panel_of
     from eskin.training.image_models import KEPT
     from eskin.training.splits import check_split
@@ -183,8 +183,9 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
 )
 def quantise(asked: QuantiseRequest) -> None:
     """Write the integer model into a model folder, a format for each signal."""
-    from eskin.golden.model import describe_formats, load_config
+    from eskin.golden.model import load_config
     from eskin.training.aware import train_in_integers
+    from eskin.training.formats import describe_formats
     from eskin.training.quantise import quantise as to_integers
 
     of_readout = asked.of_readout
@@ -231,11 +232,11 @@ def evaluate(asked: EvaluateRequest) -> Record:
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(asked: CompareRequest) -> Record:
     """Compare float with integer stage by stage: errors, saturations, the range of every signal."""
-    from eskin.golden.model import load_config, random_images, random_recordings
-    from eskin.golden.model.image_network import image_recordings
+    from eskin.golden.model import load_config
     from eskin.pages.compare_page import PAGE, render
     from eskin.pages.views import write_text
     from eskin.training.evaluate import compare_stages
+    from eskin.training.made_up import image_recordings, random_images, random_recordings
 
     page = asked.out / PAGE
     check_target(page)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from eskin.data.archive import load_archive
 from eskin.data.array_files import ARRAYS
 from eskin.data.arrays import tables_of
 from eskin.data.logs import is_log, read_log
@@ -17,9 +18,8 @@ from eskin.data.scene import scene_of
 from eskin.data.table import Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
 from eskin.data.turns import turn_recordings
+from eskin.extras import without_extra
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.core.errors import without_extra
-from eskin.golden.data.archive import load_archive
 from eskin.golden.data.recordings import Recordings, natural
 
 if TYPE_CHECKING:

@@ -53,9 +53,10 @@ from eskin.golden.core import (
     replacing,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.model import Trace, describe_formats
+from eskin.golden.model import Trace
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
 from eskin.pages.views import GAP, page, percent, short_name, tables, words, write_text
+from eskin.training.formats import describe_formats
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")

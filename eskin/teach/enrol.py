@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from eskin.data.fit import for_model
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
-from eskin.golden.data import Recordings, for_model
+from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,

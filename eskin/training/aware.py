@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from eskin.data.fit import check_fit
 from eskin.golden.core import InputError, Record
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, images_of, load_config
 from eskin.training.datasets import find_dataset, touch_rows
 from eskin.training.fit import fine_tune, one_thread

@@ -12,13 +12,14 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel, decide_touches, step_times
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches
 from eskin.golden.model.pipeline import by_recording
 from eskin.training.datasets import Dataset, Datasets, touch_rows
 from eskin.training.fit import fine_tune, fit_networks, post_training
 from eskin.training.losses import LossCurves
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import held_out, split_folds
+from eskin.training.times import step_times
 
 Progress = Callable[[str, int, int], None]
 """Called with (what, updates done, updates in all)."""

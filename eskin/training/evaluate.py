@@ -7,10 +7,10 @@ import numpy as np
 
 from eskin.golden.core import Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import step_times
 from eskin.golden.model.image_network import image_seconds
 from eskin.training.stage_error import logit_error, records
 from eskin.training.task import task_of
+from eskin.training.times import decision_times, step_times
 
 MAX_LOSS = 0.01
 """Accuracy that the integer model may lose against the float one."""
@@ -101,11 +101,12 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
         not_touched, partial = 0, 0
     else:
         times = step_times(config, trace.touches)
-        steps = list(zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True))
+        of_steps = (np.mean(run.first_local() == labels[:, None], axis=0) for run in (ideal, trace))
+        steps = list(zip(times, *of_steps, strict=True))
         not_touched = int(trace.not_touched.sum())
         partial = int(trace.partial[trace.first[trace.first >= 0]].sum())
         if (trace.decision >= 0).any():
-            decision_time_s = float(np.nanmean(trace.decision_time_s()))
+            decision_time_s = float(np.nanmean(decision_times(trace)))
     return {
         "recordings": len(labels),
         "float_accuracy": ideal.accuracy(labels),

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from eskin.data.fit import check_fit
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Stage
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, layer_formats, run_images
 from eskin.golden.model.model import TRAINING_FILE
 from eskin.training.trained import load_trained, written_by

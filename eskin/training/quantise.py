@@ -23,13 +23,13 @@ from eskin.golden.model import (
     load_config,
     network_formats,
     network_shapes,
-    normaliser_constants,
     real_by_input,
     run_cell,
 )
 from eskin.golden.model.model import TRAINING_FILE
 from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
+from eskin.training.formats import normaliser_constants
 from eskin.training.image_formats import quantise_image_model
 from eskin.training.prototypes import of_recordings, training_groups
 from eskin.training.trained import Trained, load_trained, written_by

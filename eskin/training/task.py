@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from eskin.data.fit import check_fit
 from eskin.golden.core import InputError, QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,

@@ -17,20 +17,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from eskin.golden.core import (
-    AcceleratorConfig,
-    Arrays,
-    Conv,
-    Dense,
-    InputError,
-    Pool,
-    QFormat,
-    Record,
-    code_version,
-)
+from eskin.golden.core import AcceleratorConfig, Arrays, Conv, Dense, InputError, Pool, QFormat, Record
 from eskin.golden.core.images import PIXEL_FORMAT
 from eskin.golden.model import FloatModel, IntegerModel, float_images, layer_formats, run_images
 from eskin.golden.model.straight_through import straight_through
+from eskin.memo import code_version
 from eskin.training.image_formats import (
     choose_image_formats,
     equalised,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from eskin.golden.core import AcceleratorConfig, Arrays, Record, content_key
 from eskin.golden.data import Recordings
-from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.targets import target as find_target
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import build_job, flow
 
 BOARD = "icebreaker"

@@ -31,20 +31,20 @@ from eskin.choose.cost import Market
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
+from eskin.data.fit import for_model
 from eskin.golden.core import (
     AcceleratorConfig,
     InputError,
-    Memo,
     Progress,
     Record,
     check_folder,
-    code_version,
     content_key,
     write_json,
 )
 from eskin.golden.core.files import exchange
-from eskin.golden.data import Recordings, for_model
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
+from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.requests import RunRequest

@@ -10,16 +10,15 @@ from typing import Any
 from eskin.golden.core import (
     AcceleratorConfig,
     InputError,
-    Memo,
     Progress,
     Record,
     check_target,
-    code_version,
     replacing,
     write_json,
 )
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
+from eskin.memo import Memo, code_version
 from eskin.pages import sweep_charts
 from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles

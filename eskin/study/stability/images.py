@@ -19,9 +19,10 @@ from eskin.golden.core import AcceleratorConfig, Pool, QFormat, narrow
 from eskin.golden.core.images import BIAS_BITS
 from eskin.golden.data import Recordings
 from eskin.golden.model import ImageTrace, IntegerModel, images_of, layer_formats, run_images
-from eskin.golden.model.image_network import accumulators, image_recordings, pooled
+from eskin.golden.model.image_network import accumulators, pooled
 from eskin.study.stability.core import Case, Curve, Mode, Outcome
 from eskin.study.stability.memory import Site, by_bit, upset
+from eskin.training.made_up import image_recordings
 
 FULL = 255
 PLAYED = 3

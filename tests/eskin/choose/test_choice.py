@@ -12,10 +12,11 @@ from eskin.choose.choice import choose_inside, configure, inner_folds, train_cho
 from eskin.choose.networks import Wish
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, with_network
+from eskin.golden.model import FloatModel
 from eskin.training import train
 from eskin.training.crossval import Terms
 from eskin.training.datasets import Datasets
+from eskin.training.formats import with_network
 from eskin.training.quantise import quantise
 from eskin.training.splits import split_folds
 from tests.eskin.choose.test_candidate import CONFIG

@@ -10,8 +10,9 @@ from torch import nn
 
 from eskin.exchange.import_network import import_network
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import FloatModel, float_images, random_images, run_images
+from eskin.golden.model import FloatModel, float_images, run_images
 from eskin.training.image_formats import quantised
+from eskin.training.made_up import random_images
 from tests.support.image_scenes import SHAPES
 from tests.support.table import each_row
 

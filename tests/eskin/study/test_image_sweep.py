@@ -4,8 +4,8 @@ trained but in one test."""
 import numpy as np
 import pytest
 
-from eskin.golden.core import Memo
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.image_passes import plan_of
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values

@@ -8,17 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.golden.core import PRESETS, InputError, QFormat
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    find_touches,
-    load_config,
-    load_training,
-    run,
-    with_network,
-)
+from eskin.golden.model import FloatModel, IntegerModel, find_touches, load_config, load_training, run
 from eskin.golden.model.pipeline import float_features
 from eskin.training.evaluate import evaluate, held
+from eskin.training.formats import with_network
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import (
     COVERED_FEATURE,

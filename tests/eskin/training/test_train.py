@@ -18,7 +18,6 @@ from eskin.golden.model import (
     normalise,
     real_features,
     run,
-    with_network,
 )
 from eskin.training import batches as batching
 from eskin.training import crossval, datasets
@@ -27,6 +26,7 @@ from eskin.training import recipe as recipes
 from eskin.training.aware import train_in_integers
 from eskin.training.crossval import cross_validate
 from eskin.training.evaluate import evaluate
+from eskin.training.formats import with_network
 from eskin.training.quantise import IntegerNetwork, profile, quantise
 from eskin.training.recipe import RECIPES
 from eskin.training.splits import default_splits, split_folds

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core import AcceleratorConfig, Memo
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
+from eskin.memo import Memo
 from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import (
     _scale,

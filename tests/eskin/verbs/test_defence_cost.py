@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_recordings
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.fpga.wiring import Wiring
+from eskin.training.made_up import random_recordings
 from eskin.verbs import defence_cost
 
 PVDF = PRESETS["pvdf"]

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from eskin.golden.data import save_archive
+from eskin.data.archive import save_archive
 from eskin.golden.model import IntegerModel
 from eskin.golden.model import run as run_model
 from eskin.rtl.fpga.generate import boot_writes

@@ -13,9 +13,10 @@ import pytest
 from eskin.choose.choice import Plan
 from eskin.cosim.runner import SimulationError
 from eskin.golden.core import InputError
-from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import main_job
 from tests.support import result_case
 from tests.support.folder import contents

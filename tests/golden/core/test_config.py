@@ -5,7 +5,7 @@ import json
 import pytest
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, signed_bits
-from eskin.golden.model import with_network
+from eskin.training.formats import with_network
 from tests.support.table import each_row
 
 FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent_format=QFormat(4, 4))
@@ -107,7 +107,7 @@ def test_a_value_of_the_wrong_kind_in_a_file_is_refused_in_a_sentence(tmp_path, 
     [
         (
             {"name": "old", "taxels": 8},
-            "field taxels stands outside of its group, as before version 0.2; put it into sensor",
+            "unknown group taxels; known groups are sensor",
         ),
         ({"sensors": {}}, "unknown group sensors; known groups are sensor, rest_level"),
         ({"sensor": {"hidden": 8}}, "group sensor: unknown field hidden; known fields are taxels"),

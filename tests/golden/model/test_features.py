@@ -12,17 +12,14 @@ import torch
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_touches, normalise, normaliser_constants, random_recordings, real_features
-from eskin.golden.model.preprocess import (
-    TouchFinder,
-    amplified,
-    by_input,
-    companded,
-    shifts_by_input,
-    sums_alone,
-)
+from eskin.golden.model import find_touches, normalise, real_features
+from eskin.golden.model.preprocess import TouchFinder, by_input, companded, shifts_by_input
+from eskin.study.stability.core import sums_alone
+from eskin.study.stability.numeric import amplified
 from eskin.training import batches as batching
 from eskin.training import datasets
+from eskin.training.formats import normaliser_constants
+from eskin.training.made_up import random_recordings
 from eskin.training.recipe import RECIPES
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene

@@ -13,11 +13,10 @@ from eskin.golden.model import (
     load_training,
     network_shapes,
     normalise,
-    normaliser_constants,
-    random_integer_model,
     run_cell,
-    with_network,
 )
+from eskin.training.formats import normaliser_constants, with_network
+from eskin.training.made_up import random_integer_model
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
 from tests.support.table import each_row

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Control,
     Fault,
@@ -31,6 +30,7 @@ from eskin.rtl.program.signature import (
     unseen,
 )
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.training.made_up import random_integer_model
 from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
 from tests.support.stream_bench import Bench, put
 

@@ -7,8 +7,9 @@ from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.model import random_integer_model, write_vectors
+from eskin.golden.model import write_vectors
 from eskin.rtl.fpga.generate import generate
+from eskin.training.made_up import random_integer_model
 from eskin.verbs.flow import cosimulate
 from tests.rtl.fpga.test_netlist import BUILDS
 from tests.support.traffic_case import CONFIG, Case

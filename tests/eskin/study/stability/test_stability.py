@@ -14,7 +14,7 @@ from eskin.requests import StabilityRequest
 from eskin.study.stability import sensor
 from eskin.study.stability import suite as stability
 from eskin.study.stability.core import GROUPS, Bench, Curve, Outcome
-from eskin.study.stability.memory import Upset, flipped
+from eskin.study.stability.memory import Upset, flipped, logits_of
 from eskin.study.stability.suite import judge, run_modes
 from eskin.study.stability.table import MODES
 from eskin.verbs import stability_job
@@ -191,7 +191,7 @@ def test_upsets_of_the_network_equal_those_of_the_model_one_by_one():
     variants = np.repeat(bench.model.arrays[name][None], 3, axis=0)
     for v in range(3):
         variants[v, v, v] = flipped(variants[v, v, v], 7, bench.config.formats.weight_format)
-    together = bench.model.logits_of({name: variants}, few.codes)
+    together = logits_of(bench.model, {name: variants}, few.codes)
     for v in range(3):
         alone = bench.changed(arrays={name: variants[v]}).forward(few.codes)[1]
         assert np.array_equal(together[v], alone)
