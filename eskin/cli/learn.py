@@ -231,7 +231,7 @@ def evaluate(asked: EvaluateRequest) -> Record:
 
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(asked: CompareRequest) -> Record:
-    """Compare float with integer stage by stage: errors, saturations, the range of every signal."""
+    """Compare float with integer stage by stage: errors, saturations, share of the range in use."""
     from eskin.golden.model import load_config
     from eskin.pages.compare_page import PAGE, render
     from eskin.pages.views import write_text

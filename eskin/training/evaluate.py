@@ -48,14 +48,13 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
 
 
 def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
-    """Both models of a folder over recordings or images, stage by stage and signal by signal.
+    """Both models of a folder over recordings or images, stage by stage.
 
     Returns
     -------
     model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same
     global decision), local_agreement (share of steps with the same class; None of images), logit_error,
-    stages (as ``evaluate``), signals (a record for each array of weights and each stage:
-    ``eskin.training.stage_error.SignalProfile``).
+    stages (as ``evaluate``).
 
     Raises
     ------
@@ -73,7 +72,6 @@ def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
         "local_agreement": task.local_agreement,
         "logit_error": logit_error(stages),
         "stages": records(stages),
-        "signals": records(task.signals()),
     }
 
 

@@ -26,7 +26,7 @@ def judged(shared, piece):
     size = f"{piece.config.image.height}x{piece.config.image.width}"
     assert images[size].shape[1:] == (piece.config.image.height, piece.config.image.width)
     truth = labels[np.array(piece.left_out)]
-    found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
+    found = {"float": truth, "w8": np.minimum(truth, 1)}
     found |= {"tuned": 0 * truth} if piece.tuned_bits else {}
     return {name: values.tolist() for name, values in found.items()} | {"wall_s": 0.0}
 

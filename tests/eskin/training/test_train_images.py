@@ -160,41 +160,6 @@ def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     assert evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
 
 
-def test_each_kind_of_weights_is_judged_seed_by_seed(folder, monkeypatch):
-    out, scene, record = folder
-    (split,) = record["cross_validation"]
-    by = {row["weights"]: row for row in split["by_weights"]}
-    assert list(by) == ["float", "8 bits, rounded", "4 bits, rounded"] and by["float"]["agreement"] == 1
-    assert by["float"]["by_seed"] == [split["float_accuracy"]] and by["8 bits, rounded"]["by_seed"] == [
-        split["integer_accuracy"]
-    ]
-
-    # right with float, one image in two with 8 bits, none with 4 bits of seed 1, all of seed 0
-    def made(shared, piece):
-        _, truth = shared
-        out = np.array(piece.left_out)
-        wrong = (truth[out] + 1) % 3
-        few = truth[out] if piece.seed == 0 else wrong
-        half = np.where(out % 2, truth[out], wrong)
-        return {
-            "float": truth[out].tolist(),
-            "w8": half.tolist(),
-            "w4": few.tolist(),
-            "tuned": few.tolist(),
-            "wall_s": 0.0,
-        }
-
-    monkeypatch.setattr("eskin.training.image_models.judge", made)
-    many = train_image_model(
-        scene, config(), out=out.parent / "many", folds=2, seeds=2, recipe=QUICK, workers=1
-    )
-    by = {row["weights"]: row for row in many["cross_validation"][0]["by_weights"]}
-    assert by["8 bits, rounded"]["by_seed"] == [0.5, 0.5] and by["8 bits, rounded"]["spread"] == 0
-    assert by["4 bits, rounded"]["by_seed"] == [1.0, 0.0]
-    assert by["4 bits, rounded"]["accuracy"] == by["4 bits, rounded"]["agreement"] == 0.5
-    assert by["4 bits, rounded"]["spread"] == pytest.approx(0.5**0.5)
-
-
 def test_auto_takes_the_smallest_that_is_level():
     scene = shapes(1, 0, (28, 50))
     candidates = [image_config(scene, name) for name in CANDIDATES]

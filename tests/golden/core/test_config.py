@@ -105,10 +105,7 @@ def test_a_value_of_the_wrong_kind_in_a_file_is_refused_in_a_sentence(tmp_path, 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (
-            {"name": "old", "taxels": 8},
-            "unknown group taxels; known groups are sensor",
-        ),
+        ({"name": "old", "taxels": 8}, "unknown group taxels; known groups are sensor"),
         ({"sensors": {}}, "unknown group sensors; known groups are sensor, rest_level"),
         ({"sensor": {"hidden": 8}}, "group sensor: unknown field hidden; known fields are taxels"),
         ({"sensor": [8]}, "group sensor: must be a JSON object"),
