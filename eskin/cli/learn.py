@@ -184,7 +184,6 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
 def quantise(asked: QuantiseRequest) -> None:
     """Write the integer model into a model folder, a format for each signal."""
     from eskin.golden.model import load_config
-    from eskin.training.aware import train_in_integers
     from eskin.training.formats import describe_formats
     from eskin.training.quantise import quantise as to_integers
 
@@ -207,9 +206,8 @@ def quantise(asked: QuantiseRequest) -> None:
                 "neither --formats lean nor --readout"
             )
         with progress_bars() as report:
-            integer = train_in_integers(
-                asked.model, recordings, partial(report, "training in integers"), **widths
-            )
+            aware = partial(report, "training in integers")
+            integer = to_integers(asked.model, recordings, aware=aware, **widths)
     else:
         if asked.readout and recordings is not None and recordings.image_shape:
             raise InputError("--readout: is for models that read recordings; leave it out for one of images")

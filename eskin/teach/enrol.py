@@ -11,10 +11,9 @@ penalty on the distance to the old weights. A model whose readout is prototypes 
 import dataclasses
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -40,8 +39,8 @@ from eskin.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.training.fit import Loss, train_integers
 from eskin.training.losses import Progress, class_loss
 from eskin.training.prototypes import teach_recordings
-from eskin.training.quantise import IntegerNetwork, merged_parameters, profile, range_records
-from eskin.training.recipe import Recipe, choose_recipe
+from eskin.training.quantise import IntegerNetwork, profile, range_records
+from eskin.training.recipe import Recipe, noted_recipe
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,7 +237,7 @@ def enrol(
     -------
     What training.json keeps in ``enrolments``: data, old_data, seed, touches (class name -> number),
     setting, before and after (share of the new recordings decided as labelled, which the network has now been
-    trained on), old_before and old_after (of the old ones; None without), largest_change (of a weight),
+    trained on), old_before and old_after (of the old ones; None without),
     saturated: {feature, logit} (shares), wall_s, passed (no fewer of the new recordings right than before,
     and at most MAX_LOSS of the old ones lost).
 
@@ -260,7 +259,7 @@ def enrol(
     config = pair.integer.config
     few = for_model(few, config)
     old = None if old is None else for_model(old, config)
-    recipe = _recipe_of(record, config)
+    recipe = noted_recipe(record, config)
     everything = joined(few, old)
     data = find_dataset(everything, config, recipe)
     is_new = np.arange(len(everything)) < len(few)
@@ -273,9 +272,6 @@ def enrol(
             "'eskin inspect'"
         )
     (enrolled,) = fit([pair], data, recipe, [new], None if old is None else [former], seed, progress)
-    if enrolled.integer.config != config:
-        # the bitstream in use would be another design's
-        raise AssertionError("enrolment changed the configuration")
     saturated = _saturated(enrolled, data, new, former, few.source)
 
     def share(of: Pair, part: np.ndarray) -> float | None:
@@ -291,7 +287,6 @@ def enrol(
         "after": share(enrolled, is_new),
         "old_before": share(pair, ~is_new),
         "old_after": share(enrolled, ~is_new),
-        "largest_change": _largest_change(pair, enrolled),
         "saturated": saturated,
         "wall_s": time.perf_counter() - begin,
     }
@@ -312,20 +307,6 @@ def enrol(
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
     enrolled.real.save(out, json.loads(json.dumps(record)), enrolled.integer)
     return result
-
-
-def _recipe_of(record: Mapping[str, Any], config: AcceleratorConfig) -> Recipe:
-    """The recipe of the first training: its loss and augmentation hold for what is added; that of the
-    configuration where none is noted."""
-    try:
-        return Recipe(**record["recipe"])
-    except (KeyError, TypeError):
-        return choose_recipe(config)
-
-
-def _largest_change(before: Pair, after: Pair) -> float:
-    old, new = merged_parameters(before.real), merged_parameters(after.real)
-    return max(float(np.abs(new[name] - old[name]).max()) for name in old)
 
 
 def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, source: str) -> dict[str, float]:

@@ -3,7 +3,7 @@ half. No torch."""
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, layer_formats, run_images
 from eskin.golden.model.model import TRAINING_FILE
 from eskin.training.trained import load_trained, written_by
+
+Progress = Callable[[int, int], None]
 
 COVERED = 0.9999
 """Share of the values of a map that its format holds; rarer ones saturate."""
@@ -167,6 +169,7 @@ def quantised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> In
 def quantise_image_model(
     model_dir: str | Path,
     recordings: Recordings | None = None,
+    aware: Progress | None = None,
     *,
     weight_bits: int | None = None,
     **other: Any,
@@ -185,20 +188,33 @@ def quantise_image_model(
             raise InputError(
                 f"{name}: networks for images have no such width; leave it out, or give --weight-bits 4"
             )
+    bits = weight_bits or 8
+    check_weight_bits(bits)
     trained = load_trained(model_dir, images=True)
     model, record = trained.model, trained.record
     model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
-    if recordings is not None:
-        check_fit(recordings, model.config)
-        model = equalised(model, images_of(recordings), weight_bits or 8)
-        ranges = profile_images(model, images_of(recordings))
+    if recordings is None:
+        ranges, aware = _noted(model_dir, model.config, record), None
     else:
-        ranges = _noted(model_dir, model.config, record)
-    integer = integers_of(model, choose_image_formats(model, ranges, weight_bits or 8))
+        check_fit(recordings, model.config)
+        images = images_of(recordings)
+        model = model if aware else equalised(model, images, bits)
+        ranges = profile_images(model, images)
+    if aware and recordings is not None:
+        from eskin.training.fit import one_thread
+        from eskin.training.train_images import ImageRecipe, tune_network
+
+        recipe, seed = ImageRecipe(**record.get("recipe", {})), int(record.get("seed", 0))
+        with one_thread():
+            model, integer = tune_network(
+                model, images, recordings.labels, weight_bits=bits, recipe=recipe, seed=seed, progress=aware
+            )
+    else:
+        integer = integers_of(model, choose_image_formats(model, ranges, bits))
     trained.check_kept(integer.config, {"weight_bits": weight_bits})
     record |= {
-        "quantisation_aware": False,
-        "widths": {"weight_bits": weight_bits or 8},
+        "quantisation_aware": aware is not None,
+        "widths": {"weight_bits": bits},
         "ranges": ranges,
         **written_by(trained.model.config, integer),
     }

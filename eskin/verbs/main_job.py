@@ -355,9 +355,7 @@ class _Steps:
 
     def _yardsticks(self, training: Record, folder: Path, notify: Progress) -> None:
         first = training["cross_validation"][0]
-        rows = yardsticks.yardsticks(
-            self.recordings, self.config, first["groups"], 5, first["integer_accuracy"], notify
-        )
+        rows = yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify)
         write_json(folder / "yardsticks.json", rows)
 
     def _test(self, quantised: Path) -> Record | None:

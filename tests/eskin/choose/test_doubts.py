@@ -63,16 +63,6 @@ NONE_BETTER = "no network that was judged does better"
             ["no hardware for it here; try --cell gru --hidden 16"],
         ),
         ([baseline(0.95, WHOLE, False, whole=True)], [LINEAR], [NONE_BETTER]),
-        (
-            [baseline(0.95, FOREST, False) | {"without": {"mean": 0.94, "spread": 0.9}}],
-            [LINEAR],
-            ["(most by spread: without it 90.0 %)"],
-        ),
-        (
-            [baseline(0.95, FOREST, False) | {"without": {"mean": 0.94, "spread": 0.945}}],
-            [LINEAR],
-            ["by none of mean, spread alone"],
-        ),
     ],
 )
 def test_a_network_below_its_best_baseline(rows, candidates, parts):

@@ -13,10 +13,8 @@ from eskin.choose.yardsticks import (
     raw_features,
     statistics,
     support_vectors,
-    yardsticks,
 )
 from tests.support import result_case
-from tests.support.result_case import CONFIG
 
 
 def test_raw_features_are_mean_deviation_and_change_of_each_part():
@@ -69,16 +67,3 @@ def test_statistics_of_the_whole_stand_behind_those_of_the_parts():
     np.testing.assert_allclose(
         spectrum, (np.abs(np.fft.rfft(whole - whole.mean(axis=0), axis=0)) ** 2).sum(axis=0)
     )
-
-
-def test_what_a_better_forest_is_better_by():
-    """The classes differ by how much they move alone."""
-    loaded = result_case.recordings(48)
-    rng = np.random.default_rng(0)
-    moved = rng.normal(0, 20, loaded.samples.shape) * (1 + np.repeat(loaded.labels, loaded.lengths))[:, None]
-    loaded = dataclasses.replace(loaded, samples=np.rint(1000 + moved).astype(np.int32))
-    *_, vectors, trees = yardsticks(loaded, CONFIG, ["person"], 5, 0.3)
-    best = max(vectors, trees, key=lambda row: row["accuracy"])
-    assert best["accuracy"] > 0.9 and set(best["without"]) == set(STATISTICS)
-    without = statistics(loaded)
-    assert best["without"]["mean"] > 0.9 and len(without) == 5

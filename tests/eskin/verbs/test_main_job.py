@@ -78,7 +78,7 @@ class Chain:
         assert IntegerModel.load(folder).config.features.feature_shift
         return self.evaluation
 
-    def yardsticks(self, loaded, config, groups, folds, accuracy, progress):
+    def yardsticks(self, loaded, config, groups, folds, progress):
         self.call("yardsticks")
         return []
 
