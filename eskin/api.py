@@ -243,7 +243,7 @@ class Model(Estimator):
             The recordings break a rule, or do not fit the configuration that was asked for.
         """
         from eskin.choose.choice import train_chosen
-        from eskin.training.quantise import quantise
+        from eskin.training.integers import quantise
         from eskin.verbs.cost import market
 
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":

@@ -185,7 +185,7 @@ def quantise(asked: QuantiseRequest) -> None:
     """Write the integer model into a model folder, a format for each signal."""
     from eskin.golden.model import load_config
     from eskin.training.formats import describe_formats
-    from eskin.training.quantise import quantise as to_integers
+    from eskin.training.integers import quantise as to_integers
 
     of_readout = asked.of_readout
     if asked.readout != "prototypes":

@@ -2,41 +2,31 @@
 train it on as integers."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
 
-from eskin.data.fit import check_fit
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
-from eskin.golden.data import Recordings
 from eskin.golden.model import (
     Fixed,
     Float,
     FloatModel,
     IntegerModel,
     Touches,
-    find_touches,
     float_features,
-    load_config,
     network_formats,
     network_shapes,
     real_by_input,
     run_cell,
 )
-from eskin.golden.model.model import TRAINING_FILE
 from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
 from eskin.training.formats import normaliser_constants
-from eskin.training.image_formats import quantise_image_model
-from eskin.training.prototypes import of_recordings, training_groups
-from eskin.training.trained import Trained, load_trained, written_by
 
 Range = tuple[float, float]
-Progress = Callable[[int, int], None]
 
 WEIGHT_BITS, FEATURE_BITS, BIAS_BITS, LOGIT_BITS = 8, 12, 16, 16
 """Default widths; state and gates keep the configuration's."""
@@ -556,27 +546,6 @@ def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Ma
     return math.floor(math.log2(config.scale_format.max_code * float((units * spread).min()))) - gate_frac
 
 
-def _noted_ranges(
-    model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]
-) -> dict[str, Range]:
-    """The ranges that the training record notes."""
-    fix = "give the recordings it was trained on (--data)"
-    entries = record.get("ranges", [])
-    if not entries:
-        raise InputError(f"model '{model_dir}': has no ranges noted at training; {fix}")
-    try:
-        ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
-        needed = [signal for signal in signals(config) if signal in ranges or signal != LAST_LOGIT]
-        endless = [signal for signal in needed if not all(map(math.isfinite, ranges[signal]))]
-    except (TypeError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{model_dir}/{TRAINING_FILE}, field ranges: is damaged ({error!r}); {fix}"
-        ) from None
-    if endless:
-        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: {endless[0]} is not finite; {fix}")
-    return ranges
-
-
 def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[Record]:
     """Ranges for training.json and the report: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
@@ -587,127 +556,3 @@ def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> lis
         for s in signals(config)
         if s in ranges
     ]
-
-
-def quantise(
-    model_dir: str | Path,
-    recordings: Recordings | None = None,
-    *,
-    readout: Mapping[str, Any] | Literal["dense"] | None = None,
-    aware: Progress | None = None,
-    **widths: Any,
-) -> IntegerModel:
-    """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go
-    into training.json. What config.json says beside formats stays.
-
-    Parameters
-    ----------
-    recordings:
-        Recordings to profile ranges on (the training data). Without them the ranges noted at training are
-        used.
-    readout:
-        ``dense``: logits decide. A mapping: prototypes do, made of ``recordings``: groups (None: those of the
-        training) and what else `eskin.training.prototypes.with_prototypes` takes. None: as config.json says.
-    aware:
-        Quantisation-aware: the network is trained on with the integers of these widths, by the seed and the recipe
-        of its training; called with the updates done. It takes recordings.
-    widths:
-        weight_bits, state_bits, feature_bits, gate_bits, table_entries: see ``choose_formats``.
-
-    Raises
-    ------
-    InputError
-        When the folder is no model folder, or no format of the asked widths works; naming a field of
-        config.json that cannot be kept.
-    """
-    if load_config(model_dir).is_image:
-        return quantise_image_model(model_dir, recordings, aware, **widths)
-    trained = load_trained(model_dir, ranges=recordings is None)
-    model, record = trained.model, trained.record
-    options: Mapping[str, Any] = readout if isinstance(readout, Mapping) else {}
-    prototypes = readout != "dense" and (readout is not None or model.config.has_prototypes)
-    if prototypes and aware:
-        raise InputError(
-            f"model '{model_dir}', field readout: is 'prototypes', which weights trained on would not fit; quantise "
-            "it with --readout dense first"
-        )
-    if prototypes:
-        options = _of_prototypes(trained, options, recordings)
-    if recordings is None:
-        ranges, aware = _noted_ranges(model_dir, model.config, record), None
-    elif not aware:
-        ranges = profile(model, find_touches(model.config, recordings))
-    if aware and recordings is not None:
-        integer, ranges = _trained_on(model, record, recordings, aware, widths)
-    else:
-        integer = quantise_model(model, ranges, **widths)
-        check_given(integer.config, widths.get("feature_bits"))
-    if prototypes and recordings is not None:
-        groups = training_groups(recordings, record, options.get("groups"))
-        integer = of_recordings(
-            integer, recordings, groups, **{k: v for k, v in options.items() if k != "groups"}
-        )
-    trained.check_kept(integer.config, {**widths, **(readout if isinstance(readout, Mapping) else {})})
-    record |= {
-        "quantisation_aware": aware is not None,
-        "widths": widths,
-        "ranges": range_records(integer.config, ranges),
-        **written_by(model.config, integer),
-    }
-    integer.save(model_dir, training=record, unchanged=trained.files)
-    return integer
-
-
-def _trained_on(
-    model: FloatModel, record: Record, recordings: Recordings, progress: Progress, widths: Record
-) -> tuple[IntegerModel, dict[str, Range]]:
-    """The integers of the network trained on, and its ranges before."""
-    from eskin.training.datasets import find_dataset, touch_rows
-    from eskin.training.fit import fine_tune
-    from eskin.training.recipe import noted_recipe
-
-    check_widths(model.config, **widths)
-    check_fit(recordings, model.config)
-    recipe = noted_recipe(record, model.config)
-    data, seed = find_dataset(recordings, model.config, recipe), int(record.get("seed", 0))
-    rows = touch_rows(data, np.arange(len(recordings)))
-    (integer,) = fine_tune(data, recipe, [rows], [model], seed, widths, progress)
-    return integer, profile(model, data.touches)
-
-
-KEPT_OF_READOUT = ("prototypes", "taught", "state_code_bits", "spare_classes", "unknown_above")
-"""Fields that prototypes are made anew with, where no option says otherwise."""
-
-IN_LOGITS = ("margin_threshold", "early_margin")
-"""Fields of a margin, of logits or of distances."""
-
-
-def _of_prototypes(
-    trained: Trained, asked: Mapping[str, Any], recordings: Recordings | None
-) -> Mapping[str, Any]:
-    """Settings of prototypes: as requested, otherwise from config.json.
-
-    Raises
-    ------
-    InputError
-        There are no recordings to make them of; a margin is of logits.
-    """
-    config = trained.current
-    if recordings is None:
-        raise InputError(
-            f"model '{trained.folder}', field readout: is 'prototypes', which are made of the recordings of the "
-            "training; give them (--data), or --readout dense"
-        )
-    if config.has_prototypes:
-        kept = {name: config.value(name) for name in KEPT_OF_READOUT}
-        if asked.get("unknown") is not None:
-            del kept["unknown_above"]
-        return {**kept, **asked}
-    if config.network.decision != "vote":  # which counts steps, whatever decides them
-        for field in IN_LOGITS:
-            if config.value(field):
-                raise InputError(
-                    f"model '{trained.folder}', field {field}: is {config.value(field)} in config.json, of logits, "
-                    "and prototypes decide by distances; set it to 0 there, and to one of distances afterwards"
-                )
-    return asked

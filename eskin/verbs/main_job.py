@@ -54,7 +54,7 @@ from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
 from eskin.study.stability.panel import Panel, panel_of
-from eskin.training import LEARNING, evaluate, quantise
+from eskin.training import LEARNING, evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs import cost
@@ -348,7 +348,7 @@ class _Steps:
     def _quantise(self, trained: Path, folder: Path) -> None:
         shutil.copytree(trained / "model", folder / "model")
         prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
-        quantise.quantise(folder / "model", self.recordings if prototypes else None)
+        integers.quantise(folder / "model", self.recordings if prototypes else None)
 
     def _evaluate(self, quantised: Path, folder: Path, notify: Progress) -> None:
         write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))

@@ -17,7 +17,7 @@ from eskin.training import train
 from eskin.training.crossval import Terms
 from eskin.training.datasets import Datasets
 from eskin.training.formats import with_network
-from eskin.training.quantise import quantise
+from eskin.training.integers import quantise
 from eskin.training.splits import split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings

@@ -19,7 +19,7 @@ from eskin.training import prototypes as prototypes_of
 from eskin.training import recipe
 from eskin.training.evaluate import evaluate
 from eskin.training.formats import with_network
-from eskin.training.quantise import quantise
+from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 from tests.support.folder import exchanges
 from tests.support.prices import priced

@@ -6,7 +6,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_training
 from eskin.training.derive import derive_config
 from eskin.training.formats import with_network
-from eskin.training.quantise import quantise
+from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 
 TAXELS, CLASSES, FRAMES = 24, 6, 160

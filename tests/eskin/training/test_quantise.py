@@ -12,6 +12,7 @@ from eskin.golden.model import FloatModel, IntegerModel, find_touches, load_conf
 from eskin.golden.model.pipeline import float_features
 from eskin.training.evaluate import evaluate, held
 from eskin.training.formats import with_network
+from eskin.training.integers import quantise
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import (
     COVERED_FEATURE,
@@ -21,7 +22,6 @@ from eskin.training.quantise import (
     covering_format,
     merged_parameters,
     profile,
-    quantise,
     quantise_model,
 )
 from tests.golden.model.test_cells import CELLS

@@ -26,7 +26,8 @@ from eskin.training import recipe as recipes
 from eskin.training.crossval import cross_validate
 from eskin.training.evaluate import evaluate
 from eskin.training.formats import with_network
-from eskin.training.quantise import IntegerNetwork, profile, quantise
+from eskin.training.integers import quantise
+from eskin.training.quantise import IntegerNetwork, profile
 from eskin.training.recipe import RECIPES
 from eskin.training.splits import default_splits, split_folds
 from eskin.training.train import TrainingRequest, train

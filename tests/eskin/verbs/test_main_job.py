@@ -47,7 +47,7 @@ class Chain:
                 self.config, ["made up"], ["person"], "the archive's first group", market
             ),
             "choice.train_chosen": self.train,
-            "quantise.quantise": self.quantise,
+            "integers.quantise": self.quantise,
             "evaluate.evaluate": self.evaluate,
             "yardsticks.yardsticks": self.yardsticks,
             "generate": self.generate,
