@@ -17,7 +17,7 @@ from eskin.training.datasets import Dataset, Datasets, touch_rows
 from eskin.training.fit import fine_tune, fit_networks, post_training
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import held_out, split_folds
-from eskin.training.times import step_times
+from eskin.training.times import step_rows, step_times
 
 Progress = Callable[[str, int, int], None]
 """Called with (what, updates done, updates in all)."""
@@ -326,15 +326,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> Rec
         "integer_spread": spread("integer_accuracy"),
         "float_by_seed": by_seed("float_accuracy"),
         "integer_by_seed": by_seed("integer_accuracy"),
-        "per_step": [
-            {
-                "step": k + 1,
-                "time_s": float(time),
-                "float_accuracy": float(real),
-                "integer_accuracy": float(integer),
-            }
-            for k, (time, real, integer) in enumerate(zip(times, *steps, strict=True))
-        ],
+        "per_step": step_rows(zip(times, *steps, strict=True)),
         "per_fold": per_fold,
         "decision_time_s": float(np.mean(np.asarray(times)[decided_steps])) if len(decided_steps) else None,
         "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())}

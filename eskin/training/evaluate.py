@@ -10,7 +10,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model.image_network import image_seconds
 from eskin.training.stage_error import logit_error, records
 from eskin.training.task import task_of
-from eskin.training.times import decision_times, step_times
+from eskin.training.times import decision_times, step_rows, step_times
 
 MAX_LOSS = 0.01
 """Accuracy that the integer model may lose against the float one."""
@@ -111,15 +111,7 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
         "integer_accuracy": trace.accuracy(labels),
         "agreement": trace.agreement(ideal),
         "chance": float(np.bincount(labels).max() / len(labels)),
-        "per_step": [
-            {
-                "step": k + 1,
-                "time_s": float(time),
-                "float_accuracy": float(real),
-                "integer_accuracy": float(integer),
-            }
-            for k, (time, real, integer) in enumerate(steps)
-        ],
+        "per_step": step_rows(steps),
         "per_class": per_class,
         "not_touched": not_touched,
         "partial": partial,

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from eskin.data.fit import check_fit
-from eskin.golden.core import InputError
 from eskin.golden.core.images import PIXEL_FORMAT
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
@@ -123,15 +122,5 @@ def task_of(model_dir: str | Path, recordings: Recordings) -> TouchTask | ImageT
         When the folder is no quantised model folder, or the recordings are of another array or task.
     """
     integer, real = IntegerModel.load(model_dir, images=True), FloatModel.load(model_dir, images=True)
-    config = integer.config
-    if config.is_image:
-        check_fit(recordings, config)
-        return ImageTask(real, integer, recordings)
-    if tuple(recordings.class_names) != config.network.class_names:
-        raise InputError(
-            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and "
-            f"model '{model_dir}', field "
-            f"class_names, has {', '.join(config.network.class_names)}; use the recordings the model was "
-            "made for"
-        )
-    return TouchTask(real, integer, recordings)
+    check_fit(recordings, integer.config)
+    return (ImageTask if integer.config.is_image else TouchTask)(real, integer, recordings)

@@ -1,8 +1,10 @@
 """When decisions are given: seconds from the onset (from the first frame where the gate opens at once)."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.model import Touches, Trace
 
 
@@ -22,3 +24,12 @@ def decision_times(trace: Trace) -> np.ndarray:
     since = touches.start_frame - 1 + ends - touches.onset_frame
     seconds = np.where(step >= 0, since / trace.config.sensor.scan_rate_hz, np.nan)
     return np.append(seconds, np.nan)[first]  # -1, no touch, is the last
+
+
+def step_rows(steps: Iterable[tuple[float, float, float]]) -> list[Record]:
+    """``per_step`` of a result, of (time, float accuracy, integer accuracy) of each step."""
+    names = ("time_s", "float_accuracy", "integer_accuracy")
+    return [
+        {"step": k, **dict(zip(names, map(float, figures), strict=True))}
+        for k, figures in enumerate(steps, 1)
+    ]
