@@ -176,7 +176,7 @@ class ConvertRequest:
     source: Annotated[
         Path,
         argument(
-            "A folder by class of .csv, .parquet, .lvm or .png files or logs, one long .csv or .parquet table, a "
+            "A folder by class of .csv, .parquet or .lvm files or logs, one long .csv or .parquet table, a "
             ".mat or .h5 file, a log (.mcap, a ROS bag), an archive of images."
         ),
     ]

@@ -13,7 +13,6 @@ from eskin.data.array_files import ARRAYS
 from eskin.data.arrays import tables_of
 from eskin.data.logs import is_log, read_log
 from eskin.data.meaning import understand
-from eskin.data.pictures import load_pictures
 from eskin.data.scene import scene_of
 from eskin.data.table import Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
@@ -29,11 +28,10 @@ TEXT = (".csv", ".tsv", ".txt", ".lvm")
 KINDS = {
     **dict.fromkeys((*TEXT, ".parquet"), "text"),
     **dict.fromkeys((".mat", ".h5", ".hdf5", ".npy"), "arrays"),
-    ".png": "pictures",
 }
 """Endings of recording files, and their kinds; logs are of text's kind, since they are tables too."""
 FORMS = (
-    "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5, .npy or .png files or "
+    "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5 or .npy files or "
     "logs), a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"
 )
 
@@ -99,7 +97,7 @@ def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Rec
     if path.suffix == ".npz":
         worth = config.sensor.volt_per_code or None if config else None
         return load_archive(path, reading.scale or worth, asked=reading.scale is not None)
-    if _kind(path) in (None, "pictures"):
+    if _kind(path) is None:
         raise InputError(
             f"recordings '{path}': ends in '{path.suffix}', which is no format of recordings; give {FORMS}"
         )
@@ -200,15 +198,11 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     if not class_folders:
         refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
     kept = [file for file in files if file.parent != folder and _kind(file)]
-    recordings = [file for file in kept if _kind(file) != "pictures"]
-    kept = recordings or kept  # pictures beside them are plots
     for each in class_folders:
         if not any(each in file.parents for file in kept):
             refuse(each, f"has no file of recordings (it holds {found(_files(each))})")
     if len(set(map(_kind, kept))) > 1:
         refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")
-    if not recordings:
-        return load_pictures(folder, kept)
     tables = []
     for file in kept:
         tables_of_file, parts = open_file(file, reading), file.relative_to(folder).parts
