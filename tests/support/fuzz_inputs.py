@@ -282,7 +282,7 @@ def damage_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
             lambda: (
                 array.astype(rng.choice(("f8", "f2", "c16", "i1", "u8", "i8", "?", "U8", "S4")))
                 if number
-                else array[:0]
+                else np.atleast_1d(array)[:0]
             ),
             lambda: np.zeros(
                 array.shape, dtype=rng.choice(("M8[s]", "m8[ns]", "V8", [("a", "i4"), ("b", "f8")]))

@@ -83,11 +83,6 @@ def test_a_choice_that_flatters():
     ]
 
 
-def test_missed_onsets():
-    assert doubts.missed_onsets(98, 100) == []
-    assert "3 of 100 recordings" in doubts.missed_onsets(97, 100)[0]["text"]
-
-
 def test_a_lost_class():
     assert doubts.lost_classes(split(), NAMES) == []
     (one,) = doubts.lost_classes(split(confusion=((9, 1, 0, 0), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
@@ -127,20 +122,3 @@ def test_neighbours_that_look_alike():
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell
-
-
-@each_row("seed", range(5))
-def test_recordings_in_any_order_are_not_doubted(seed):
-    rng = np.random.default_rng(seed)
-    labels = rng.permutation(np.repeat(np.arange(3), 20))
-    samples = rng.normal(0, 30, (60, 20, 4)) + 10 * labels[:, None, None]
-    made = Recordings(
-        np.rint(samples).astype(np.int32).reshape(-1, 4),
-        20 * np.arange(61),
-        labels,
-        NAMES,
-        100.0,
-        {},
-        source="made",
-    )
-    assert doubts.look_alike(made, [], 5) == []

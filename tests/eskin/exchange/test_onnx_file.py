@@ -142,27 +142,14 @@ def start(made):
     node(made, "cell").input.extend(["", "h0"])
 
 
-def bomb(made):
-    made.graph.initializer.append(numpy_helper.from_array(np.array([10**6, 10**6]), "much"))
-    made.graph.node.insert(0, helper.make_node("ConstantOfShape", ["much"], ["zeros"], "bomb"))
-
-
 def external(made):
     tensor = made.graph.initializer[0]
     tensor.data_location = TensorProto.EXTERNAL
     tensor.external_data.add(key="location", value="../../etc/passwd")
 
 
-def wide(made):
-    made.graph.initializer.append(TensorProto(name="huge", data_type=TensorProto.FLOAT, dims=[1 << 40]))
-
-
 def odd_activations(made):
     node(made, "cell").attribute.append(helper.make_attribute("activations", 3))
-
-
-def reverse(made):
-    node(made, "cell").attribute.append(helper.make_attribute("direction", "reverse"))
 
 
 def not_numbers(made):

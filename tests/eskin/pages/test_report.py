@@ -12,7 +12,7 @@ import pytest
 
 from eskin.golden.core import InputError
 from eskin.pages import report
-from eskin.pages.report import Result, draw_scans, draw_trace, summary, write_report
+from eskin.pages.report import Result, draw_trace, summary, write_report
 from eskin.pages.views import count, hertz, percent, seconds
 from tests.support.result_case import CONFIG, STAGE_COUNTS, edit, make_result
 from tests.support.table import each_row
@@ -232,16 +232,6 @@ def test_a_missing_field_is_named(result, name, field):
         write_report(result)
     assert (result / name).name in str(caught.value)
     (result / name).write_bytes(whole)
-
-
-def test_the_chart_of_scans_shows_the_best_of_every_rate():
-    of = ((1, 0.98, 1e-6), (4, 0.9, 0.2e-6), (4, 0.97, 0.3e-6))
-    names = ("scan_every", "accuracy", "energy_touch_j")
-    rows = [dict(zip(names, row, strict=True)) | {"standard_error": 0.01} for row in of]
-    (axes,) = draw_scans(rows).axes
-    assert [text.get_text() for text in axes.texts] == ["1 µJ", "0.3 µJ"]
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "4"]
-    assert draw_scans(rows[:1]) is None
 
 
 def test_the_drawing_shows_the_codes_of_the_trace(made):

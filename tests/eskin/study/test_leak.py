@@ -74,15 +74,6 @@ def test_the_lead_in_repeated_stands_where_the_touch_was(left_in):
             np.testing.assert_array_equal(values, old[source - 1])
 
 
-def test_no_frame_of_the_touch_stays_in():
-    """Not those in whose mean the onset was found, nor the frame that left the band."""
-    samples = np.repeat(np.where(np.arange(60) < 41, 10, 500), 4).reshape(60, 4).astype(np.int32)
-    touch = dataclasses.replace(scene(1), samples=samples, offsets=np.array([0, 60]), labels=np.array([0]))
-    for config in (RAW, SMALL):
-        onsets = find_onsets(config, touch)
-        assert onsets[0] >= 42 and without_touches(touch, config, onsets).samples.max() == 10
-
-
 def test_a_forced_gate_opens_where_it_is_told_and_nowhere_else():
     recordings = scene(20, seed=3)
     onsets = find_onsets(SMALL, recordings)

@@ -214,41 +214,9 @@ def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floo
     assert choice["binding"] == [name for name in names if min(map(sweeping.size, without[name])) < least]
 
 
-FOUR = [made(0.90, 1.0, 10), made(0.96, 8.0, 20), made(0.96, 2.0, 20, lanes=4), made(0.99, 9.0, 40)]
 TIES, CLEAR = (
     [made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=error)] for error in (0.006, 0.004)
 )
-EQUAL = [
-    made(0.9, 1, 10, bits=80, lanes=1),
-    made(0.9, 1, 10, bits=60, lanes=4),
-    made(0.9, 1, 10, bits=60, lanes=2),
-]
-OPTIONS = (
-    {"compand": "log"},
-    {"decision": "early", "compand": "none"},
-    {"decision": "vote", "compand": "none"},
-)
-PLAIN = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in OPTIONS]
-
-
-@each_row(
-    ("records", "bounds", "point", "words"),
-    [
-        (FOUR, (None, 5.0), 2, "the latency budget binds"),
-        (FOUR, (None, None), 3, "the smallest within one standard error of the most accurate"),
-        (TIES, (None, None), 1, "0.985"),
-        (CLEAR, (None, None), 2, "0.99"),
-        (TIES, (0.995, None), 1, "it misses the accuracy floor 99.5 % by 1 %"),
-        (EQUAL, (0.8, None), 2, "0.9"),
-        (PLAIN, (0.8, None), 2, "0.9"),
-    ],
-)
-def test_the_recommendation_says_why(records, bounds, point, words):
-    """Ties within a standard error go to the smaller; of equal multiplies fewer weight bits, then lanes, then
-    options decide."""
-    names = ("accuracy_floor", "latency_budget")
-    choice = sweeping.recommend(records, sweeping.Bounds(**dict(zip(names, bounds, strict=True))))
-    assert choice["point"] == point and words in choice["sentence"], choice
 
 
 @each_row(("by_seed", "spread", "error"), [([0.9], None, 0.03), ([0.8, 0.9, 1.0, 0.9], 0.0816, 0.0408)])

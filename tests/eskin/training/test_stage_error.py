@@ -113,3 +113,6 @@ def test_the_logits_are_those_of_the_two_models_and_only_completed_steps_count(c
         "max": None,
         "stage": None,
     }
+
+
+# ---------------------------------------------------------------------- profiles
