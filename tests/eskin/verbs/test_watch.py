@@ -15,6 +15,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import run
 from eskin.golden.model.prototypes import forget
 from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.times import decision_times
 from eskin.verbs import watch_job
 from tests.golden.model.test_prototypes import taught_model
 from tests.support import browser
