@@ -53,8 +53,8 @@ def touches_of(recordings, config=SMALL, recipe=QUICK):
     return data, datasets.touch_rows(data, np.arange(len(recordings)))
 
 
-def fit(data, parts, recipe, config=SMALL, curves=None, told=lambda *_: None):
-    return fitting.fit_networks(data, config, recipe, parts, 0, told, curves)
+def fit(data, parts, recipe, config=SMALL, told=lambda *_: None):
+    return fitting.fit_networks(data, config, recipe, parts, 0, told)
 
 
 # ---------------------------------------------------------------------- learning and repeating
@@ -209,11 +209,9 @@ def test_no_group_is_on_both_sides(monkeypatch):
     recordings, seen = scene(60, seed=5), []
     fit, judge, quantise_part = fitting.fit_networks, crossval._judge, fitting.post_training
 
-    def noting_fit(data, config, recipe, parts, seed, progress, curves):
+    def noting_fit(data, config, recipe, parts, seed, progress):
         seen.append([set(data.touches.recording[rows]) for rows in parts])
-        curve_of = [set(data.touches.recording[rows]) for rows in curves._rows]
-        assert all(not trained & shown for trained, shown in zip(seen[-1], curve_of, strict=True))
-        return fit(data, config, few(1, recipe), parts, seed, progress, curves)
+        return fit(data, config, few(1, recipe), parts, seed, progress)
 
     profiled, judged = [], []
 
