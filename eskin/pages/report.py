@@ -526,7 +526,7 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
             if (row["chosen"] or index in front) and place not in named:
                 kinds = row["front_end"]["feature_kinds"]  # the table below has the recipe and every kind
                 brief = f"{len(kinds)} kinds" if len(kinds) > 1 else kinds[0]
-                text = network_name(row).partition(" (")[0] + f", {brief}" + ": taken" * row["chosen"]
+                text = network_name(row).partition(" (")[0] + f", {brief}" + ": chosen" * row["chosen"]
                 weight = "bold" if row["chosen"] else "normal"
                 names.append(
                     axes.annotate(text, place, (0, 0), textcoords="offset points", fontsize=8, weight=weight)

@@ -391,8 +391,8 @@ class _Steps:
             found = behind + [one for one in found if (one["code"], *one.get("groups", [])) not in replaced]
         if tested and tested["seen_in_training"]:
             text = (
-                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are in the "
-                f"training data too, so their figure says little: give --test {things} that are not in --data"
+                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are also in the "
+                f"training data, so their accuracy proves little: give --test {things} that are not in --data"
             )
             found.append(doubts.doubt("seen_in_training", text))
         if not self.config.is_image:
