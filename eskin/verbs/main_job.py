@@ -58,7 +58,6 @@ from eskin.training import LEARNING, evaluate, quantise
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs import cost
-from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
@@ -251,7 +250,6 @@ class _Steps:
         )
 
         if not config.is_image:
-            self.say(weights_sentence(config))
             self.say(board_sentence(config, self.prices.board))
 
         def simulate(
