@@ -128,7 +128,7 @@ def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     np.savez("data.npz", **arrays(samples=samples))
     status, out, _ = call(*"inspect data.npz --config config.json --json figures.json".split())
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
-    assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "taxels to look at" in out
+    assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "unusual taxels" in out
     assert re.search(r"│ 2 +│ constant +│ 7 +│ 7 +│", out) and re.search(r"│ 3 +│ saturated ", out)
 
 

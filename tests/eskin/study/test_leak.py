@@ -98,7 +98,7 @@ def test_a_clean_scene_passes_and_touches_left_in_do_not():
         leaking = checked(recordings, left_in=left_in)
         assert (
             leaking.accuracy > leaking.limit
-            and "it knows the class" in doubts.leaks(**vars(leaking))[0]["text"]
+            and "reveals the class" in doubts.leaks(**vars(leaking))[0]["text"]
         )
 
 
@@ -117,7 +117,7 @@ def test_a_gate_that_opens_at_once_is_checked_by_the_first_frames():
     at_once = SMALL.replace(onset="immediate", rest="initial", clip=0)
     leak = checked(resting(), at_once.replace(rest="none", rest_frames=0))
     assert leak.frames == 64 and leak.accuracy > leak.limit and leak.recordings == 30
-    assert "by their first 64 frames, repeated" in doubts.leaks(**vars(leak))[0]["text"]
+    assert "from their first 64 frames, repeated" in doubts.leaks(**vars(leak))[0]["text"]
     clean = checked(resting(), at_once)
     assert clean.frames == 64 and clean.accuracy <= clean.limit
     long = at_once.replace(steps=16)  # the touches tell it, and begin about there

@@ -304,7 +304,9 @@ def test_teaching_is_judged_from_no_touch_on(capsys):
         of_k = [row for row in rows if row["k"] in (0, touch)]
         said = summary(["mounting"], [of_k])
         show("enrolments", **said, readout="prototypes", seeds=[7])
-        assert capsys.readouterr().err.startswith("teach: prototypes" if touch else "do not teach, train on:")
+        assert capsys.readouterr().err.startswith(
+            "teach: prototypes" if touch else "do not teach, train further:"
+        )
 
 
 def test_a_class_that_no_recording_shows_is_known_once_it_is_taught(taught_ready, tmp_path):

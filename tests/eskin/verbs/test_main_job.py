@@ -371,4 +371,4 @@ def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
         for baseline in record["baselines"]
     )
     page = (tmp_path / "run/report.html").read_text()
-    assert "Accuracy against cost" in page and "The front end and its rivals" in page
+    assert "Accuracy against cost" in page and "The front end and its alternatives" in page
