@@ -32,7 +32,7 @@ the rule's mean for four judged frames."""
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
 """A sturdier clip is so many times what this share of a touch's samples is beyond."""
 
-LONGER = (1.33, 2.0)
+LONGER = (1.15, 1.33, 2.0)
 """Hops that are tried, over the one before."""
 
 
