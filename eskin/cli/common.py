@@ -80,7 +80,7 @@ def check_outputs(verb: str, options: Record) -> None:
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
     outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
-    words = (*PRESETS, "synthetic", "default", "bits")
+    words = (*PRESETS, "synthetic", "default")
     inputs: list[Path] = []
     for name, value in options.items():
         if name not in OUTPUTS:

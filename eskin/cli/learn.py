@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, show, warn
-from eskin.golden.core import InputError, Record, check_target
+from eskin.golden.core import InputError, Record
 from eskin.requests import (
     CompareRequest,
     EnrolRequest,
@@ -123,14 +123,6 @@ def import_(asked: ImportRequest) -> Record:
         chosen = AcceleratorConfig.load(asked.config)
     else:
         chosen, recordings = _imported_config(asked.file, asked.data)
-    for name, value in (
-        (("--cell", asked.cell), ("--reset", asked.reset), ("--data", asked.data)) if chosen.is_image else ()
-    ):
-        if value is not None:
-            raise InputError(
-                f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for "
-                "images; leave it out"
-            )
     if asked.mean is not None or asked.std is not None:
         recordings = None
     elif asked.data is not None and recordings is None:
@@ -150,7 +142,7 @@ def import_(asked: ImportRequest) -> Record:
         name: ", ".join(f"{value:.6g}" for value in np.atleast_1d(record["normalisation"].get(name, ())))
         for name in ("mean", "std")
     }
-    show("import", **{"check": None, "passed": True} | record, **scale, out=asked.out, images=chosen.is_image)
+    show("import", **{"check": None, "passed": True} | record, **scale, out=asked.out)
     return record
 
 
@@ -233,12 +225,8 @@ def compare(asked: CompareRequest) -> Record:
     """Compare float with integer stage by stage: errors, saturations, the range of every signal."""
     from eskin.golden.model import load_config, random_images, random_recordings
     from eskin.golden.model.image_network import image_recordings
-    from eskin.pages.compare_page import PAGE, render
-    from eskin.pages.views import write_text
     from eskin.training.evaluate import compare_stages
 
-    page = asked.out / PAGE
-    check_target(page)
     config = load_config(asked.model)
     if asked.data is None:
         things = "images" if config.is_image else "touches"
@@ -251,6 +239,5 @@ def compare(asked: CompareRequest) -> Record:
     else:
         recordings = recordings_for(asked.data, config)
     result = compare_stages(asked.model, recordings)
-    write_text(page, render(result))
-    show("compare", **result, page=page)
+    show("compare", **result)
     return result

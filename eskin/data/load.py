@@ -19,6 +19,7 @@ from eskin.data.text import read_text
 from eskin.data.turns import turn_recordings
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.core.errors import without_extra
+from eskin.golden.core.groups import MOST_CLASSES
 from eskin.golden.data.archive import load_archive
 from eskin.golden.data.recordings import Recordings, natural
 
@@ -195,15 +196,20 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
         counts = Counter(file.suffix.lower() or file.name for file in files)
         return ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common(6)) or "nothing"
 
-    files = _files(folder)
     class_folders = [entry for entry in _visible(folder) if entry.is_dir() and not is_log(entry)]
     if not class_folders:
-        refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
+        refuse(folder, f"has no sub-folder (it holds {found(_files(folder))}), so no classes")
+    if len(class_folders) > MOST_CLASSES and reading.label is None:
+        refuse(
+            folder, f"has {len(class_folders)} sub-folders, one a class; a classifier has 2 to {MOST_CLASSES}"
+        )
+    files = _files(folder)
     kept = [file for file in files if file.parent != folder and _kind(file)]
     recordings = [file for file in kept if _kind(file) != "pictures"]
     kept = recordings or kept  # pictures beside them are plots
+    holding = {file.relative_to(folder).parts[0] for file in kept}
     for each in class_folders:
-        if not any(each in file.parents for file in kept):
+        if each.name not in holding:
             refuse(each, f"has no file of recordings (it holds {found(_files(each))})")
     if len(set(map(_kind, kept))) > 1:
         refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")

@@ -279,8 +279,6 @@ METHODS: dict[str, Method] = {
     )
 }
 """Methods of `eskin baselines`, by name."""
-SWEPT = ("logistic", "svm", "neighbours")
-"""The baselines that a sweep shows beside its points."""
 
 
 # ---------------------------------------------------------------------- judging
@@ -452,45 +450,4 @@ def results(
         "config": config.to_dict(),
         "seeds": list(every),
         "folds": folds,
-    }
-
-
-def judge_baseline(
-    name: str,
-    recordings: Recordings,
-    config: AcceleratorConfig,
-    splits: Sequence[Sequence[str]],
-    seeds: Sequence[int],
-    folds: int,
-) -> Record:
-    """One method on every split of a sweep.
-
-    Returns
-    -------
-    label; parameters and multiplies_decision (means over runs: support vectors differ); splits: {groups,
-    accuracy, by_seed, per_fold: {recordings, accuracy}} each.
-    """
-    rows = results(recordings, config, splits, methods=[METHODS[name]], folds=folds, seeds=seeds)["rows"]
-    split_rows = []
-    for row in rows:
-        by_seed = [[run for run in row["runs"] if run["seed"] == seed] for seed in seeds]
-        shares = np.array([[run["accuracy"] for run in runs] for runs in by_seed])
-        sizes = [run["recordings"] for run in by_seed[0]]
-        split_rows.append(
-            {
-                "groups": row["groups"],
-                "accuracy": row["accuracy"],
-                "by_seed": np.average(shares, axis=1, weights=sizes).tolist(),
-                "per_fold": [
-                    {"recordings": size, "accuracy": float(share)}
-                    for size, share in zip(sizes, shares.mean(axis=0), strict=True)
-                ],
-            }
-        )
-    means = {key: round(float(np.mean([row[key] for row in rows]))) for key in ("parameters", "multiplies")}
-    return {
-        "label": rows[0]["label"],
-        "parameters": means["parameters"],
-        "multiplies_decision": means["multiplies"],
-        "splits": split_rows,
     }

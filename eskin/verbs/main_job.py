@@ -58,7 +58,6 @@ from eskin.training import LEARNING, evaluate, quantise
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs import cost
-from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
@@ -251,7 +250,6 @@ class _Steps:
         )
 
         if not config.is_image:
-            self.say(weights_sentence(config))
             self.say(board_sentence(config, self.prices.board))
 
         def simulate(
@@ -391,8 +389,8 @@ class _Steps:
             found = behind + [one for one in found if (one["code"], *one.get("groups", [])) not in replaced]
         if tested and tested["seen_in_training"]:
             text = (
-                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are in the "
-                f"training data too, so their figure says little: give --test {things} that are not in --data"
+                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are also in the "
+                f"training data, so their accuracy proves little: give --test {things} that are not in --data"
             )
             found.append(doubts.doubt("seen_in_training", text))
         if not self.config.is_image:

@@ -15,6 +15,7 @@ EXTRAS = {
     "dask": "cluster",
     "distributed": "cluster",
     "onnx": "onnx",
+    "onnxruntime": "onnx",
     "h5py": "hdf5",
     "pyarrow": "parquet",
     "mcap": "ros",

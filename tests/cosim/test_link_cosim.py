@@ -115,7 +115,7 @@ def check_corruptions(result, count: int) -> None:
     assert noticed > 0.7 * len(done)
     print(
         f"{len(done)} corruptions, {noticed} noticed, {result['decisions']} decisions, {result['repeated']} "
-        "packets sent again, "
+        "packets repeated, "
         f"{result['replayed']} recordings played again, {result['cycles']} cycles in {result['wall_s']:.0f} s"
     )
 

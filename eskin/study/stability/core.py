@@ -336,7 +336,7 @@ Bound = float | Callable[[Any], float]
 
 @dataclass(frozen=True)
 class Mode:
-    """A failure mode: how it is measured on a bench (`Bench`, or that of images), its bound and why.
+    """A failure mode: how it is measured on a bench, its bound and why.
 
     run: the experiment; a word is the key of one that only the hardware can show
     (eskin/verbs/stability_job.py). at_most, at_least: the bound, one of the two: a number (of an accuracy:

@@ -40,9 +40,7 @@ def every_bit(arrays: Arrays, formats: Mapping[str, QFormat]) -> list[Site]:
     ]
 
 
-def by_bit(
-    sites: Iterable[Sequence[Any]], changed: Iterable[float], xlabel: str = "bit (0 = lowest)"
-) -> Curve:
+def by_bit(sites: Iterable[Sequence[Any]], changed: Iterable[float]) -> Curve:
     """The share of decisions that flips change against the bit that was inverted, the last of each site."""
     shares: dict[int, list[float]] = {}
     for site, share in zip(sites, changed, strict=True):
@@ -52,7 +50,7 @@ def by_bit(
         "mean of the flips": [float(np.mean(shares[bit])) for bit in bits],
         "worst flip": [max(shares[bit]) for bit in bits],
     }
-    return Curve(xlabel, "share of decisions changed", bits, lines)
+    return Curve("bit (0 = lowest)", "share of decisions changed", bits, lines)
 
 
 def _decisions(bench: Bench, logits: np.ndarray) -> np.ndarray:

@@ -83,12 +83,6 @@ def test_a_named_board_has_to_hold_the_best_too():
         choose([best, smaller], priced(named=True, fits=lambda config: False))
 
 
-def test_of_equal_price_the_first_that_is_level():
-    first, second, worse = judged("linear", None, 90), judged("linear", None, 91), judged("linear", None, 85)
-    assert choose([first, second], priced()) is first and choose([second, first], priced()) is second
-    assert choose([worse, second, first], priced()) is second
-
-
 def test_no_error_in_the_recordings_is_not_a_standard_error_of_nothing():
     """Laplace: n of n right is estimated as (n + 1) / (n + 2)."""
     share = 101 / 102

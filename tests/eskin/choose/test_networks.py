@@ -16,7 +16,6 @@ from eskin.choose.networks import (
     Part,
     Wish,
     goes_on,
-    network,
     network_choice,
     side_by_side,
 )
@@ -171,8 +170,3 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
         for one, other in zip(tried, tried_alone, strict=True):
             assert len(one.correct) == len(part.rows)
             assert one.candidate.config.recurrent or (one.correct == other.correct).all()
-
-
-def test_a_linear_cell_decides_by_its_last_step_and_others_as_they_did():
-    assert network(CONFIG, "linear", None).network.decision == "last"
-    assert network(CONFIG, "gru", 8).network.decision == CONFIG.network.decision == "vote"

@@ -6,7 +6,7 @@ from PIL import Image
 
 from eskin.data import load_recordings
 from eskin.golden.core import InputError
-from eskin.study.image_size import image_size, resized
+from eskin.study.image_size import resized
 from tests.support.image_scenes import shapes
 from tests.support.table import each_row
 
@@ -77,10 +77,3 @@ def test_another_size_keeps_the_mean_and_the_place():
     assert half.image_shape == (4, 6) and (half.recording(0) == np.floor(image + 0.5)).all()
     odd = resized(scene, 7, 11)
     assert abs(odd.recording(3).mean() - scene.recording(3).mean()) < 0.5 and odd.lengths.tolist() == [7] * 6
-
-
-def test_a_size_is_height_by_width():
-    assert image_size("26x47") == (26, 47)
-    for text in ("26", "26x", "2x47", "26x161", "a x b"):
-        with pytest.raises(InputError, match="--size .*: is no size of images"):
-            image_size(text)

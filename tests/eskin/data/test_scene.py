@@ -13,17 +13,6 @@ from tests.support.table import each_row
 SYNTHETIC = PRESETS["synthetic"]
 
 
-def test_same_seed_same_scene():
-    small = dict(persons=2, trials=1, sample_rate_hz=500.0)
-    first = synthetic_recordings(**small)
-    assert np.array_equal(first.samples, synthetic_recordings(**small).samples)
-    assert not np.array_equal(first.samples, synthetic_recordings(**small, seed=2).samples)
-    more = synthetic_recordings(**small | {"persons": 3})
-    assert np.array_equal(more.samples[: first.frames], first.samples)
-    persons = first.samples.reshape(2, -1)
-    assert not np.array_equal(persons[0], persons[1])
-
-
 @each_row("rows, columns", [(2, 2), (2, 5), (8, 8)])
 def test_other_arrays(rows, columns):
     scene = synthetic_recordings(persons=2, trials=2, rows=rows, columns=columns)

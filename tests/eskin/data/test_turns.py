@@ -47,12 +47,6 @@ def test_shape_and_balance(scene):
     assert digest == "94978977a8c68a23"  # figures that were published on it must not move
 
 
-def test_a_person_is_the_same_among_more():
-    few, more = (turn_recordings(persons=count, trials=1) for count in (2, 3))
-    assert np.array_equal(more.samples[: few.frames], few.samples)
-    assert not np.array_equal(few.samples, turn_recordings(persons=2, trials=1, seed=2).samples)
-
-
 def test_the_second_stroke_turns_as_the_class_says(monkeypatch):
     """Eastward first, on taxels that see static force: where it lies in the last tenth of the touch."""
     monkeypatch.setattr(turns, "MIRRORED", 0.0)

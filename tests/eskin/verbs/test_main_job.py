@@ -261,13 +261,6 @@ def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
     assert record["lowest_clock_hz"] is None and not (tmp_path / "run/cosim_lowest.json").exists()
 
 
-def test_waves_of_a_mismatch_come_with_the_result(chain, tmp_path):
-    chain.full = {"mismatches": 3}
-    run(tmp_path / "run")
-    assert json.loads((tmp_path / "run/cosim.json").read_text())["waves"] == "waves_cosim"
-    assert (tmp_path / "run/waves_cosim/waves.vcd").read_text() == "dump"
-
-
 def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
     frames, loaded = CONFIG.last_frame + CONFIG.windows.hop, result_case.recordings()
     touches = main_job.find_touches(CONFIG, loaded)
@@ -377,4 +370,4 @@ def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
         for baseline in record["baselines"]
     )
     page = (tmp_path / "run/report.html").read_text()
-    assert "Accuracy against cost" in page and "The front end and its rivals" in page
+    assert "Accuracy against cost" in page and "The front end and its alternatives" in page

@@ -20,15 +20,6 @@ def test_states_whose_differences_exceed_the_operand_are_refused():
     assert PRESETS["thesis"].replace(cell="lstm", state_format=QFormat(1, 15), **FINE).operand_bits == 16
 
 
-def test_a_weight_word_is_as_wide_as_the_widest_of_the_three_formats():
-    for name in ("weight_format", "recurrent_format", "dense_format"):
-        assert (
-            PRESETS["thesis"].replace(**{name: QFormat(4, 5)}).weight_bits
-            == 9
-            > PRESETS["thesis"].weight_bits
-        )
-
-
 def test_the_element_wise_accumulator_holds_its_operands_at_their_ends():
     """A window sum by a scale, and two gates by two states, each with the rounding half."""
     for state in (QFormat(2, 8), QFormat(2, 12), QFormat(4, 12)):

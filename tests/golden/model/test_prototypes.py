@@ -163,20 +163,6 @@ def test_a_readout_that_cannot_be_is_refused(fields, rule, words):
         )
 
 
-def test_arrays_that_do_not_fit_the_readout_are_refused():
-    model = taught_model("gru")
-    for name, value in (("taught_count", 6), ("prototypes", 8), ("taught", -9)):
-        array = model.arrays[name].copy()
-        array.flat[0] = value
-        with pytest.raises(InputError, match=f"array {name}: holds"):
-            dataclasses.replace(model, arrays=model.arrays | {name: array})
-    dense = dataclasses.replace(model.config.with_readout())
-    with pytest.raises(InputError, match="is unknown to"):
-        IntegerModel(dense, model.arrays)
-    with pytest.raises(InputError, match="field readout: is 'dense', which is trained and not taught"):
-        teach(random_integer_model(dense, 1), model.arrays["taught"][0, 0], 0)
-
-
 def test_a_class_is_taught_by_index_or_name_and_nothing_else():
     """None, 1.5 and True ended in numpy's own errors, or taught class 1."""
     model = taught_model("gru")

@@ -68,18 +68,6 @@ def check_same(stream, trace, recordings, seed, *, stages=True):
     return compared
 
 
-def test_windows_of_replayed_frames_alone_come_with_the_onset():
-    config = CASES["thesis"].replace(
-        pretrigger_frames=20, hop=5, window=10, touch_frames=40, steps=6, rearm_frames=40
-    )
-    model = random_integer_model(config, 3)
-    recordings = whole_recordings(model.config, 4)
-    trace = run(model, recordings)
-    assert check_same(Stream(model), trace, recordings, 5) > 0
-    rows, frames = trace.streams["decision"][0], completing_frames(trace)
-    assert (frames[1:][rows[1:, 1] == 1] == frames[:-1][rows[1:, 1] == 1]).any()  # two windows at one onset
-
-
 def test_random_designs():
     compared = []
 

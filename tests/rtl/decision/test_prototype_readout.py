@@ -284,17 +284,3 @@ def test_a_place_with_a_damaged_code_is_left_out_and_flagged(decision):
 
     again = Player(model, 12, 0.2)
     again.run(mended)
-
-
-@pytest.mark.parametrize(
-    "fields", [{"taught": 0}, {"taught": 0, "prototypes": 1}, {"prototypes": 3, "taught": 1}]
-)
-def test_every_number_of_places(fields):
-    player = Player(small_model(3, **fields), 5, 0.2)
-
-    async def act(ctx):
-        for _ in range(6):
-            await player.touch(ctx, 3)
-
-    player.run(act)
-    assert player.latencies == {readout_cycles(player.config)}

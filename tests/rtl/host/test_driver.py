@@ -1,7 +1,6 @@
 """rtl/host/driver: the C driver, as compilers see it, and as it plays recordings into the Verilated shell."""
 
 import subprocess
-import sys
 
 import pytest
 
@@ -63,17 +62,6 @@ def test_compiles_without_a_warning(design):
     call = ["g++", "-x", "c++", "-std=c++17", *options, "-c", "eskin.c", "-o", "out.o"]
     done = subprocess.run(call, cwd=design, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize("target", ["", "riscv32-freestanding", "thumb-freestanding"])
-def test_compiles_for_small_processors(design, target):
-    pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
-    cpu = "generic_rv32" if "riscv" in target else "cortex_m0plus"
-    compiled(
-        design,
-        *(sys.executable, "-m", "ziglang", "cc"),
-        *(["-target", target, f"-mcpu={cpu}"] if target else []),
-    )
 
 
 def plays(model, design, recordings, lazy=False, pairs=False, **options):

@@ -73,20 +73,3 @@ def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decisio
         assert taken == ([1, 1, 1, 0, 0, 1, 1, 0, 1, 1] if decision == "early" else [1] * 10)
 
     simulate(m, bench)
-
-
-def test_lines_are_idle_and_pins_low_after_reset():
-    dut = BoardTop(random_integer_model(PRESETS["fabric"], 1).config, clock_hz=12e6)
-
-    async def bench(ctx):
-        ctx.set(dut.rx, 1)
-        for _ in range(50):
-            assert (
-                ctx.get(dut.tx),
-                ctx.get(dut.decision),
-                ctx.get(dut.decision_valid),
-                ctx.get(dut.led),
-            ) == (1, 0, 0, 0)
-            await ctx.tick()
-
-    simulate(dut, bench)

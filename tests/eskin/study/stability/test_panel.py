@@ -44,17 +44,6 @@ def test_the_panel_gives_the_figures_of_the_suite(make):
     assert told.mean(axis=1).max() == 1 and 0 < np.nanmean(panel.stressed(bench.config, wrong)) <= 1
 
 
-def test_only_what_a_network_has_not_seen_and_what_is_disturbed_is_judged():
-    bench = stability_case.bench()
-    panel, test = Panel(bench.recordings, {"spikes": 1.0, "mains hum": 0.0}, 6), np.arange(12)
-    assert list(panel.weights) == ["spikes"] and len(panel.rows) == 6
-    wrong = panel.wrong(bench.config, bench.model, test)
-    assert wrong.shape == (1, 12)
-    assert (np.isnan(wrong[0]) == ~np.isin(test, panel.rows)).all()
-    whole = panel.wrong(bench.config, bench.model, np.arange(24))
-    assert np.array_equal(whole[:, :12], wrong, equal_nan=True)
-
-
 class Disturbed:
     """Stress on every second recording: of each network the recordings that it has right."""
 
