@@ -69,8 +69,8 @@ def model(folder) -> Path:
 
     from eskin.data import load_recordings
     from eskin.golden.model import FloatModel
+    from eskin.training.integers import quantise
     from eskin.training.network import RecurrentClassifier
-    from eskin.training.quantise import quantise
 
     network = RecurrentClassifier(CONFIG, generator=torch.Generator().manual_seed(2)).arrays()
     FloatModel(CONFIG, network | {"mu": np.array(20.0), "sigma": np.array(30.0)}).save(folder / "model", {})
@@ -128,7 +128,7 @@ def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     np.savez("data.npz", **arrays(samples=samples))
     status, out, _ = call(*"inspect data.npz --config config.json --json figures.json".split())
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
-    assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "taxels to look at" in out
+    assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "unusual taxels" in out
     assert re.search(r"│ 2 +│ constant +│ 7 +│ 7 +│", out) and re.search(r"│ 3 +│ saturated ", out)
 
 

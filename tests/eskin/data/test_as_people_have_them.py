@@ -8,8 +8,9 @@ from PIL import Image
 
 import eskin
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, load_archive
+from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
 CODES = np.random.default_rng(3).integers(100, 900, (6, 20, 3))
@@ -143,7 +144,7 @@ def test_inspect_says_one_class_and_tells_groups_from_values(seen, tmp_path):
     text = seen(
         archive(tmp_path / "a.npz", labels=np.array(["silk"] * 6), mass=np.arange(6), day=np.arange(6) // 2)
     )
-    assert "one class only, silk" in text
+    assert "the only class is silk" in text
     assert "day (3 values)" in text and "| one value a recording | mass |" in text and "mass (6" not in text
 
 
