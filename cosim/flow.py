@@ -3,6 +3,7 @@
 import copy
 import json
 import operator
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +30,6 @@ from eskin.golden.core import (
 )
 
 PACES = ("full", "declared")
-MEASURES = ("frame", "step", "windows")
 COMPILED = "compiled"
 """The simulator of a chip's netlist, in this process."""
 SLOWEST_CYCLES_PER_S = {
@@ -96,7 +96,6 @@ class Run:
             "period": clock_hz / config.sensor.scan_rate_hz if pace == "declared" else 0.0,
             "patience": latency.standstill_cycles(config),
             "probes": hardware.probes,
-            "measure": "STEP",
             "stalls": None,
             "fault": None,
         }
@@ -156,7 +155,6 @@ def cosim(
     seed: int = 1,
     probe: bool = False,
     hardware: Hardware | None = None,
-    measure: str = "step",
     waves: bool = True,
     cocotb: Sequence[int] | None = None,
     work: Path,
@@ -182,9 +180,6 @@ def cosim(
         Try a weight write during a touch; it must be refused and flagged, and the streams must not change.
     hardware:
         A netlist of the same design; default: the design's own Verilog.
-    measure:
-        What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as
-        ``registers`` LONGEST.
     waves:
         On a mismatch, play its recording once more and keep waves.
     cocotb:
@@ -218,9 +213,7 @@ def cosim(
         design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
     )
     config, hardware = run.config, run.hardware
-    if measure not in MEASURES:
-        raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
-    settings: Record = {"measure": measure.upper(), "stalls": seed & 0x7FFFFFFF if stalls else None}
+    settings: Record = {"stalls": seed & 0x7FFFFFFF if stalls else None}
     if probe and config.hardware.loadable:
         settings["write_at"] = _open_touch(config, run.expected)
     played: Record = {
@@ -285,9 +278,9 @@ def _in_bulk(
         registers,
         boot,
         probes=run.hardware.probes,
-        measure=settings["measure"],
         period=run.settings["period"],
         seed=played["seed"],
+        threads=1 if run.simulator == COMPILED else os.cpu_count() or 1,
     )
     result = result_of(run, said, played, wall_s=time.monotonic() - begun, in_bulk=True)
     if said["mismatch"] and waves and played["simulator"] in runner.SIMULATORS:
@@ -416,7 +409,7 @@ JOINED["without_probes.bit_exact"] = all
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> Record:
     """One result from those of parts of the recordings, in their order and played alike: counts and seconds
     are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
-    faults of all and the longest of what LONGEST measures.
+    faults of all and the longest step.
     """
     result: Record = copy.deepcopy(dict(results[0]))
     for place, join in JOINED.items():
