@@ -23,7 +23,7 @@ CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four",
 FORMATS = ("feature_bits", "gate_bits", "table_entries")
 """Values that ``quantise --formats`` sets."""
 SEED_MAX = 2**31 - 1
-STRESS = "off"
+STRESS = "on"
 """Default of --stress for `train` and `run`."""
 DATA = "Recordings: .npz, a folder by class, a table, .mat, .h5, a log, or synthetic."
 CONFIG = "Preset (thesis, synthetic, pvdf, fabric) or JSON file. Default: derived."
@@ -155,7 +155,8 @@ class Chosen(Grouped, OnFrontEnd):
     stress: Annotated[
         str,
         option(
-            "Also judge candidates on disturbed recordings: on, off, or a JSON file.", metavar="on|off|FILE"
+            "Judge candidates on disturbed recordings, too: on, off, or a JSON file of weights.",
+            metavar="on|off|FILE",
         ),
     ] = STRESS
 
@@ -176,7 +177,7 @@ class ConvertRequest:
     source: Annotated[
         Path,
         argument(
-            "A folder by class of .csv, .parquet, .lvm or .png files or logs, one long .csv or .parquet table, a "
+            "A folder by class of .csv, .parquet or .lvm files or logs, one long .csv or .parquet table, a "
             ".mat or .h5 file, a log (.mcap, a ROS bag), an archive of images."
         ),
     ]
@@ -390,7 +391,6 @@ class EvaluateRequest(ModelOnData, InJson):
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest(OfModel, InJson):
     data: Annotated[str | None, option(f"{DATA} Default: synthetic touches that reach every rule.")] = None
-    out: Annotated[Path, option("Folder of compare.html.")] = Path("build/compare")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -398,7 +398,7 @@ class ImportRequest:
     file: Annotated[
         Path,
         argument(
-            "A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order, an .onnx file; "
+            "A torch state_dict (.pt, .pth), or an .onnx file; "
             "linear cell: an .npz with coef_ and intercept_, columns window by window."
         ),
     ]
@@ -428,10 +428,8 @@ class ExportRequest(OfModel):
 # ---------------------------------------------------------------------- studies
 @dataclass(frozen=True, kw_only=True)
 class SweepRequest(Judged, OnCluster):
-    out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep")
-    grid: Annotated[str, option("default (84 points), bits (8, 6, 4 bits), or JSON: {field: [values]}.")] = (
-        "default"
-    )
+    out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the chart.")] = Path("build/sweep")
+    grid: Annotated[str, option("default (84 points), or JSON: {field: [values]}.")] = "default"
     accuracy_floor: Annotated[float | None, option("Required accuracy on new recordings, 0 to 1.")] = None
     latency_budget: Annotated[float | None, option("Longest time from features to decision, seconds.")] = None
     seeds: Annotated[int | None, option("Seeds per point. Default: 3; images 1.", min=1, max=100)] = None
@@ -538,7 +536,6 @@ class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
     bench: Annotated[
         Literal["sample", "cocotb"], option("Under cocotb: one recording per class (others in bulk), or all.")
     ] = "sample"
-    jobs: Annotated[int | None, option("Parallel processes. Default: one per core.", min=1)] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -80,7 +80,7 @@ def check_outputs(verb: str, options: Record) -> None:
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
     outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
-    words = (*PRESETS, "synthetic", "default", "bits")
+    words = (*PRESETS, "synthetic", "default")
     inputs: list[Path] = []
     for name, value in options.items():
         if name not in OUTPUTS:
@@ -222,6 +222,6 @@ def integer_model(folder: Path):
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said."""
     from eskin.data import load_recordings
-    from eskin.golden.data import for_model
+    from eskin.data.fit import for_model
 
     return for_model(load_recordings(data, config=config), config, warn)

@@ -115,7 +115,7 @@ def cosim(asked: CosimRequest) -> Record:
         if lowest:
             result = cosimulate(integer, played, numbers=numbers, work=work, **options)
         else:
-            where = Jobs(workers=asked.jobs, dask=asked.dask, progress=report, version=cosim_job.CODE)
+            where = Jobs(dask=asked.dask, progress=report, version=cosim_job.CODE)
             options["bench"] = asked.bench
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, show, warn
-from eskin.golden.core import InputError, Record, check_target
+from eskin.golden.core import InputError, Record
 from eskin.requests import (
     CompareRequest,
     EnrolRequest,
@@ -30,8 +30,8 @@ def train(asked: TrainRequest) -> None:
     from eskin.choose.choice import train_chosen
     from eskin.choose.choice_table import network_name, windows_brief
     from eskin.choose.networks import check_units
-    from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
+    from eskin.memo import Memo
     from eskin.study.stability.panel import panel_of
     from eskin.training.image_models import KEPT
     from eskin.training.splits import check_split
@@ -123,14 +123,6 @@ def import_(asked: ImportRequest) -> Record:
         chosen = AcceleratorConfig.load(asked.config)
     else:
         chosen, recordings = _imported_config(asked.file, asked.data)
-    for name, value in (
-        (("--cell", asked.cell), ("--reset", asked.reset), ("--data", asked.data)) if chosen.is_image else ()
-    ):
-        if value is not None:
-            raise InputError(
-                f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for "
-                "images; leave it out"
-            )
     if asked.mean is not None or asked.std is not None:
         recordings = None
     elif asked.data is not None and recordings is None:
@@ -150,7 +142,7 @@ def import_(asked: ImportRequest) -> Record:
         name: ", ".join(f"{value:.6g}" for value in np.atleast_1d(record["normalisation"].get(name, ())))
         for name in ("mean", "std")
     }
-    show("import", **{"check": None, "passed": True} | record, **scale, out=asked.out, images=chosen.is_image)
+    show("import", **{"check": None, "passed": True} | record, **scale, out=asked.out)
     return record
 
 
@@ -183,9 +175,9 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
 )
 def quantise(asked: QuantiseRequest) -> None:
     """Write the integer model into a model folder, a format for each signal."""
-    from eskin.golden.model import describe_formats, load_config
-    from eskin.training.aware import train_in_integers
-    from eskin.training.quantise import quantise as to_integers
+    from eskin.golden.model import load_config
+    from eskin.training.formats import describe_formats
+    from eskin.training.integers import quantise as to_integers
 
     of_readout = asked.of_readout
     if asked.readout != "prototypes":
@@ -206,9 +198,8 @@ def quantise(asked: QuantiseRequest) -> None:
                 "neither --formats lean nor --readout"
             )
         with progress_bars() as report:
-            integer = train_in_integers(
-                asked.model, recordings, partial(report, "training in integers"), **widths
-            )
+            aware = partial(report, "training in integers")
+            integer = to_integers(asked.model, recordings, aware=aware, **widths)
     else:
         if asked.readout and recordings is not None and recordings.image_shape:
             raise InputError("--readout: is for models that read recordings; leave it out for one of images")
@@ -230,15 +221,11 @@ def evaluate(asked: EvaluateRequest) -> Record:
 
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(asked: CompareRequest) -> Record:
-    """Compare float with integer stage by stage: errors, saturations, the range of every signal."""
-    from eskin.golden.model import load_config, random_images, random_recordings
-    from eskin.golden.model.image_network import image_recordings
-    from eskin.pages.compare_page import PAGE, render
-    from eskin.pages.views import write_text
+    """Compare float with integer stage by stage: errors, saturations, share of the range in use."""
+    from eskin.golden.model import load_config
     from eskin.training.evaluate import compare_stages
+    from eskin.training.made_up import image_recordings, random_images, random_recordings
 
-    page = asked.out / PAGE
-    check_target(page)
     config = load_config(asked.model)
     if asked.data is None:
         things = "images" if config.is_image else "touches"
@@ -251,6 +238,5 @@ def compare(asked: CompareRequest) -> Record:
     else:
         recordings = recordings_for(asked.data, config)
     result = compare_stages(asked.model, recordings)
-    write_text(page, render(result))
-    show("compare", **result, page=page)
+    show("compare", **result)
     return result

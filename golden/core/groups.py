@@ -26,6 +26,8 @@ FeatureScale = Literal["array", "taxel"]
 
 FEATURE_KINDS: tuple[str, ...] = get_args(FeatureKind)
 """Kinds of value that a window gives per taxel, in the order of the features."""
+MOST_CLASSES = 128
+"""Classes that a classifier has at most."""
 Cell = Literal["gru", "lstm", "linear", "image"]
 WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
@@ -311,8 +313,8 @@ class Network(Group):
     margin_threshold: Code = 0
 
     def refusals(self) -> Iterator[Refusal]:
-        if not 2 <= len(self.class_names) <= 128:
-            yield "class_names", f"has {len(self.class_names)} names; a classifier has 2 to 128"
+        if not 2 <= len(self.class_names) <= MOST_CLASSES:
+            yield "class_names", f"has {len(self.class_names)} names; a classifier has 2 to {MOST_CLASSES}"
         if len(set(self.class_names)) != len(self.class_names):
             yield "class_names", "has a name twice; names must differ"
 

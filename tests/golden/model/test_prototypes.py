@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import (
-    IntegerModel,
-    Stream,
-    decide_touches,
-    find_touches,
-    random_integer_model,
-    run,
-    with_network,
-)
+from eskin.golden.model import IntegerModel, Stream, decide_touches, find_touches, run
 from eskin.golden.model.prototypes import forget, taught_in_use, teach, trajectory_codes
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model
 from tests.golden.model.test_stream import check_same
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -161,20 +155,6 @@ def test_a_readout_that_cannot_be_is_refused(fields, rule, words):
             **rule,
             class_names=tuple(f"class {k}" for k in range(classes)),
         )
-
-
-def test_arrays_that_do_not_fit_the_readout_are_refused():
-    model = taught_model("gru")
-    for name, value in (("taught_count", 6), ("prototypes", 8), ("taught", -9)):
-        array = model.arrays[name].copy()
-        array.flat[0] = value
-        with pytest.raises(InputError, match=f"array {name}: holds"):
-            dataclasses.replace(model, arrays=model.arrays | {name: array})
-    dense = dataclasses.replace(model.config.with_readout())
-    with pytest.raises(InputError, match="is unknown to"):
-        IntegerModel(dense, model.arrays)
-    with pytest.raises(InputError, match="field readout: is 'dense', which is trained and not taught"):
-        teach(random_integer_model(dense, 1), model.arrays["taught"][0, 0], 0)
 
 
 def test_a_class_is_taught_by_index_or_name_and_nothing_else():
