@@ -186,7 +186,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     ),
     (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
-    (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
+    (("quantise --readout",), ("image",), "--readout: models for images have none"),
     (
         ("enrol", "enrol --teach", "asic", "stability", "import"),
         ("image",),

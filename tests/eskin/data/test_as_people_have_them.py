@@ -169,4 +169,4 @@ def test_a_data_card(tmp_path, monkeypatch):
     ):
         assert line in card.splitlines()
     again = CliRunner().invoke(app, ["inspect", "mine.npz", "--card"])
-    assert isinstance(again.exception, InputError) and "README.md: is there already" in str(again.exception)
+    assert isinstance(again.exception, InputError) and "README.md: exists already" in str(again.exception)
