@@ -158,7 +158,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("quantise --readout", "enrol --evaluate --readout"),
         ("rom",),
-        "field loadable: is false, and the memory of prototypes is one that the host fills",
+        "field loadable: is false, but the host must fill the memory of prototypes",
     ),
     (
         ("cosim netlist",),
@@ -173,7 +173,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("enrol --teach",),
         tuple(kind for kind in KINDS if kind not in ("prototypes", "image", *CHOSEN)),
-        "field readout: is 'dense', which is trained and not taught",
+        "field readout: is 'dense', which cannot be taught",
     ),
     (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
     (("export --to onnx",), ("prototypes",), "field readout: is 'prototypes', which ONNX does not have"),

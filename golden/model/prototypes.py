@@ -89,13 +89,13 @@ def check_teachable(config: AcceleratorConfig) -> None:
     """
     if not config.has_prototypes:
         raise InputError(
-            f"model '{config.name}', field readout: is 'dense', which is trained and not taught; quantise it "
+            f"model '{config.name}', field readout: is 'dense', which cannot be taught; quantise it "
             "with --readout prototypes first, or enrol without --teach"
         )
     if not config.readout_rule.taught:
         raise InputError(
-            f"model '{config.name}', field taught: is 0, so there is no place for a touch; quantise it with "
-            "--taught 3, say"
+            f"model '{config.name}', field taught: is 0, so there is no slot for a touch; quantise it with "
+            "--taught 3"
         )
 
 
@@ -197,6 +197,6 @@ def load_taught(model: IntegerModel, path: str | Path) -> IntegerModel:
         raise InputError(f"{path}: {error}; name a file of 'eskin replay --save-taught'") from None
     if str(arrays.get("model")) != _untaught(model) or not arrays.keys() >= set(TAUGHT):
         raise InputError(
-            f"{path}: holds no touches taught to this model; name another file, or delete it to begin anew"
+            f"{path}: holds no touches taught to this model; name another file, or delete this one"
         )
     return IntegerModel(model.config, {**model.arrays, **{name: arrays[name] for name in TAUGHT}}, str(path))

@@ -98,7 +98,7 @@ def test_a_value_of_the_wrong_kind_in_a_file_is_refused_in_a_sentence(tmp_path, 
     [
         (
             {"name": "old", "taxels": 8},
-            "field taxels stands outside of its group, as before version 0.2; put it into sensor",
+            "field taxels is outside its group, as before version 0.2; move it to sensor",
         ),
         ({"sensors": {}}, "unknown group sensors; known groups are sensor, rest_level"),
         ({"sensor": {"hidden": 8}}, "group sensor: unknown field hidden; known fields are taxels"),
