@@ -23,7 +23,7 @@ CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four",
 FORMATS = ("feature_bits", "gate_bits", "table_entries")
 """Values that ``quantise --formats`` sets."""
 SEED_MAX = 2**31 - 1
-STRESS = "off"
+STRESS = "on"
 """Default of --stress for `train` and `run`."""
 DATA = "Recordings: .npz, a folder by class, a table, .mat, .h5, a log, or synthetic."
 CONFIG = "Preset (thesis, synthetic, pvdf, fabric) or JSON file. Default: derived."
@@ -155,7 +155,8 @@ class Chosen(Grouped, OnFrontEnd):
     stress: Annotated[
         str,
         option(
-            "Also score candidates on disturbed recordings: on, off, or a JSON file.", metavar="on|off|FILE"
+            "Judge candidates on disturbed recordings, too: on, off, or a JSON file of weights.",
+            metavar="on|off|FILE",
         ),
     ] = STRESS
 
@@ -176,7 +177,7 @@ class ConvertRequest:
     source: Annotated[
         Path,
         argument(
-            "A folder by class of .csv, .parquet, .lvm or .png files or logs, one long .csv or .parquet table, a "
+            "A folder by class of .csv, .parquet or .lvm files or logs, one long .csv or .parquet table, a "
             ".mat or .h5 file, a log (.mcap, a ROS bag), an archive of images."
         ),
     ]

@@ -27,9 +27,10 @@ import pytest
 
 from eskin.cli import main as command_line
 from eskin.data import load_recordings, turns
+from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig, QFormat
-from eskin.golden.core.memo import locked
-from eskin.golden.data import Recordings, save_archive
+from eskin.golden.core.files import locked
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
 from eskin.training import recipe
 from eskin.verbs import baselines_job, energy_job, sweep_job

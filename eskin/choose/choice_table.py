@@ -97,8 +97,8 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
     taken = next((row for row in candidates if row["chosen"] and row.get("stress")), None)
     if taken is None:
         return None
-    plain = min((row for row in candidates if not row["robust"]), key=lambda row: row["energy_touch_j"])
-
+    calm = [row for row in candidates if row["stress"] and not row["robust"]]
+    plain = min(calm or [taken], key=lambda row: row["energy_touch_j"])
     of_plain = {row["mode"]: row["figure"] for row in plain["stress"]}
     rows = [row | {"plain": of_plain.get(row["mode"])} for row in taken["stress"]]
     rows.sort(key=beyond, reverse=True)

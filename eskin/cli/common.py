@@ -221,6 +221,6 @@ def integer_model(folder: Path):
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said."""
     from eskin.data import load_recordings
-    from eskin.golden.data import for_model
+    from eskin.data.fit import for_model
 
     return for_model(load_recordings(data, config=config), config, warn)

@@ -39,7 +39,8 @@ def inspect(asked: InspectRequest) -> Record:
 def convert(asked: ConvertRequest) -> None:
     """Convert recordings to an archive, and print how eskin interpreted them."""
     from eskin.data import Reading, load_recordings
-    from eskin.golden.data import for_model, save_archive
+    from eskin.data.archive import save_archive
+    from eskin.data.fit import for_model
 
     if asked.out.suffix != ".npz":
         raise InputError(f"--out {asked.out}: must end in .npz; give such a name")

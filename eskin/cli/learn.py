@@ -30,8 +30,8 @@ def train(asked: TrainRequest) -> None:
     from eskin.choose.choice import train_chosen
     from eskin.choose.choice_table import network_name, windows_brief
     from eskin.choose.networks import check_units
-    from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
+    from eskin.memo import Memo
     from eskin.study.stability.panel import panel_of
     from eskin.training.image_models import KEPT
     from eskin.training.splits import check_split
@@ -174,10 +174,10 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
     "--readout prototypes"
 )
 def quantise(asked: QuantiseRequest) -> None:
-    """Choose a fixed-point format for each signal and write the integer model."""
-    from eskin.golden.model import describe_formats, load_config
-    from eskin.training.aware import train_in_integers
-    from eskin.training.quantise import quantise as to_integers
+    """Write the integer model into a model folder, a format for each signal."""
+    from eskin.golden.model import load_config
+    from eskin.training.formats import describe_formats
+    from eskin.training.integers import quantise as to_integers
 
     of_readout = asked.of_readout
     if asked.readout != "prototypes":
@@ -196,9 +196,8 @@ def quantise(asked: QuantiseRequest) -> None:
                 "--formats lean nor --readout"
             )
         with progress_bars() as report:
-            integer = train_in_integers(
-                asked.model, recordings, partial(report, "training in integers"), **widths
-            )
+            aware = partial(report, "training in integers")
+            integer = to_integers(asked.model, recordings, aware=aware, **widths)
     else:
         if asked.readout and recordings is not None and recordings.image_shape:
             raise InputError("--readout: models for images have none; leave it out")
@@ -220,10 +219,10 @@ def evaluate(asked: EvaluateRequest) -> Record:
 
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(asked: CompareRequest) -> Record:
-    """Compare float with integer stage by stage: errors, saturations, the range of every signal."""
-    from eskin.golden.model import load_config, random_images, random_recordings
-    from eskin.golden.model.image_network import image_recordings
+    """Compare float with integer stage by stage: errors, saturations, share of the range in use."""
+    from eskin.golden.model import load_config
     from eskin.training.evaluate import compare_stages
+    from eskin.training.made_up import image_recordings, random_images, random_recordings
 
     config = load_config(asked.model)
     if asked.data is None:

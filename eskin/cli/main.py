@@ -9,8 +9,8 @@ import typer
 
 from eskin.cli import INTERRUPTED, STOPPED, baselines, chip, data, hardware, job, learn, live, studies
 from eskin.cli.common import PANELS, app, stop
+from eskin.extras import without_extra
 from eskin.golden.core import InputError, SimulationError
-from eskin.golden.core.errors import without_extra
 
 
 def _version(show: bool) -> None:

@@ -20,15 +20,9 @@ from eskin.exchange.reference import NAMES, check_reference
 from eskin.exchange.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
 from eskin.golden.core import AcceleratorConfig, ArchiveError, Arrays, InputError, Record, read_arrays
 from eskin.golden.data import Recordings
-from eskin.golden.model import (
-    FloatModel,
-    check_model_target,
-    constants_shape,
-    find_touches,
-    real_features,
-    with_network,
-)
+from eskin.golden.model import FloatModel, check_model_target, constants_shape, find_touches, real_features
 from eskin.training.datasets import scaling
+from eskin.training.formats import with_network
 
 ONNX_SUFFIX = ".onnx"
 ORDERS = {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}

@@ -19,7 +19,8 @@ from onnx import numpy_helper
 from eskin.exchange.reference import TOLERANCE, differences
 from eskin.exchange.torch_files import MOST_VALUES, check_readable
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model import Float, constants_shape, network_shapes, run_cell, with_network
+from eskin.golden.model import Float, constants_shape, network_shapes, run_cell
+from eskin.training.formats import with_network
 
 SUFFIX = ".onnx"
 METADATA = "eskin_model"

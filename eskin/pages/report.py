@@ -50,9 +50,10 @@ from eskin.golden.core import (
     replacing,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.model import Trace, describe_formats
+from eskin.golden.model import Trace
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
 from eskin.pages.views import GAP, page, percent, short_name, tables, words, write_text
+from eskin.training.formats import describe_formats
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
@@ -344,28 +345,6 @@ def draw_step_accuracy(splits: Sequence[Record], opens_at_once: bool) -> Figure:
     return figure
 
 
-def draw_training(splits: Sequence[Record]) -> Figure | None:
-    """Loss of the float networks while they are trained, on what they train on and on recordings left out, a
-    panel for each split; None where no network was trained step by step."""
-    trained = [split for split in splits if split.get("training_curve")]
-    if not trained:
-        return None
-    figure, panels = panel_row(len(trained), 10.4, 2.7)
-    for axes, split in zip(panels, trained, strict=True):
-        curve = split["training_curve"]
-        axes.plot(curve["updates"], curve["training_loss"], label="trained on, augmented", **FLOAT_LINE)
-        if curve["held_out_loss"]:
-            axes.plot(
-                curve["updates"], curve["held_out_loss"], label="left out, not augmented", **INTEGER_LINE
-            )
-        axes.set(title=_split_name(split), xlabel="updates of the weights")
-        axes.set_xlim(left=0)
-        axes.set_ylim(bottom=0)
-    panels[0].set_ylabel("cross-entropy of a step (nat)")
-    panels[0].legend(loc="upper right")
-    return figure
-
-
 def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig, unit: str = "V") -> Figure:
     """One recording from raw taxels through features, hidden state and logits to local decisions and the
     global one."""
@@ -614,7 +593,6 @@ def _render(result: Result) -> str:
             drawn |= {
                 "trace": draw_trace(result.trace, config, run["data"].get("unit", "V")),
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
-                "training": draw_training(splits),
                 "candidates": draw_candidates(candidates) if candidates else None,
                 "scans": draw_scans([front_end["chosen"], *front_end["rivals"]]) if front_end else None,
             }

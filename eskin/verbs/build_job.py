@@ -22,16 +22,15 @@ from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
     InputError,
-    Memo,
     Progress,
     Record,
     check_folder,
-    code_version,
     content_key,
     replacing_folder,
     write_json,
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
+from eskin.memo import Memo, code_version
 from eskin.rtl.common.memory_style import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation

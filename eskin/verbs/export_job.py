@@ -14,11 +14,10 @@ from eskin.golden.model import (
     find_touches,
     float_features,
     images_of,
-    random_images,
-    random_recordings,
     run,
     run_images,
 )
+from eskin.training.made_up import random_images, random_recordings
 
 
 def export_c(

@@ -6,17 +6,9 @@ from typing import Any
 
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import (
-    IntegerModel,
-    images_of,
-    random_images,
-    random_recordings,
-    run,
-    run_images,
-    write_image_vectors,
-    write_vectors,
-)
+from eskin.golden.model import IntegerModel, images_of, run, run_images, write_image_vectors, write_vectors
 from eskin.rtl.fpga.generate import generate
+from eskin.training.made_up import random_images, random_recordings
 
 
 def generate_design(

@@ -21,11 +21,9 @@ from eskin.cosim.device import FOREVER, Design, Device
 from eskin.golden.core import (
     PRESETS,
     AcceleratorConfig,
-    Memo,
     Progress,
     Record,
     check_target,
-    code_version,
     content_key,
     write_json,
 )
@@ -33,6 +31,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, find_touches
 from eskin.golden.model import run as run_golden
 from eskin.jobs import Function, Jobs
+from eskin.memo import Memo, code_version
 from eskin.pages.stability_page import PAGE, write_page
 from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export

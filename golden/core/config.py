@@ -979,11 +979,6 @@ class AcceleratorConfig:
             )
         parts: dict[str, Any] = {}
         for key, value in values.items():
-            if key in GROUP_OF:
-                raise InputError(
-                    f"{source}: field {key} is outside its group, as before version 0.2; move it to "
-                    f"{GROUP_OF[key]}, or train the model again"
-                )
             if key != "name" and key not in GROUPS:
                 raise InputError(f"{source}: unknown group {key}; known groups are {', '.join(GROUPS)}")
             if key != "name" and not isinstance(value, dict):

@@ -132,6 +132,15 @@ def exchange(fresh: Path, folder: Path, old: Path, check: Callable[[], None] = l
         os.close(parent)
 
 
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold an exclusive lock on ``path`` over the block, between processes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
 def write_json(path: str | Path, value: Any) -> None:
     """``value`` as indented JSON; NaN and infinities are errors, because JSON has none."""
     text = json.dumps(value, indent=2, allow_nan=False)

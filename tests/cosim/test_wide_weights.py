@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, signed_bits
-from eskin.golden.model import Fixed, IntegerModel, random_integer_model, random_recordings, run
+from eskin.golden.model import Fixed, IntegerModel, run
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.verbs.flow import cosimulate
 from tests.support.small_designs import SMALL
 

@@ -69,8 +69,8 @@ def model(folder) -> Path:
 
     from eskin.data import load_recordings
     from eskin.golden.model import FloatModel
+    from eskin.training.integers import quantise
     from eskin.training.network import RecurrentClassifier
-    from eskin.training.quantise import quantise
 
     network = RecurrentClassifier(CONFIG, generator=torch.Generator().manual_seed(2)).arrays()
     FloatModel(CONFIG, network | {"mu": np.array(20.0), "sigma": np.array(30.0)}).save(folder / "model", {})

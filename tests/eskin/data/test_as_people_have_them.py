@@ -8,8 +8,9 @@ from PIL import Image
 
 import eskin
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, load_archive
+from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
 CODES = np.random.default_rng(3).integers(100, 900, (6, 20, 3))

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core import PRESETS, Memo
+from eskin.golden.core import PRESETS
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, schedule, step_cycles
 from eskin.study import sweep as sweeping
 from eskin.study.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES

@@ -10,9 +10,11 @@ import pytest
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_touches, normalise, normaliser_constants, random_recordings, real_features
+from eskin.golden.model import find_touches, normalise, real_features
 from eskin.golden.model.preprocess import TouchFinder, by_input, shifts_by_input
 from eskin.training import datasets
+from eskin.training.formats import normaliser_constants
+from eskin.training.made_up import random_recordings
 from tests.support.table import each_row
 
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]

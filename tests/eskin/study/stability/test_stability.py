@@ -275,7 +275,7 @@ def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
     from eskin.golden.core import PRESETS
     from eskin.study import defences
     from eskin.training import train
-    from eskin.training.quantise import quantise
+    from eskin.training.integers import quantise
 
     data = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
     config = defences.recommended(data, PRESETS["pvdf"])
