@@ -174,7 +174,7 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
     "--readout prototypes"
 )
 def quantise(asked: QuantiseRequest) -> None:
-    """Write the integer model into a model folder, a format for each signal."""
+    """Choose a fixed-point format for each signal and write the integer model."""
     from eskin.golden.model import load_config
     from eskin.training.formats import describe_formats
     from eskin.training.integers import quantise as to_integers
