@@ -349,6 +349,6 @@ def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_pat
     if chosen.features.feature_shift[0]:
         np.savez(tmp_path / "model" / "weights.npz", **arrays)
         with pytest.raises(
-            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means promises"
+            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means requires"
         ):
             IntegerModel.load(tmp_path / "model")

@@ -170,7 +170,10 @@ def test_normalised_codes_are_the_real_features(subset, scale):
             {"feature_kinds": ("integral",), "integral_knee": 30},
             "integral_knee: is 30 for integrals of 16 bits; give at most 14",
         ),
-        ({"feature_kinds": ("integral",), "compand": "log"}, "compand: is 'log' with integrals alone"),
+        (
+            {"feature_kinds": ("integral",), "compand": "log"},
+            "compand: is 'log', but feature_kinds has only integrals",
+        ),
         ({"feature_scale": "row"}, "feature_scale: .* one of array, taxel"),
         (
             {"feature_kinds": FEATURE_KINDS, "feature_shift": (3,)},
@@ -178,11 +181,11 @@ def test_normalised_codes_are_the_real_features(subset, scale):
         ),
         (
             {"feature_kinds": FEATURE_KINDS, "feature_shift": (3, 3, 3), "aligned_means": True},
-            "aligned_means: is for one mean",
+            "aligned_means: needs one mean",
         ),
         (
             {"feature_kinds": FEATURE_KINDS, "taxels": 171, "clock_hz": 50e6},
-            "feature_kinds: 3 kinds of 171 taxels are 513 inputs and 512",
+            "feature_kinds: 3 kinds of 171 taxels make 513 inputs, above the limit of 512",
         ),
         ({"feature_shift": (99,)}, "feature_shift: must lie in -10..15"),
         ({"feature_kinds": FEATURE_KINDS, "clock_hz": 20e3}, "4 taxels with 3 kinds .* at least 24000"),
