@@ -74,7 +74,7 @@ def shown(console: Console, name: str = "") -> Iterator[Progress]:
         return f"{name}, {task}" if name else task
 
     if console.is_terminal:
-        with console.status(name or "at work") as status:
+        with console.status(Text(name or "at work")) as status:
             yield lambda task, done, total: status.update(Text(f"{words(task)}: {done} of {total}"))
         return
     milestones = Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
