@@ -6,7 +6,7 @@ import pytest
 from eskin.choose.candidate import Candidate, Judged, choose
 from eskin.choose.cost import Cost
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import with_network
+from eskin.training.formats import with_network
 from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import RECIPES
 from tests.support.prices import priced

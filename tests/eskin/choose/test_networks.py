@@ -98,7 +98,7 @@ def test_fits_are_tried_on_the_first_front_end_and_the_best_on_the_others():
     assert {steps for _, steps, *_ in asked} == {6}  # none is dearer than one that is settled
     asked, _, tried = played([TOUCHED], squares)
     recipes = [one.candidate.recipe for one in tried[:8]]
-    assert [recipe.name for recipe in recipes] == [name for name in FITS if name != STURDY]
+    assert [recipe.name for recipe in recipes] == [name for name in FITS if name not in STURDY]
     assert [recipe.augments for recipe in recipes] == [True, False, False, True, *[False] * 4]
     assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, 10.0, *[1.0] * 5]
     assert [recipe.ridge for recipe in recipes] == [0.0] * 5 + list(RIDGES)

@@ -7,8 +7,9 @@ import pytest
 
 import eskin
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive, save_archive
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, load_archive, save_archive
+from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
 FRAMES = 30

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from eskin.cli.main import app
 from eskin.data import Reading, load_recordings
+from eskin.extras import EXTRAS
 from eskin.golden.core import InputError
-from eskin.golden.core.errors import EXTRAS
 from eskin.golden.data import Recordings
 from tests.support import doors
 from tests.support.table import each_row

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive, save_archive
+from eskin.data.fit import check_fit
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.data import check_fit, load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
 from tests.support.table import each_row
 

@@ -10,7 +10,7 @@ import pytest
 from eskin.cli.common import show
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, load_config, run, with_network
+from eskin.golden.model import IntegerModel, load_config, run
 from eskin.teach import enrol as enrolling
 from eskin.teach import evaluate as evaluating
 from eskin.teach.enrol import enrol, teach_folder
@@ -18,7 +18,8 @@ from eskin.teach.evaluate import Question, judge, summary
 from eskin.training import prototypes as prototypes_of
 from eskin.training import recipe
 from eskin.training.evaluate import evaluate
-from eskin.training.quantise import quantise
+from eskin.training.formats import with_network
+from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 from tests.support.folder import exchanges
 from tests.support.prices import priced
@@ -303,7 +304,9 @@ def test_teaching_is_judged_from_no_touch_on(capsys):
         of_k = [row for row in rows if row["k"] in (0, touch)]
         said = summary(["mounting"], [of_k])
         show("enrolments", **said, readout="prototypes", seeds=[7])
-        assert capsys.readouterr().err.startswith("teach: prototypes" if touch else "do not teach, train on:")
+        assert capsys.readouterr().err.startswith(
+            "teach: prototypes" if touch else "do not teach, train further:"
+        )
 
 
 def test_a_class_that_no_recording_shows_is_known_once_it_is_taught(taught_ready, tmp_path):

@@ -11,9 +11,9 @@ from eskin.golden.model import (
     find_touches,
     network_formats,
     network_shapes,
-    normaliser_constants,
-    random_recordings,
 )
+from eskin.training.formats import normaliser_constants
+from eskin.training.made_up import random_recordings
 from eskin.training.stage_error import STAGES, logit_error, stage_errors
 from tests.support.small_designs import SMALL
 from tests.support.table import each_row

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from eskin.cosim import link
+from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data import save_archive
-from eskin.golden.model import random_images, random_integer_model, random_recordings
-from eskin.golden.model.image_network import image_recordings
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
+from eskin.training.made_up import image_recordings, random_images, random_integer_model, random_recordings
 from eskin.verbs import replay_job
 from tests.cosim.test_link_cosim import CONFIG
 from tests.support.image_scenes import random_image_model

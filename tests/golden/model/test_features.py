@@ -10,8 +10,9 @@ import pytest
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_touches, random_recordings
+from eskin.golden.model import find_touches
 from eskin.golden.model.preprocess import TouchFinder
+from eskin.training.made_up import random_recordings
 from tests.support.table import each_row
 
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]
@@ -128,7 +129,10 @@ def test_windows_give_what_loops_over_their_frames_give(name, rule, block):
             {"feature_kinds": ("integral",), "integral_knee": 30},
             "integral_knee: is 30 for integrals of 16 bits; give at most 14",
         ),
-        ({"feature_kinds": ("integral",), "compand": "log"}, "compand: is 'log' with integrals alone"),
+        (
+            {"feature_kinds": ("integral",), "compand": "log"},
+            "compand: is 'log', but feature_kinds has only integrals",
+        ),
         ({"feature_scale": "row"}, "feature_scale: .* one of array, taxel"),
         (
             {"feature_kinds": FEATURE_KINDS, "feature_shift": (3,)},
@@ -136,11 +140,11 @@ def test_windows_give_what_loops_over_their_frames_give(name, rule, block):
         ),
         (
             {"feature_kinds": FEATURE_KINDS, "feature_shift": (3, 3, 3), "aligned_means": True},
-            "aligned_means: is for one mean",
+            "aligned_means: needs one mean",
         ),
         (
             {"feature_kinds": FEATURE_KINDS, "taxels": 171, "clock_hz": 50e6},
-            "feature_kinds: 3 kinds of 171 taxels are 513 inputs and 512",
+            "feature_kinds: 3 kinds of 171 taxels make 513 inputs, above the limit of 512",
         ),
         ({"feature_shift": (99,)}, "feature_shift: must lie in -10..15"),
         ({"feature_kinds": FEATURE_KINDS, "clock_hz": 20e3}, "4 taxels with 3 kinds .* at least 24000"),

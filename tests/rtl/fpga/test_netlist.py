@@ -13,15 +13,10 @@ import pytest
 from eskin.cosim import flow, runner
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.netlist import ECP5_CELLS, GOWIN_CELLS, Hardware, netlist_hardware
-from eskin.golden.model import (
-    IntegerModel,
-    random_integer_model,
-    random_recordings,
-    run,
-    with_network,
-    write_vectors,
-)
+from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.verbs.flow import netlist_of
 from tests.support.lut_fault import flip_lut_bit
 from tests.support.small_designs import SMALL
