@@ -356,7 +356,7 @@ class Chip:
     @staticmethod
     def _rested(wrong: int) -> None:
         if wrong:
-            raise SimulationError("the netlist does not come to rest within a clock cycle")
+            raise SimulationError("the netlist does not settle within a clock cycle")
 
     def put(self, name: str, value: int) -> None:
         """Drive an input."""
