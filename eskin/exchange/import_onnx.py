@@ -45,10 +45,6 @@ TAKEN = (
     "one GRU or LSTM in one direction and one Gemm, or MatMul and Add, behind its last step or all of its steps, "
     "or a dense layer alone"
 )
-ATTRIBUTES = {
-    "GRU": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "linear_before_reset"),
-    "LSTM": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size"),
-}  # fmt: skip
 
 
 def _text(value: Any) -> Any:
@@ -156,6 +152,7 @@ class Graph:
 
     def compute(self, values: np.ndarray) -> list[np.ndarray]:
         """The outputs for one input, as onnxruntime computes them."""
+        onnxruntime.set_default_logger_severity(4)  # what it says is in the error
         try:
             session = onnxruntime.InferenceSession(
                 self.model.SerializeToString(), providers=["CPUExecutionProvider"]
@@ -232,11 +229,6 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
         return OnnxNetwork(graph, "linear", "before", "sigmoid", 0, classes, columns, arrays, names, metadata)
     node = layers[0]
     attributes, order = attributes_of(node), GATES[node.op_type]
-    if (direction := attributes.get("direction", "forward")) != "forward":
-        graph.refuse(node, f"runs {direction!s:.20}; the accelerator has one direction, forward")
-    for name, value in attributes.items():
-        if name not in ATTRIBUTES[node.op_type] and value:
-            graph.refuse(node, f"has {name:.40}, which the accelerator does not; save it without")
     activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
     slopes = (attributes.get("activation_alpha") or [0.2])[:1] + (attributes.get("activation_beta") or [0.5])[
         :1
@@ -249,9 +241,6 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
             node,
             f"has activations {shown:.60}; the accelerator has Sigmoid (or HardSigmoid of slope 0.2) and Tanh",
         )
-    for place, extra in ((4, "sequence_lens"), (7, "peepholes")):
-        if len(node.input) > place and node.input[place]:
-            graph.refuse(node, f"has {extra}, which the accelerator does not; save it without")
     w, r = graph.constant(node, 1, "weights"), graph.constant(node, 2, "recurrent weights")
     hidden = r.shape[-1] if r.ndim == 3 else 0
     rows = len(order) * hidden
