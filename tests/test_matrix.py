@@ -148,7 +148,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("import",),
         tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", *CHOSEN)),
-        "whose reset gate stands after the product: use --reset after",
+        "whose reset gate is after the product; use --reset after",
     ),
     (("train --fits",), ("image",), "--fits: networks for images have none"),
     (

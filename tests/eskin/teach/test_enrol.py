@@ -290,7 +290,7 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     judged = evaluate(tmp_path / "m", REST)  # the float network decides by the same prototypes
     assert judged["agreement"] > 0.9, judged
     assert judged["float_accuracy"] >= after - 0.02
-    with pytest.raises(InputError, match="it was taught touches, which other integers would lose"):
+    with pytest.raises(InputError, match="it holds taught touches, which new integers would lose"):
         quantise(tmp_path / "m", OLD, readout="dense")
 
 
