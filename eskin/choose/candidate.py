@@ -217,8 +217,7 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
     usable = [one for one in judged if market.is_candidate(one.config)]
     if not usable:
         raise InputError(
-            f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
-            "larger board"
+            f"--fits {market.board}: is too small for all {len(judged)} candidates; name a larger board"
         )
     best = best_of(usable)
     return _cheapest([one for one in usable if is_level(best.correct, one.correct)], market)

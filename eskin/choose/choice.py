@@ -444,8 +444,7 @@ def train_chosen(
         )
     if cell == AUTO and not folds:
         raise InputError(
-            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
-            "linear"
+            "--cell auto: needs cross-validation; leave --folds 0 out or name --cell gru, lstm or linear"
         )
     plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)

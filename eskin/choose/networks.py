@@ -443,6 +443,6 @@ def check_units(cell: str | None, hidden: int | None) -> None:
     """Refuse a number of units with a cell that has none, or that is to be chosen."""
     if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(
-            f"--hidden {hidden}: --cell {cell} takes no number of units; leave --hidden out, or name --cell "
+            f"--hidden {hidden}: --cell {cell} has no hidden units; leave --hidden out, or name --cell "
             "gru or lstm"
         )

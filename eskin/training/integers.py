@@ -46,7 +46,7 @@ def _noted_ranges(
     fix = "give the recordings it was trained on (--data)"
     entries = record.get("ranges", [])
     if not entries:
-        raise InputError(f"model '{model_dir}': has no ranges noted at training; {fix}")
+        raise InputError(f"model '{model_dir}': has no ranges from its training; {fix}")
     try:
         ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
         needed = [signal for signal in signals(config) if signal in ranges or signal != LAST_LOGIT]

@@ -347,8 +347,8 @@ def test_pins_and_wiring():
 
 
 def test_what_needs_a_host_is_refused():
-    with pytest.raises(InputError, match="nothing delivers frames; add --converter"):
+    with pytest.raises(InputError, match="there is no source of frames; add --converter"):
         refuse_standalone(CONFIG.replace(converter="none"))
     immediate = dict(onset="immediate", window_mode="free", window=50, pretrigger_frames=0)
-    with pytest.raises(InputError, match="needs 'band' or 'baseline'"):
+    with pytest.raises(InputError, match="use 'band' or 'baseline'"):
         refuse_standalone(CONFIG.replace(**immediate))

@@ -126,6 +126,6 @@ def test_what_no_hardware_holds_is_refused_in_a_sentence():
         WIDE.with_lanes(4, "dsp")
     with pytest.raises(
         InputError,
-        match="field weight_format: the worst case needs a .*-bit accumulator and there are 48 bits",
+        match="field weight_format: needs a .*-bit accumulator in the worst case, above the limit of 48",
     ):
         WIDE.replace(bias_format=QFormat(31, -15))

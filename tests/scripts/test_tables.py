@@ -47,11 +47,12 @@ def test_the_page_of_figures_names_tables_that_there_are():
     assert made == set(tables.TABLES) - {"runs"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "cell", "lanes", "cells", "cycles"),
     [
-        pytest.param("thesis", "gru", 1, (578, 245, 29, 0), (23.2, 19.0, 1172), marks=pytest.mark.slow),
-        pytest.param("thesis", "gru", 4, (722, 401, 28, 0), (23.2, 19.0, 281), marks=pytest.mark.slow),
+        ("thesis", "gru", 1, (578, 245, 29, 0), (23.2, 19.0, 1172)),
+        ("thesis", "gru", 4, (722, 401, 28, 0), (23.2, 19.0, 281)),
         ("pvdf", "linear", 4, (836, 620, 10, 4), (15.2, 15.0, 27)),
     ],
 )

@@ -235,7 +235,7 @@ def test_a_board_is_taught_by_its_registers():
         source = board(model, device)
         source.arm()
         (refusal,) = source.teach(1)
-        assert "no whole touch came before" in refusal.refused
+        assert "there is no whole touch yet" in refusal.refused
         source.take(recordings.recording(0))
         source.finish()
         loaded = len(device.writes)

@@ -172,7 +172,7 @@ def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     assert (status, out) == (2, "") and "model/board, " in errors and errors.count("\n") == 1
     for name in ("board", "other"):
         shutil.rmtree(tmp_path / "model" / name)
-    assert "told by its build, and there is none" in replay("port")[2]
+    assert "holds its rate and lanes, and there is none" in replay("port")[2]
 
 
 class Script:

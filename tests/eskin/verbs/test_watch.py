@@ -191,6 +191,3 @@ def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
         wait(lambda: body(page, "taught") == "0 0 0")
         assert browser.console_errors(page) == []
     assert watched.result["mismatches"] == 0
-
-
-# ---------------------------------------------------------------------- the verb

@@ -97,9 +97,6 @@ NO_MULTIPLIERS = dataclasses.replace(
 """A part that lacks what the boards' parts have."""
 
 
-# ---------------------------------------------------------------------- multipliers
-
-
 # ---------------------------------------------------------------------- the accelerator
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:

@@ -46,7 +46,7 @@ def linted(folder, *waiver):
     return rules
 
 
-QUICK = ("lstm behind Wishbone", "image behind Wishbone", "behind a converter")
+QUICK = ("image behind Wishbone", "behind a converter")
 
 
 @pytest.mark.parametrize(

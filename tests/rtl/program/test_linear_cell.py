@@ -214,6 +214,3 @@ def test_training_writes_a_model_that_quantises(tmp_path, monkeypatch):
     )
     with pytest.raises(InputError, match="field protocol: is 'thesis' and the cell is linear"):
         choose_recipe(model.config, "thesis")
-
-
-# ---------------------------------------------------------------------- import
