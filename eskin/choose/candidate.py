@@ -235,13 +235,15 @@ def affordable(config: AcceleratorConfig, calm: Judged, market: Market) -> bool:
     return market.is_candidate(config) and market.price(config)[0] <= dearest * (1 + 1e-9)
 
 
-def in_reach(judged: Sequence[Judged], calm: Judged, market: Market) -> list[Judged]:
-    """Those that `choose_stable` may take in place of ``calm``, and itself."""
+def in_reach(
+    judged: Sequence[Judged], calm: Judged, market: Market, loss: float = CLEAN_LOSS
+) -> list[Judged]:
+    """Those that `choose_stable` may take in place of ``calm``, and itself; loss: of accuracy."""
     return [
         one
         for one in judged
         if one.candidate == calm.candidate
-        or (one.accuracy >= calm.accuracy - CLEAN_LOSS and affordable(one.config, calm, market))
+        or (one.accuracy >= calm.accuracy - loss and affordable(one.config, calm, market))
     ]
 
 
