@@ -95,7 +95,8 @@ class Judged:
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
     recordings without a touch or a completed window. runs: what each network decided, seed by seed. stress: the
-    disturbances. disturbed: gives the share of networks that were wrong under each (cases, recordings).
+    disturbances. disturbed: gives the share of networks that were wrong under each (cases, recordings). calm: the
+    rule takes it by sound recordings alone.
     """
 
     candidate: Candidate
@@ -104,6 +105,7 @@ class Judged:
     runs: tuple[FoldDecisions, ...] = ()
     stress: Stress | None = None
     disturbed: Callable[[], np.ndarray] | None = None
+    calm: bool = False
 
     @cached_property
     def wrong(self) -> np.ndarray | None:

@@ -343,10 +343,12 @@ def network_choice(
     stablest = choose_stable(tried, calm, market)
     # what is out of reach is not judged under disturbance, but the most accurate one, which tells what more would buy
     told = {one.candidate for one in (*in_reach(tried, calm, market), best_of(tried))}
-    return stablest.candidate, [
-        one if one.candidate in told else dataclasses.replace(one, stress=None, disturbed=None)
-        for one in tried
-    ]
+    for place, one in enumerate(tried):
+        if one.candidate not in told:
+            tried[place] = dataclasses.replace(one, stress=None, disturbed=None)
+        elif one.candidate == calm.candidate:
+            tried[place] = dataclasses.replace(one, calm=True)
+    return stablest.candidate, tried
 
 
 def fit_of(one: Judged) -> str:
