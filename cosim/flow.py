@@ -1,8 +1,8 @@
 """One co-simulation: a generated accelerator, a file of vectors, a simulator; the CONTRACT's result."""
 
-import copy
 import json
 import operator
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,6 @@ from eskin.golden.core import (
 )
 
 PACES = ("full", "declared")
-MEASURES = ("frame", "step", "windows")
 COMPILED = "compiled"
 """The simulator of a chip's netlist, in this process."""
 SLOWEST_CYCLES_PER_S = {
@@ -96,7 +95,6 @@ class Run:
             "period": clock_hz / config.sensor.scan_rate_hz if pace == "declared" else 0.0,
             "patience": latency.standstill_cycles(config),
             "probes": hardware.probes,
-            "measure": "STEP",
             "stalls": None,
             "fault": None,
         }
@@ -156,7 +154,6 @@ def cosim(
     seed: int = 1,
     probe: bool = False,
     hardware: Hardware | None = None,
-    measure: str = "step",
     waves: bool = True,
     cocotb: Sequence[int] | None = None,
     work: Path,
@@ -182,9 +179,6 @@ def cosim(
         Try a weight write during a touch; it must be refused and flagged, and the streams must not change.
     hardware:
         A netlist of the same design; default: the design's own Verilog.
-    measure:
-        What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as
-        ``registers`` LONGEST.
     waves:
         On a mismatch, play its recording once more and keep waves.
     cocotb:
@@ -218,9 +212,7 @@ def cosim(
         design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
     )
     config, hardware = run.config, run.hardware
-    if measure not in MEASURES:
-        raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
-    settings: Record = {"measure": measure.upper(), "stalls": seed & 0x7FFFFFFF if stalls else None}
+    settings: Record = {"stalls": seed & 0x7FFFFFFF if stalls else None}
     if probe and config.hardware.loadable:
         settings["write_at"] = _open_touch(config, run.expected)
     played: Record = {
@@ -285,9 +277,9 @@ def _in_bulk(
         registers,
         boot,
         probes=run.hardware.probes,
-        measure=settings["measure"],
         period=run.settings["period"],
         seed=played["seed"],
+        threads=1 if run.simulator == COMPILED else os.cpu_count() or 1,
     )
     result = result_of(run, said, played, wall_s=time.monotonic() - begun, in_bulk=True)
     if said["mismatch"] and waves and played["simulator"] in runner.SIMULATORS:
@@ -389,47 +381,34 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
 JOINED: dict[str, Callable[[list[Any]], Any]] = {
     **dict.fromkeys(
         "recordings cocotb_recordings bulk_recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
-        "wall_s conversion.violations".split(),
-        sum,
+        "wall_s violations mismatch_list".split(),
+        lambda values: sum(values[1:], values[0]),
     ),
-    **dict.fromkeys(
-        "cycles.frame_max cycles.step_max cycles.decision_latency_max registers.LONGEST "
-        "conversion.scan_cycles conversion.jitter_cycles".split(),
-        lambda values: max(values, default=None),
-    ),
-    "cycles.step_min": lambda values: min(values, default=None),
-    **dict.fromkeys(
-        ("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values, 0)
-    ),
-    **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1] if values else None),
-    "conversion.feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)] if pairs else None,
-    "mismatch_list": lambda values: [*chain.from_iterable(values)],
-    "gave_up": lambda values: next(iter(values), None),
+    **dict.fromkeys("frame_max step_max decision_latency_max LONGEST scan_cycles jitter_cycles".split(), max),
+    **dict.fromkeys(("FAULTS", "faults"), lambda values: reduce(operator.or_, values)),
+    **dict.fromkeys(("STATUS", "TOUCHES"), lambda values: values[-1]),
+    "step_min": min,
+    "bit_exact": all,
+    "feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)],
 }
-"""Functions that join the parts' values, by their place in a result; None is left out."""
-JOINED |= {
-    f"without_probes.{name}": JOINED[name] for name in ("compared_values", "mismatches", "mismatch_list")
-}
-JOINED["without_probes.bit_exact"] = all
+"""Functions that join the parts' values, by their name in a result; of others the first part's is taken."""
+
+
+def _joined(name: str, values: list[Any]) -> Any:
+    values = [value for value in values if value is not None]
+    if values and isinstance(values[0], dict):
+        return {
+            key: _joined(key, [value.get(key) for value in values]) for key in dict.fromkeys(chain(*values))
+        }
+    return JOINED.get(name, operator.itemgetter(0))(values) if values else None
 
 
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> Record:
     """One result from those of parts of the recordings, in their order and played alike: counts and seconds
     are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
-    faults of all and the longest of what LONGEST measures.
+    faults of all and the longest step.
     """
-    result: Record = copy.deepcopy(dict(results[0]))
-    for place, join in JOINED.items():
-        *way, name = place.split(".")
-        whole: Any
-        whole, *parts = (reduce(lambda at, key: at.get(key, {}), way, part) for part in (result, *results))
-        if name in whole:
-            whole[name] = join([part[name] for part in parts if part[name] is not None])
-    for name in dict.fromkeys(name for part in results for name in part["stages"]):
-        counts = [part["stages"].get(name, {}) for part in results]
-        result["stages"][name] = {
-            key: sum(count.get(key, 0) for count in counts) for key in ("compared_values", "mismatches")
-        }
+    result: Record = _joined("", [dict(part) for part in results])
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
     result["verdict"] = verdict_of(result)
     declared, wall_s = result["pace"] == "declared", result["wall_s"]

@@ -27,7 +27,7 @@ import cocotb_tools.config
 import cocotb_tools.runner as cocotb_runner
 
 from eskin.golden.core import InputError, SimulationError, replacing_folder
-from eskin.golden.core.memo import locked
+from eskin.golden.core.files import locked
 
 WRAPPER = Path(__file__).with_name("wrapper.sv")
 SIMULATORS = ("verilator", "icarus")
@@ -285,7 +285,7 @@ def plain_folder() -> str:
         if PLAIN.fullmatch(folder) and os.access(folder, os.W_OK):
             return folder
     raise InputError(
-        f"co-simulation: make takes no path with a blank or sign as in '{tempfile.gettempdir()}'; set TMPDIR to a "
+        f"co-simulation: make accepts no path with a blank or special character, as in '{tempfile.gettempdir()}'; set TMPDIR to a "
         "folder without"
     )
 

@@ -19,7 +19,8 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from eskin.golden.core import InputError, Memo, Progress, Record
+from eskin.golden.core import InputError, Progress, Record
+from eskin.memo import Memo
 
 Function = Callable[[Any, Any], Any]
 """(shared, piece) -> result; a worker finds it by its module and name."""
@@ -124,8 +125,7 @@ class Jobs:
             stop()
             if isinstance(error, BrokenProcessPool):
                 raise InputError(
-                    "a worker process died, out of memory perhaps; what was finished is kept: run the same "
-                    "again"
+                    "a worker process ended, perhaps out of memory; finished work is kept, so run the same command again"
                 ) from None
             raise
         finally:
@@ -248,6 +248,5 @@ def _check_workers(client: Any, address: str, version: Callable[[], str] | None)
     foreign = sorted(where for where, code in versions.items() if code != version())
     if foreign:
         raise InputError(
-            f"--dask {address}: {foreign[-1]} has other code or libraries than this machine; install the same "
-            "there"
+            f"--dask {address}: {foreign[-1]} has code or libraries that differ from this machine; install the same there"
         )

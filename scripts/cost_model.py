@@ -18,13 +18,15 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from eskin.golden.core import AcceleratorConfig, Memo, Record, code_version, content_key
+from eskin.golden.core import AcceleratorConfig, Record, content_key
 from eskin.golden.data import Recordings
-from eskin.golden.model import random_integer_model, with_network
+from eskin.memo import Memo, code_version
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
 from eskin.study.energy import PARTS, estimate
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import energy_job
 from eskin.verbs.build_job import suited
 from eskin.verbs.chip_energy import with_touches

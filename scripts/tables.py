@@ -48,7 +48,6 @@ import numpy as np
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
-from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
 from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, synthesise
@@ -64,6 +63,7 @@ from eskin.rtl.program.schedule import (
 )
 from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.study.energy import estimate, scheduled_activity
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import build_job
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "figures.md"

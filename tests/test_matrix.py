@@ -27,9 +27,10 @@ import pytest
 
 from eskin.cli import main as command_line
 from eskin.data import load_recordings, turns
+from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig, QFormat
-from eskin.golden.core.memo import locked
-from eskin.golden.data import Recordings, save_archive
+from eskin.golden.core.files import locked
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
 from eskin.training import recipe
 from eskin.verbs import baselines_job, energy_job, sweep_job
@@ -147,7 +148,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("import",),
         tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", *CHOSEN)),
-        "whose reset gate stands after the product: use --reset after",
+        "whose reset gate is after the product; use --reset after",
     ),
     (("train --fits",), ("image",), "--fits: networks for images have none"),
     (
@@ -158,7 +159,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("quantise --readout", "enrol --evaluate --readout"),
         ("rom",),
-        "field loadable: is false, and the memory of prototypes is one that the host fills",
+        "field loadable: is false, but the host must fill the memory of prototypes",
     ),
     (
         ("cosim netlist",),
@@ -173,7 +174,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("enrol --teach",),
         tuple(kind for kind in KINDS if kind not in ("prototypes", "image", *CHOSEN)),
-        "field readout: is 'dense', which is trained and not taught",
+        "field readout: is 'dense', which cannot be taught",
     ),
     (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
     (("export --to onnx",), ("prototypes",), "field readout: is 'prototypes', which ONNX does not have"),
@@ -186,7 +187,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     ),
     (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
-    (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
+    (("quantise --readout",), ("image",), "--readout: models for images have none"),
     (
         ("enrol", "enrol --teach", "asic", "stability", "import"),
         ("image",),
@@ -434,7 +435,10 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # workers would begin by importing torch
     monkeypatch.setattr(sweep_job, "FOLDS", 2)
     monkeypatch.setattr(baselines_job, "run", partial(baselines_job.run, folds=2, seeds=1))
-    monkeypatch.setitem(recipe.RECIPES, "onset", dataclasses.replace(recipe.RECIPES["onset"], updates=100))
+    few = {
+        name: dataclasses.replace(one, updates=min(one.updates, 60)) for name, one in recipe.RECIPES.items()
+    }
+    monkeypatch.setattr(recipe, "RECIPES", few)
     return lambda kind: Case(shop, kind, tmp_path)
 
 

@@ -25,8 +25,9 @@ import numpy as np
 from eskin.choose.choice_table import beyond
 from eskin.choose.cost import Market
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model import IntegerModel, with_network
+from eskin.golden.model import IntegerModel
 from eskin.training.crossval import FoldDecisions
+from eskin.training.formats import with_network
 from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import Recipe
 
@@ -218,8 +219,7 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
     usable = [one for one in judged if market.is_candidate(one.config)]
     if not usable:
         raise InputError(
-            f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
-            "larger board"
+            f"--fits {market.board}: is too small for all {len(judged)} candidates; name a larger board"
         )
     best = best_of(usable)
     return _cheapest([one for one in usable if is_level(best.correct, one.correct)], market)

@@ -28,10 +28,11 @@ from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, lis
 from eskin.choose.networks import AUTO, INSIDE, Effort, Part, Wish, check_units, network_choice, side_by_side
 from eskin.choose.sturdy import Hardening
 from eskin.choose.yardsticks import linear_yardsticks
+from eskin.data.fit import check_fit
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.training.crossval import (
     Piece,
@@ -444,8 +445,7 @@ def train_chosen(
         )
     if cell == AUTO and not folds:
         raise InputError(
-            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
-            "linear"
+            "--cell auto: needs cross-validation; leave --folds 0 out or name --cell gru, lstm or linear"
         )
     plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)

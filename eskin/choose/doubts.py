@@ -84,7 +84,7 @@ def below_baselines(
         fix = f"eskin has no hardware for it; {fix}"
     text = (
         f"the {best['name']} classifies {percent(best['accuracy'])} correctly, the network "
-        f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less{_by_which(best)}: {fix}"
+        f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less: {fix}"
     )
     return [doubt("below_baselines", text, split)]
 
@@ -98,16 +98,6 @@ def _larger(candidates: Sequence[Mapping[str, Any]]) -> str:
     if not best["hidden"] or not larger or best["hidden"] < max(row["hidden"] for row in candidates):
         return ""
     return f"try --cell {best['cell']} --hidden {larger[0]}"
-
-
-def _by_which(row: Mapping[str, Any]) -> str:
-    """By which of its statistics a baseline is better, where that was looked at."""
-    if "without" not in row:
-        return ""
-    most = min(row["without"], key=row["without"].get)
-    if row["accuracy"] - row["without"][most] <= row["standard_error"]:
-        return f" (it is as good without any one of {', '.join(row['without'])})"
-    return f" (without {most}, its best statistic, {percent(row['without'][most])})"
 
 
 def by_choice(split: Mapping[str, Any]) -> list[Record]:

@@ -35,7 +35,7 @@ from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, R
 from eskin.golden.core.groups import Features
 from eskin.golden.data import Recordings
 from eskin.golden.data.codes import UNEVEN
-from eskin.golden.model import normalise, normaliser_constants, real_features
+from eskin.golden.model import normalise, real_features
 from eskin.training.datasets import scaling
 from eskin.training.derive import (
     CONVERTERS,
@@ -46,6 +46,7 @@ from eskin.training.derive import (
     sensor_sizes,
     settling_frames,
 )
+from eskin.training.formats import normaliser_constants
 from eskin.training.level import is_level
 from eskin.training.linear_fit import cut_short, discriminants
 

@@ -46,8 +46,8 @@ from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
-from eskin.golden.model import with_network
 from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
+from eskin.training.formats import with_network
 from eskin.training.level import is_level
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 
@@ -458,6 +458,6 @@ def check_units(cell: str | None, hidden: int | None) -> None:
     """Refuse a number of units with a cell that has none, or that is to be chosen."""
     if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(
-            f"--hidden {hidden}: --cell {cell} takes no number of units; leave --hidden out, or name --cell "
+            f"--hidden {hidden}: --cell {cell} has no hidden units; leave --hidden out, or name --cell "
             "gru or lstm"
         )

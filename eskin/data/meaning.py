@@ -138,7 +138,7 @@ class _Meaning:
             if match and word not in table.names:
                 first, last = (table.find(end, "--columns") for end in match.groups())
                 if last < first:
-                    table.refuse(f"--columns {word}: runs backwards; give the smaller number first")
+                    table.refuse(f"--columns {word}: is in descending order; give the smaller number first")
                 columns += [column for column in range(first, last + 1) if column in table.frame]
             else:
                 columns.append(table.find(word, "--columns"))
@@ -179,11 +179,11 @@ class _Meaning:
             for words in (CLASS, _CLASS_TOO)
         )
         if not sure and len(maybe) > 1:
-            table.refuse(f"{' and '.join(maybe)} may say the class; name it with --class")
+            table.refuse(f"{' and '.join(maybe)} may name the class; choose one with --class")
         for name in (sure or maybe)[:1]:
             return name if name in self.attributes else table.find(name, "--class")
         if not self.on_path:
-            why = f"has no column or attribute that says the class ({', '.join(CLASS[:2])}, ...)"
+            why = f"has no column or attribute that names the class ({', '.join(CLASS[:2])}, ...)"
             table.refuse(f"{why}; it has {there}: name it with --class, of a log also with --labels")
         return None
 
@@ -199,7 +199,7 @@ class _Meaning:
         named = named[:1] if asked is None else [table.find(asked, "--recording")]
         breaks = [] if named else self._breaks()
         if not named and not breaks and isinstance(label, int) and len(table.sources) == 1:
-            why = f"has no column that says the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
+            why = f"has no column that names the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
             table.refuse(f"{why}; name it with --recording", 0)
         self.taken = [each for each in (*named, label) if isinstance(each, int)]
         changes = [row for column in named for row in self._changes(column).tolist()]
@@ -406,7 +406,9 @@ class _Meaning:
             rate = len(steps) / float(part[-1] - part[0]) / (unit or 1.0)
             if not unit and rate < 2:
                 why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"
-                table.refuse(f"{why}; name its unit in the header, time_ms say, or give --rate HZ", first + 1)
+                table.refuse(
+                    f"{why}; name its unit in the header, as in time_ms, or give --rate HZ", first + 1
+                )
             rates.append((float(f"{rate:.5g}"), self._called(number)))
         return rates
 
@@ -433,9 +435,7 @@ class _Meaning:
             why = f"there is no time column or rate; it is taken from the configuration '{config.name}'"
             return config.sensor.sample_rate_hz, why
         if middle is None:
-            table.refuse(
-                "has no time column and does not say its rate; make an archive with eskin convert --rate HZ"
-            )
+            table.refuse("has neither a time column nor a rate; make an archive with eskin convert --rate HZ")
         (low, slow), (high, fast) = min(rates), max(rates)
         if high > (1 + RATE_TOLERANCE) * low:
             why = f"'{slow}' has {low:g} frames a second and '{fast}' {high:g}"

@@ -19,11 +19,11 @@ from eskin.cosim.link import Link, LinkError
 from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS, offered_row, unpack_decision
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream
-from eskin.golden.model.image_stream import ImageStream
 from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.prototypes import taught_in_use
 from eskin.golden.model.stream import Decision
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Taught, Where
+from eskin.live.image_stream import ImageStream
 from eskin.rtl.program.memory_map import TeachRegister
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
@@ -335,7 +335,7 @@ class BoardSource(ModelSource):
             played = self._link.end()
         events = [*self.events(decisions), *self._compare()]
         if self._link.lost:
-            sentence = "decisions of this recording got lost on the line, so it was not compared to its end"
+            sentence = "the line lost decisions of this recording, so its end was not compared"
             return [*events, Differs(sentence, mismatch=False)]
         missing = (_hardware(self.config, decision, None) for decision in self._waiting)
         return [*events, *missing, *self._registers("the board's register", played.touches, played.faults)]
@@ -348,7 +348,7 @@ class BoardSource(ModelSource):
                 compared.append(_hardware(self.config, self._waiting.popleft(), deque([payload])))
             else:  # the board is never ahead of the model: it got the same frames
                 fields = unpack_decision(self.config, payload)
-                sentence = f"the board gave a decision that the model does not have: {fields}"
+                sentence = f"the board sent a decision that the model does not have: {fields}"
                 compared.append(Differs(sentence))
             self._heard += 1
         return compared

@@ -17,20 +17,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, InputError, Memo, Record, content_key
+from eskin.golden.core import AcceleratorConfig, InputError, Record, content_key
 from eskin.golden.data import Recordings
-from eskin.golden.model import (
-    FloatModel,
-    Touches,
-    decide_touches,
-    find_touches,
-    real_by_input,
-    real_features,
-    with_network,
-)
+from eskin.golden.model import FloatModel, Touches, decide_touches, find_touches, real_by_input, real_features
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
+from eskin.training.formats import with_network
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import split_folds
 

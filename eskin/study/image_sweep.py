@@ -14,21 +14,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eskin.golden.core import (
-    NETWORKS,
-    AcceleratorConfig,
-    Conv,
-    Dense,
-    InputError,
-    Memo,
-    Pool,
-    QFormat,
-    Record,
-)
+from eskin.golden.core import NETWORKS, AcceleratorConfig, Conv, Dense, InputError, Pool, QFormat, Record
 from eskin.golden.core.images import BIAS_BITS, SIZES, parse_layer
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.study.image_size import image_size, resized
 from eskin.study.sweep import Judging, Request, expand, lanes_name, split_figures
 from eskin.training.image_models import image_config, judged_pieces, pieces_of, split_of

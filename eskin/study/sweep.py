@@ -18,12 +18,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eskin.choose.cost import pareto
-from eskin.golden.core import AcceleratorConfig, InputError, Memo, Record, content_key
+from eskin.golden.core import AcceleratorConfig, InputError, Record, content_key
 from eskin.golden.core.groups import Network
 from eskin.golden.data import Recordings
-from eskin.golden.model import with_network
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.training.crossval import cross_validate
+from eskin.training.formats import with_network
 from eskin.training.quantise import COVERED_FEATURE, choose_formats
 
 PREPROCESSING = ("hop", "compand", "compand_knee")

@@ -97,7 +97,9 @@ def for_recordings(config: AcceleratorConfig, recordings: Recordings, **changes)
             **changes,
         )
     except InputError as error:
-        raise InputError(f"recordings '{recordings.source}' give no working configuration: {error}") from None
+        raise InputError(
+            f"recordings '{recordings.source}' do not lead to a working configuration: {error}"
+        ) from None
 
 
 def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:

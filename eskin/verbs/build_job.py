@@ -22,16 +22,15 @@ from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
     InputError,
-    Memo,
     Progress,
     Record,
     check_folder,
-    code_version,
     content_key,
     replacing_folder,
     write_json,
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
+from eskin.memo import Memo, code_version
 from eskin.rtl.common.memory_style import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
@@ -325,7 +324,7 @@ def board_of(model: Path) -> tuple[int, int, Any]:
             else "there is none"
         )
         raise InputError(
-            f"--port: the board's rate and lanes are told by its build, and {found}; "
+            f"--port: the build of the board holds its rate and lanes, and {found}; "
             f"run eskin build {model} --target NAME --out {model}/board"
         )
     try:

@@ -14,11 +14,10 @@ from eskin.golden.model import (
     find_touches,
     float_features,
     images_of,
-    random_images,
-    random_recordings,
     run,
     run_images,
 )
+from eskin.training.made_up import random_images, random_recordings
 
 
 def export_c(
@@ -104,7 +103,7 @@ def export_onnx(
 def check_folder(out: Path, mark: str) -> None:
     """Refuse a folder that an export must not replace: one that holds something and no file ``mark``."""
     if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a new folder with --out")
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():

@@ -7,18 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core import (
-    AcceleratorConfig,
-    Memo,
-    Progress,
-    Record,
-    check_target,
-    code_version,
-    replacing,
-    write_json,
-)
+from eskin.golden.core import AcceleratorConfig, Progress, Record, check_target, replacing, write_json
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
+from eskin.memo import Memo, code_version
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles

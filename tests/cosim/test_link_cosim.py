@@ -8,10 +8,11 @@ import pytest
 
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model, random_recordings, run, write_vectors
+from eskin.golden.model import run, write_vectors
 from eskin.golden.model.position import positions
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
+from eskin.training.made_up import random_integer_model, random_recordings
 from tests.support.link_flow import play_link
 from tests.support.noisy_port import NoisyPort
 from tests.support.small_designs import SMALL

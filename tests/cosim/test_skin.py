@@ -13,16 +13,10 @@ import pytest
 from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.data import synthetic_recordings
+from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import Recordings, load_archive
-from eskin.golden.model import (
-    IntegerModel,
-    completing_frames,
-    random_integer_model,
-    random_recordings,
-    run,
-    through_converter,
-)
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, completing_frames, run, through_converter
 from eskin.rtl.fpga.export import _verilog
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
@@ -31,6 +25,7 @@ from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.verbs.build_job import BuildRequest, build
 from eskin.verbs.flow import BUILD
 from tests.support.link_flow import pack_decisions
@@ -351,8 +346,8 @@ def test_pins_and_wiring():
 
 
 def test_what_needs_a_host_is_refused():
-    with pytest.raises(InputError, match="nothing delivers frames; add --converter"):
+    with pytest.raises(InputError, match="there is no source of frames; add --converter"):
         refuse_standalone(CONFIG.replace(converter="none"))
     immediate = dict(onset="immediate", window_mode="free", window=50, pretrigger_frames=0)
-    with pytest.raises(InputError, match="needs 'band' or 'baseline'"):
+    with pytest.raises(InputError, match="use 'band' or 'baseline'"):
         refuse_standalone(CONFIG.replace(**immediate))

@@ -7,7 +7,8 @@ import pytest
 import eskin
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.golden.model import random_images, run
+from eskin.golden.model import run
+from eskin.training.made_up import random_images
 from eskin.verbs.flow import cosimulate
 from tests.support.folder import exchanges
 from tests.support.image_scenes import random_image_model

@@ -5,9 +5,9 @@ import pytest
 
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
+from eskin.training.made_up import random_integer_model
 from scripts import tables
 from tests.support.table import each_row
 
@@ -47,11 +47,12 @@ def test_the_page_of_figures_names_tables_that_there_are():
     assert made == set(tables.TABLES) - {"runs", "stress"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "cell", "lanes", "cells", "cycles"),
     [
-        pytest.param("thesis", "gru", 1, (578, 245, 29, 0), (23.2, 19.0, 1172), marks=pytest.mark.slow),
-        pytest.param("thesis", "gru", 4, (722, 401, 28, 0), (23.2, 19.0, 281), marks=pytest.mark.slow),
+        ("thesis", "gru", 1, (578, 245, 29, 0), (23.2, 19.0, 1172)),
+        ("thesis", "gru", 4, (722, 401, 28, 0), (23.2, 19.0, 281)),
         ("pvdf", "linear", 4, (836, 620, 10, 4), (15.2, 15.0, 27)),
     ],
 )

@@ -29,8 +29,9 @@ from eskin.cli.main import app
 from eskin.exchange.onnx_file import write_onnx
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, random_images, random_integer_model
-from eskin.golden.model.prototypes import save_taught
+from eskin.golden.model import FloatModel
+from eskin.teach.taught import save_taught
+from eskin.training.made_up import random_images, random_integer_model
 from tests.support import doors, result_case
 from tests.support.image_scenes import random_image_model
 from tests.support.watched import KEPT

@@ -1,5 +1,7 @@
 """The failure modes, a row each: what is disturbed and how far, the bound and its reason."""
 
+from dataclasses import replace
+
 from eskin.study.stability import memory, numeric, sensor, stream
 from eskin.study.stability.core import COMMON_OFFSET, ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
 from eskin.study.stability.shapes import AGREED, AsInFloat, Experiment
@@ -237,18 +239,26 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "a detector that masks what is sound does more harm than good", at_most=0.0, needs=("detector",)),
     # memory: bits that turn over
     Mode("memory", "weight bit flips, mean", memory.weight_flips, CHANGED,
-        "until the checksum is read an upset should seldom change a decision", at_most=MEAN_CHANGED),
-    Mode("memory", "weight bit flips, the worst", memory.worst_flip, CHANGED,
-        "one upset must not turn most decisions before the checksum tells", at_most=0.5),
+        "until the checksum is read an upset should seldom change a decision",
+        "Bits of weights and biases inverted, one at a time: mean share of decisions changed.",
+        at_most=MEAN_CHANGED),
+    Mode("memory", "weight bit flips, the worst", replace(memory.weight_flips, worst=True), CHANGED,
+        "one upset must not turn most decisions before the checksum tells",
+        "Bits of weights and biases inverted, one at a time: the one that changes most decisions.", at_most=0.5),
     Mode("memory", "table bit flips", memory.table_flips, CHANGED, "one entry of many is seldom read",
+        "Bits of entries of both activation tables inverted, one at a time: mean share of decisions changed.",
         at_most=MEAN_CHANGED, needs=("state",)),
     Mode("memory", "normaliser constant bit flips", memory.constant_flips,
         "share of decisions changed by the worst small flip",
         "what moves the features no more than a supply step must seldom change a decision; larger flips are "
-        "the checksum's", at_most=MEAN_CHANGED),
+        "the checksum's",
+        "Bits of the normaliser's mean and scale inverted, one at a time, where that moves no input by more than a "
+        "supply step does, root mean square.", at_most=MEAN_CHANGED),
     Mode("memory", "configuration register bit flips", memory.register_flips,
         "share of decisions changed, mean",
         "registers are under the checksum; until it is read most flips must leave most decisions alone",
+        "Every bit of onset threshold, band, clip, rearm count and mask inverted, one at a time, on the whole "
+        "front end: decisions changed.",
         at_most=0.25),
     Mode("memory", "state bit flips", memory.state_flips, CHANGED,
         "a contracting cell forgets an upset within steps, and the vote covers them", at_most=MEAN_CHANGED,

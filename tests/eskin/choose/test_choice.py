@@ -16,7 +16,7 @@ from eskin.golden.model import FloatModel
 from eskin.training import train
 from eskin.training.crossval import Terms
 from eskin.training.datasets import Datasets
-from eskin.training.quantise import quantise
+from eskin.training.integers import quantise
 from eskin.training.splits import split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings

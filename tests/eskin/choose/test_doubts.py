@@ -63,16 +63,6 @@ NONE_BETTER = "no other candidate does better"
             ["eskin has no hardware for it; try --cell gru --hidden 16"],
         ),
         ([baseline(0.95, WHOLE, False, whole=True)], [LINEAR], [NONE_BETTER]),
-        (
-            [baseline(0.95, FOREST, False) | {"without": {"mean": 0.94, "spread": 0.9}}],
-            [LINEAR],
-            ["(without spread, its best statistic, 90.0 %)"],
-        ),
-        (
-            [baseline(0.95, FOREST, False) | {"without": {"mean": 0.94, "spread": 0.945}}],
-            [LINEAR],
-            ["as good without any one of mean, spread"],
-        ),
     ],
 )
 def test_a_network_below_its_best_baseline(rows, candidates, parts):

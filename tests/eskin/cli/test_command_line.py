@@ -69,8 +69,8 @@ def model(folder) -> Path:
 
     from eskin.data import load_recordings
     from eskin.golden.model import FloatModel
+    from eskin.training.integers import quantise
     from eskin.training.network import RecurrentClassifier
-    from eskin.training.quantise import quantise
 
     network = RecurrentClassifier(CONFIG, generator=torch.Generator().manual_seed(2)).arrays()
     FloatModel(CONFIG, network | {"mu": np.array(20.0), "sigma": np.array(30.0)}).save(folder / "model", {})
@@ -195,7 +195,7 @@ REFUSED = [
     ("train --data data.npz --out {0}", "mine", "thesis.tex"),
     ("generate model --out {0}|run --data data.npz --out {0}", "mine", "other files"),
     ("report {0}", "mine", "run.json"),
-    ("train --data data.npz --out {0}", "data.npz", "is the input"),
+    ("train --data data.npz --out {0}", "data.npz", "would overwrite the input"),
     ("inspect data.npz --out {0}", "mine", "mine: is no regular file"),
     ("inspect data.npz --json {0}", "/dev/null", "/dev/null: is no regular file"),
     ("stability model --data data.npz --out t --no-cosim --mode {0}", "tie", "mode 'tie': is unknown"),
@@ -211,14 +211,18 @@ REFUSED = [
     (
         "quantise model --quantisation-aware --state-bits {0}",
         "12",
-        "--quantisation-aware: trains on with the",
+        "--quantisation-aware: needs the recordings of the",
     ),
     ("cosim model --data data.npz --recordings {0}", "0", "--recordings 0: is no number of recordings"),
     ("cosim model --data data.npz --recordings {0}", "few", "--recordings few: is no number of"),
-    ("cosim model --data data.npz --clock {0}", "0", "is no clock; give hertz"),
-    ("cosim model --data data.npz --clock {0}", "nan", "is no clock; give hertz"),
-    ("cosim model --data data.npz --clock {0}", "fast", "is no clock; give hertz"),
-    ("cosim model --data data.npz --clock {0}", "lowest", "at the sensor's pace; add --pace declared"),
+    ("cosim model --data data.npz --clock {0}", "0", "is no clock; give 1 Hz"),
+    ("cosim model --data data.npz --clock {0}", "nan", "is no clock; give 1 Hz"),
+    ("cosim model --data data.npz --clock {0}", "fast", "is no clock; give 1 Hz"),
+    (
+        "cosim model --data data.npz --clock {0}",
+        "lowest",
+        "needs the pace of the sensor; add --pace declared",
+    ),
     (PLAYED, "700", "--clock 700: is too slow for 4 taxels at 200 Hz"),
     ("generate model --out design --lanes {0}", "0", "field lanes: is 0; it must lie in 1..64"),
 ]

@@ -8,8 +8,9 @@ from PIL import Image
 
 import eskin
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, load_archive
+from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
 CODES = np.random.default_rng(3).integers(100, 900, (6, 20, 3))
@@ -63,7 +64,7 @@ def test_text_labels_of_lists_series_and_images(tmp_path):
         assert made.class_names == ("a", "b") and made.labels.tolist() == [1, 0]
     np.savez(tmp_path / "i.npz", images=np.zeros((2, 8, 8), np.uint8), labels=np.array(["cup", "ball"]))
     assert load_archive(tmp_path / "i.npz").class_names == ("ball", "cup")
-    with pytest.raises(InputError, match="array labels: holds 'silk', which is none of the class names"):
+    with pytest.raises(InputError, match="array labels: holds 'silk', which is not in class_names"):
         archive(tmp_path / "a.npz", class_names=np.array(["felt", "wool"]))
 
 
@@ -169,4 +170,4 @@ def test_a_data_card(tmp_path, monkeypatch):
     ):
         assert line in card.splitlines()
     again = CliRunner().invoke(app, ["inspect", "mine.npz", "--card"])
-    assert isinstance(again.exception, InputError) and "README.md: is there already" in str(again.exception)
+    assert isinstance(again.exception, InputError) and "README.md: exists already" in str(again.exception)

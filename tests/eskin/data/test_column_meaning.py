@@ -7,8 +7,9 @@ import pytest
 
 import eskin
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive, save_archive
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, load_archive, save_archive
+from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
 FRAMES = 30
@@ -98,7 +99,7 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
         (table(person=lambda r, k: "" if r == 3 else r), AT, "line 92: column 'person' holds an empty cell"),
         (table(x=lambda r, k: "12_30"[k % 2 :]), AT, "line 2: column 'x' holds '12_30', which is no number"),
         (table(names=f't0,t1,"t2"\n,,,,"{"1" * 131_073}"'), AT, "line 2: has more than 100000 letters"),
-        (table(names='t0,t1,t2\nr0,a,1,2,"3'), AT, "line 2: has a quotation mark without its partner"),
+        (table(names='t0,t1,t2\nr0,a,1,2,"3'), AT, "line 2: has an unmatched quotation mark"),
         (table(), Reading(rate_hz=100, columns=("9" * 5000,)), "the file has no such column"),
         (table(), Reading(rate_hz=100, scale=1e-320), "a scale of 1e-320 makes infinite codes"),
         (table(names="t0,t1,t2\nr0,a,1,2,1e308").replace(",2,1e308\n", ",2,1e308\n"), AT, "samples run from "

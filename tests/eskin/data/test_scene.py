@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from eskin.data import load_recordings, synthetic_recordings, turns
+from eskin.data.fit import check_fit
 from eskin.data.scene import SCENES, scene_of
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import check_fit
-from eskin.golden.model import find_touches, with_network
+from eskin.golden.model import find_touches
+from eskin.training.formats import with_network
 from tests.support.table import each_row
 
 SYNTHETIC = PRESETS["synthetic"]

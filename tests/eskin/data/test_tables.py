@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive, save_archive
+from eskin.data.fit import check_fit
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.data import check_fit, load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
 from tests.support.table import each_row
 
@@ -233,7 +234,7 @@ BROKEN = [
         lambda lines: "\n".join(line.rpartition(",")[0] for line in lines).encode(),
         "has 4 columns where 'mat2/p0_t1.csv' has 5",
     ),
-    (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "not called as those of 'mat2/p0_t1.csv'"),
+    (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "differ from those of 'mat2/p0_t1.csv'"),
     (b"", "holds no row of samples"),
     (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
     ("time,ä\n".encode("utf-16"), "no UTF-8 text"),

@@ -11,9 +11,10 @@ from sklearn.preprocessing import StandardScaler
 
 from eskin.choose.networks import network
 from eskin.data import load_recordings, piezo_array, turns
+from eskin.data.fit import check_fit
 from eskin.data.turns import turn_recordings
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import Touches, find_touches
 from eskin.training.crossval import cross_validate
 from eskin.training.derive import derive_config

@@ -2,6 +2,9 @@
 name."""
 
 import io
+import os
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -333,3 +336,11 @@ def test_a_reset_that_torchs_exporter_dropped_is_told_and_found_by_the_reference
     assert "linear_before_reset is 0" in outcome.output and "none written" in outcome.output
     assert "newer exporter" in outcome.output
     assert run(*asked).exit_code == 0
+
+
+def test_nothing_is_reported_of_a_users_model(tmp_path):
+    """onnxruntime keeps its reports in the home folder until they are sent."""
+    code = "import eskin.exchange.import_onnx as reader; reader.onnxruntime.SessionOptions()"
+    unset = {name: value for name, value in os.environ.items() if name not in ("CI", "ORT_DISABLE_TELEMETRY")}
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=300, env=unset | {"HOME": str(tmp_path)})
+    assert not [*tmp_path.rglob("*onnxruntime*")]

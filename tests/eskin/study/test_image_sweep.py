@@ -4,8 +4,8 @@ trained but in one test."""
 import numpy as np
 import pytest
 
-from eskin.golden.core import Memo
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.image_passes import plan_of
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
@@ -26,7 +26,7 @@ def judged(shared, piece):
     size = f"{piece.config.image.height}x{piece.config.image.width}"
     assert images[size].shape[1:] == (piece.config.image.height, piece.config.image.width)
     truth = labels[np.array(piece.left_out)]
-    found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
+    found = {"float": truth, "w8": np.minimum(truth, 1)}
     found |= {"tuned": 0 * truth} if piece.tuned_bits else {}
     return {name: values.tolist() for name, values in found.items()} | {"wall_s": 0.0}
 

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core import PRESETS, Memo
+from eskin.golden.core import PRESETS
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, schedule, step_cycles
 from eskin.study import sweep as sweeping
 from eskin.study.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
@@ -232,6 +233,3 @@ def test_energy_of_a_touch_by_hand():
     suited = SMALL.with_lanes(4, "dsp")
     touch = frames * frame * of_frame + 6 * step_cycles(suited) * of_step + made
     assert cost_of(SMALL).energy_touch_j == pytest.approx(touch)
-
-
-# ---------------------------------------------------------------------- the verb

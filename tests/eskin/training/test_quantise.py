@@ -8,17 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.golden.core import PRESETS, InputError, QFormat
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    find_touches,
-    load_config,
-    load_training,
-    run,
-    with_network,
-)
+from eskin.golden.model import FloatModel, IntegerModel, find_touches, load_config, load_training, run
 from eskin.golden.model.pipeline import float_features
 from eskin.training.evaluate import evaluate
+from eskin.training.formats import with_network
+from eskin.training.integers import quantise
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import (
     COVERED_FEATURE,
@@ -27,7 +21,6 @@ from eskin.training.quantise import (
     closest_range,
     covering_format,
     profile,
-    quantise,
     quantise_model,
 )
 from tests.golden.model.test_cells import CELLS
@@ -299,7 +292,7 @@ def test_bits_of_a_feature_are_given_or_refused(cell, recurrent, most, tmp_path)
             assert integer.config.formats.feature_format.width == bits
             given.append(bits)
         except InputError as error:
-            assert f"{bits} bits were asked for" in str(error) and f"at most {given[-1]} feat" in str(error)
+            assert f"{bits} bits are too many" in str(error) and f"at most {given[-1]} feat" in str(error)
     assert given == list(range(4, most + 1))
 
 
@@ -356,6 +349,6 @@ def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_pat
     if chosen.features.feature_shift[0]:
         np.savez(tmp_path / "model" / "weights.npz", **arrays)
         with pytest.raises(
-            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means promises"
+            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means requires"
         ):
             IntegerModel.load(tmp_path / "model")

@@ -1,7 +1,6 @@
 """eskin/training/train.py: determinism, splits, learning, the record; and the accuracy on the real
 recordings (slow in full)."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,24 +9,16 @@ import torch
 
 from eskin.data import load_recordings
 from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    load_config,
-    load_training,
-    normalise,
-    real_features,
-    run,
-    with_network,
-)
+from eskin.golden.model import FloatModel, IntegerModel, load_training, normalise, real_features, run
 from eskin.training import batches as batching
 from eskin.training import crossval, datasets
 from eskin.training import fit as fitting
 from eskin.training import recipe as recipes
-from eskin.training.aware import train_in_integers
 from eskin.training.crossval import cross_validate
 from eskin.training.evaluate import evaluate
-from eskin.training.quantise import IntegerNetwork, profile, quantise
+from eskin.training.formats import with_network
+from eskin.training.integers import quantise
+from eskin.training.quantise import IntegerNetwork, profile
 from eskin.training.recipe import RECIPES
 from eskin.training.splits import default_splits, split_folds
 from eskin.training.train import TrainingRequest, train
@@ -43,14 +34,18 @@ def few(updates: int, recipe=QUICK, **changes):
     return replace(recipe, updates=updates, **changes)
 
 
+def nothing(done: int, total: int) -> None:
+    """Progress that nobody looks at."""
+
+
 def touches_of(recordings, config=SMALL, recipe=QUICK):
     """(data set, its rows)."""
     data = datasets.find_dataset(recordings, config, recipe)
     return data, datasets.touch_rows(data, np.arange(len(recordings)))
 
 
-def fit(data, parts, recipe, config=SMALL, curves=None, told=lambda *_: None):
-    return fitting.fit_networks(data, config, recipe, parts, 0, told, curves)
+def fit(data, parts, recipe, config=SMALL, told=lambda *_: None):
+    return fitting.fit_networks(data, config, recipe, parts, 0, told)
 
 
 # ---------------------------------------------------------------------- learning and repeating
@@ -177,7 +172,7 @@ def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, 
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 20)
     recordings = scene(30, seed=9)
     train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
-    written = train_in_integers(tmp_path / "m", recordings, weight_bits=4)
+    written = quantise(tmp_path / "m", recordings, aware=nothing, weight_bits=4)
     tuned, record = IntegerModel.load(tmp_path / "m"), load_training(tmp_path / "m")
     assert tuned.config == written.config and all(
         (tuned.arrays[name] == written.arrays[name]).all() for name in written.arrays
@@ -196,7 +191,7 @@ def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, 
     assert not load_training(tmp_path / "m")["quantisation_aware"]
     for widths, words in (({"weight_bits": 1}, "weight_format"), ({"table_entries": 100}, "table_entries")):
         with pytest.raises(InputError, match=f"field {words}"):
-            train_in_integers(tmp_path / "m", recordings, **widths)
+            quantise(tmp_path / "m", recordings, aware=nothing, **widths)
 
 
 # ---------------------------------------------------------------------- splits
@@ -205,11 +200,9 @@ def test_no_group_is_on_both_sides(monkeypatch):
     recordings, seen = scene(60, seed=5), []
     fit, judge, quantise_part = fitting.fit_networks, crossval._judge, fitting.post_training
 
-    def noting_fit(data, config, recipe, parts, seed, progress, curves):
+    def noting_fit(data, config, recipe, parts, seed, progress):
         seen.append([set(data.touches.recording[rows]) for rows in parts])
-        curve_of = [set(data.touches.recording[rows]) for rows in curves._rows]
-        assert all(not trained & shown for trained, shown in zip(seen[-1], curve_of, strict=True))
-        return fit(data, config, few(1, recipe), parts, seed, progress, curves)
+        return fit(data, config, few(1, recipe), parts, seed, progress)
 
     profiled, judged = [], []
 
@@ -257,19 +250,11 @@ def drawn(config=SMALL, **changes) -> tuple[np.ndarray, tuple[float, float]]:
     return batches.draw()[0][0].numpy(), batches.scales[0]
 
 
-def test_gains_offsets_and_dropped_channels_hold_for_the_whole_touch_and_differ_by_taxel():
-    same, (mu, sigma) = drawn()
-    factors = (drawn(taxel_gain=1.5)[0] * sigma + mu) / (same * sigma + mu)
-    np.testing.assert_allclose(factors, factors[:, :1].repeat(SMALL.windows.steps, axis=1), rtol=1e-3)
-    assert 1 / 1.5 - 1e-3 < factors.min() < 0.75 and 1.4 < factors.max() < 1.5 + 1e-3
-    dropped = drawn(channel_dropout=0.2)[0]
+def test_dropped_channels_hold_for_the_whole_touch_and_differ_by_taxel():
+    same, dropped = drawn()[0], drawn(channel_dropout=0.2)[0]
     gone = (dropped == 0).all(axis=1)  # (touches, taxels)
     assert np.array_equal(dropped, np.where(gone[:, None], 0, same)) and 0.15 < gone.mean() < 0.25
-    offsets = drawn(taxel_offset=0.5)[0] - same
-    np.testing.assert_allclose(offsets, offsets[:, :1].repeat(SMALL.windows.steps, axis=1), atol=1e-5)
-    assert 0.45 < offsets[:, 0].std() < 0.55
-    for of_taxel in (factors[:, 0], gone):
-        assert np.corrcoef(of_taxel.T)[0, 1:].max() < 0.3
+    assert np.corrcoef(gone.T)[0, 1:].max() < 0.3
 
 
 def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later():
@@ -287,41 +272,6 @@ def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later
         assert not course[first + 3 :].any() and at_limit.sum() <= 3
         lengths.add(int(at_limit[first + 1 : first + 3].sum()))
     assert 2 in lengths and np.all(np.isclose(failing, same) | changed[:, None])
-
-
-# ---------------------------------------------------------------------- the record and the folder
-def test_the_folder_and_the_record(tmp_path, quick):
-    recordings = scene(30, seed=9)
-    lines = []
-    request, config = (
-        TrainingRequest(folds=3, seeds=2, splits=[["person"]], seed=3),
-        with_network(SMALL, hidden=8, steps=5),
-    )
-    record = train(recordings, config, request, out=tmp_path / "m", progress=lambda *line: lines.append(line))
-    assert json.loads((tmp_path / "m" / "training.json").read_text()) == record
-    config = load_config(tmp_path / "m")
-    assert (config.network.hidden, config.windows.steps) == (8, 5) and record[
-        "parameters"
-    ] == config.parameter_count
-    assert record["seed"] == 3
-    assert record["recordings"] == 30
-    assert record["touched"] == 29
-    assert record["data"] == "scene"
-    (split,) = record["cross_validation"]
-    assert split["groups"] == ["person"]
-    assert split["seeds"] == [3, 4]
-    assert split["folds"] == len(split["per_fold"]) == 3
-    assert np.sum(split["confusion"]) == 2 * 30
-    shares = [fold["recordings"] * fold["integer_accuracy"] for fold in split["per_fold"]]
-    assert (
-        split["integer_accuracy"]
-        == pytest.approx(sum(shares) / 30)
-        == pytest.approx(np.trace(split["confusion"]) / 60)
-    )
-    assert {what for what, _, _ in lines} == {"cross-validation", "training on all recordings"}
-    quantise(tmp_path / "m", recordings)
-    result = evaluate(tmp_path / "m", recordings)
-    assert result["recordings"] == 30 and result["not_touched"] == 1
 
 
 # ---------------------------------------------------------------------- real recordings

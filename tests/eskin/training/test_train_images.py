@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core import AcceleratorConfig, Memo
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
+from eskin.memo import Memo
 from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import (
     _scale,
@@ -20,7 +21,7 @@ from eskin.training.image_formats import (
     quantised,
 )
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
-from eskin.training.quantise import quantise
+from eskin.training.integers import quantise
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes

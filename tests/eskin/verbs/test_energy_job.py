@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.golden.model import random_images
-from eskin.golden.model.image_network import image_recordings
 from eskin.pages.energy_page import draw_power, render
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles
 from eskin.study.energy import compare, estimate, scheduled_activity
+from eskin.training.made_up import image_recordings, random_images
 from eskin.verbs.energy_job import job
 from tests.support.image_scenes import random_image_model
 

@@ -13,9 +13,10 @@ import pytest
 from eskin.choose.choice import Plan
 from eskin.cosim.runner import SimulationError
 from eskin.golden.core import InputError
-from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import main_job
 from tests.support import result_case
 from tests.support.folder import contents
@@ -46,7 +47,7 @@ class Chain:
                 self.config, ["made up"], ["person"], "the archive's first group", market
             ),
             "choice.train_chosen": self.train,
-            "quantise.quantise": self.quantise,
+            "integers.quantise": self.quantise,
             "evaluate.evaluate": self.evaluate,
             "yardsticks.yardsticks": self.yardsticks,
             "generate": self.generate,
@@ -77,7 +78,7 @@ class Chain:
         assert IntegerModel.load(folder).config.features.feature_shift
         return self.evaluation
 
-    def yardsticks(self, loaded, config, groups, folds, accuracy, progress):
+    def yardsticks(self, loaded, config, groups, folds, progress):
         self.call("yardsticks")
         return []
 

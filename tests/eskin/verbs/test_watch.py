@@ -12,8 +12,10 @@ import pytest
 
 from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
-from eskin.golden.model import random_integer_model, random_recordings, run
+from eskin.golden.model import run
 from eskin.golden.model.prototypes import forget
+from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.times import decision_times
 from eskin.verbs import watch_job
 from tests.golden.model.test_prototypes import taught_model
 from tests.support import browser
@@ -117,7 +119,7 @@ def test_the_page_in_a_browser():
         assert [row[:3] for row in rows] == [
             [str(k), names[recordings.labels[k]], names[trace.decision[k]]] for k in (1, 0)
         ]
-        assert float(rows[0][3]) == pytest.approx(trace.decision_time_s()[1], abs=0.006) and 0 <= last < len(
+        assert float(rows[0][3]) == pytest.approx(decision_times(trace)[1], abs=0.006) and 0 <= last < len(
             names
         )
 
@@ -188,6 +190,3 @@ def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
         wait(lambda: body(page, "taught") == "0 0 0")
         assert browser.console_errors(page) == []
     assert watched.result["mismatches"] == 0
-
-
-# ---------------------------------------------------------------------- the verb

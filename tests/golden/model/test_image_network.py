@@ -4,14 +4,8 @@ import numpy as np
 import torch
 
 from eskin.golden.core import AcceleratorConfig, Conv, Pool
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    float_images,
-    network_shapes,
-    random_images,
-    run_images,
-)
+from eskin.golden.model import FloatModel, IntegerModel, float_images, network_shapes, run_images
+from eskin.training.made_up import random_images
 from tests.support.image_scenes import random_image_model
 
 LISTS = [

@@ -5,16 +5,9 @@ import pytest
 import torch
 
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    load_config,
-    load_training,
-    normalise,
-    normaliser_constants,
-    random_integer_model,
-    with_network,
-)
+from eskin.golden.model import FloatModel, IntegerModel, load_config, load_training, normalise
+from eskin.training.formats import normaliser_constants, with_network
+from eskin.training.made_up import random_integer_model
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
 from tests.support.table import each_row

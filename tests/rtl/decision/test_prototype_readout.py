@@ -8,12 +8,13 @@ import pytest
 from amaranth.hdl import Const
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import class_distances, forget, narrowed, taught_in_use, teach
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.timing import readout_cycles
+from eskin.training.made_up import random_integer_model
 from tests.support.stream_bench import simulate
 
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Control,
     Fault,
@@ -20,6 +19,7 @@ from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import check_words, reads, residue, unseen
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.training.made_up import random_integer_model
 from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
 from tests.support.stream_bench import Bench, put
 

@@ -6,12 +6,13 @@ import pytest
 
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.golden.model import Stream, random_integer_model, random_recordings, run
+from eskin.golden.model import Stream, run
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Event, Fault, Register, ShellRegister
 from eskin.rtl.program.register_files import entries
+from eskin.training.made_up import random_integer_model, random_recordings
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.c_driver import STRICT
 from tests.support.driver_board import Board

@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, narrow
-from eskin.golden.model import FloatModel, random_integer_model, random_recordings, with_network
+from eskin.golden.model import FloatModel
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue, unseen
+from eskin.training.formats import with_network
 from eskin.training.linear_fit import fit_linear
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.training.quantise import quantise_model, signals
 from eskin.training.recipe import RECIPES, choose_recipe
 from eskin.training.train import TrainingRequest, train
@@ -211,6 +213,3 @@ def test_training_writes_a_model_that_quantises(tmp_path, monkeypatch):
     )
     with pytest.raises(InputError, match="field protocol: is 'thesis' and the cell is linear"):
         choose_recipe(model.config, "thesis")
-
-
-# ---------------------------------------------------------------------- import

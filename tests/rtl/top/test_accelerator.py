@@ -8,7 +8,7 @@ import pytest
 
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, random_integer_model, run
+from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.rtl.program.memory_map import (
     ID_VALUE,
@@ -22,6 +22,7 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.training.made_up import random_integer_model
 from tests.support.stream_bench import Bench, bus_accesses, give_frame, values
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
