@@ -345,6 +345,7 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
         "worst": one.worst,
         "stress": one.figures,
         "robust": one.candidate.recipe.robust,
+        "calm": one.calm,
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
         **market.row(one.runs[0].config),

@@ -28,7 +28,7 @@ import numpy as np
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_onsets
+from eskin.golden.model import find_touches
 
 LOOKED_AT = 64
 """Recordings that the rules look at: enough for quantiles, quick for any archive."""
@@ -43,6 +43,16 @@ IN_CONTACT = 0.3
 CONVERTERS = ("pvdf", "fabric", "synthetic", "thesis")
 """Presets in the order in which they are tried. ``synthetic`` comes before ``thesis``, whose band of fixed
 codes suits one converter only."""
+
+
+def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray:
+    """Onset frame of the first touch of each recording (1-based; 0 where the gate opens at once), -1 where
+    there is none."""
+    touches = find_touches(config, recordings, steps=0)
+    first = touches.first_touch()
+    onsets = np.full(touches.recordings, -1, dtype=np.int64)
+    onsets[first >= 0] = touches.onset_frame[first[first >= 0]]
+    return onsets
 
 
 def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:

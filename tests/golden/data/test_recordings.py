@@ -327,6 +327,3 @@ def test_folders_that_are_no_data_set_are_refused(tmp_path):
         (root / f"run {number}").mkdir()
     with pytest.raises(InputError, match="has 131 sub-folders, one per class"):
         load_recordings(root)
-
-
-# ---------------------------------------------------------------------- the real ones
