@@ -5,8 +5,8 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import completing_frames, run
-from eskin.training.made_up import random_integer_model
 from eskin.training.times import decision_times
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
