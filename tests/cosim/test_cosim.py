@@ -18,10 +18,11 @@ from eskin.rtl.fpga.generate import c_header, generate, pack_decision, register_
 from eskin.rtl.program.memory_map import Register, mapped
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import flip, make
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 

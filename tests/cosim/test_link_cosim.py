@@ -10,9 +10,10 @@ from eskin.golden.model import run, write_vectors
 from eskin.golden.model.position import positions
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from tests.support.link_flow import play_link
 from tests.support.noisy_port import NoisyPort
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 
 ROOT = Path(__file__).resolve().parents[2]

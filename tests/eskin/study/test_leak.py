@@ -6,15 +6,16 @@ import dataclasses
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.golden.model import find_onsets, find_touches
+from eskin.golden.model import find_touches
 from eskin.golden.model.pipeline import run
 from eskin.study.leak import known_from_first_frames, known_without_touch, without_touches
 from eskin.training import recipe as recipes
 from eskin.training.datasets import Datasets
+from eskin.training.derive import find_onsets
 from eskin.training.fit import fit_networks
-from eskin.training.made_up import random_integer_model
 from eskin.training.quantise import profile, quantise_model
 from tests.support.parts import of_parts
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 

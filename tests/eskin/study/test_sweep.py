@@ -233,6 +233,3 @@ def test_energy_of_a_touch_by_hand():
     suited = SMALL.with_lanes(4, "dsp")
     touch = frames * frame * of_frame + 6 * step_cycles(suited) * of_step + made
     assert cost_of(SMALL).energy_touch_j == pytest.approx(touch)
-
-
-# ---------------------------------------------------------------------- the verb

@@ -1,7 +1,6 @@
 """eskin/training/train.py: determinism, splits, learning, the record; and the accuracy on the real
 recordings (slow in full)."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,15 +9,7 @@ import torch
 
 from eskin.data import load_recordings
 from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    load_config,
-    load_training,
-    normalise,
-    real_features,
-    run,
-)
+from eskin.golden.model import FloatModel, IntegerModel, load_training, normalise, real_features, run
 from eskin.training import batches as batching
 from eskin.training import crossval, datasets
 from eskin.training import fit as fitting
@@ -281,41 +272,6 @@ def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later
         assert not course[first + 3 :].any() and at_limit.sum() <= 3
         lengths.add(int(at_limit[first + 1 : first + 3].sum()))
     assert 2 in lengths and np.all(np.isclose(failing, same) | changed[:, None])
-
-
-# ---------------------------------------------------------------------- the record and the folder
-def test_the_folder_and_the_record(tmp_path, quick):
-    recordings = scene(30, seed=9)
-    lines = []
-    request, config = (
-        TrainingRequest(folds=3, seeds=2, splits=[["person"]], seed=3),
-        with_network(SMALL, hidden=8, steps=5),
-    )
-    record = train(recordings, config, request, out=tmp_path / "m", progress=lambda *line: lines.append(line))
-    assert json.loads((tmp_path / "m" / "training.json").read_text()) == record
-    config = load_config(tmp_path / "m")
-    assert (config.network.hidden, config.windows.steps) == (8, 5) and record[
-        "parameters"
-    ] == config.parameter_count
-    assert record["seed"] == 3
-    assert record["recordings"] == 30
-    assert record["touched"] == 29
-    assert record["data"] == "scene"
-    (split,) = record["cross_validation"]
-    assert split["groups"] == ["person"]
-    assert split["seeds"] == [3, 4]
-    assert split["folds"] == len(split["per_fold"]) == 3
-    assert np.sum(split["confusion"]) == 2 * 30
-    shares = [fold["recordings"] * fold["integer_accuracy"] for fold in split["per_fold"]]
-    assert (
-        split["integer_accuracy"]
-        == pytest.approx(sum(shares) / 30)
-        == pytest.approx(np.trace(split["confusion"]) / 60)
-    )
-    assert {what for what, _, _ in lines} == {"cross-validation", "training on all recordings"}
-    quantise(tmp_path / "m", recordings)
-    result = evaluate(tmp_path / "m", recordings)
-    assert result["recordings"] == 30 and result["not_touched"] == 1
 
 
 # ---------------------------------------------------------------------- real recordings

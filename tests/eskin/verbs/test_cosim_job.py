@@ -10,8 +10,8 @@ from eskin.cosim.flow import joined
 from eskin.data.archive import save_archive
 from eskin.golden.model import IntegerModel
 from eskin.jobs import Jobs
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import cosim_job, flow
+from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import SMALL, scene
 
 TIMES = ("wall_s", "cycles_per_s")

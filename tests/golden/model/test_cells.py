@@ -8,8 +8,8 @@ import torch
 from eskin.golden.core import PRESETS, sigmoid_table, tanh_table
 from eskin.golden.model import Fixed, Float, network_formats, run_cell
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_integer_model
 from eskin.training.network import RecurrentClassifier
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]

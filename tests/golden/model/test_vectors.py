@@ -6,8 +6,9 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import completing_frames, run, write_vectors
 from eskin.golden.model.pipeline import STAGES
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.training.times import decision_times
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(

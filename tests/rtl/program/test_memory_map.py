@@ -15,7 +15,7 @@ from eskin.rtl.program.memory_map import (
     memory_words,
 )
 from eskin.rtl.program.schedule import schedule
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import reference
 from tests.support.table import each_row
 

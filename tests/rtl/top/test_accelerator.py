@@ -22,7 +22,7 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, bus_accesses, give_frame, values
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
