@@ -25,7 +25,16 @@ from eskin.choose.candidate import Candidate, Judged, Stress, choose, front_end_
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
-from eskin.choose.networks import AUTO, INSIDE, Effort, Part, Wish, check_units, network_choice, side_by_side
+from eskin.choose.networks import (
+    AUTO,
+    INSIDE,
+    Effort,
+    Part,
+    SearchOptions,
+    check_units,
+    network_choice,
+    side_by_side,
+)
 from eskin.choose.sturdy import Hardening
 from eskin.choose.yardsticks import linear_yardsticks
 from eskin.data.fit import check_fit
@@ -267,7 +276,11 @@ def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -
 
 
 def choose_inside(
-    plan: Plan, terms: Terms, wish: Wish, parts: Sequence[np.ndarray], effort: Effort = INSIDE
+    plan: Plan,
+    terms: Terms,
+    search_options: SearchOptions,
+    parts: Sequence[np.ndarray],
+    effort: Effort = INSIDE,
 ) -> list[Candidate]:
     """Choices on each of ``parts`` (recordings) alone."""
     recordings, choices, held = terms.recordings, [], []
@@ -278,7 +291,7 @@ def choose_inside(
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
             front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
-        choices.append(network_choice(front_ends, wish, plan.market, effort, hardening))
+        choices.append(network_choice(front_ends, search_options, plan.market, effort, hardening))
         held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
     return [candidate for candidate, _ in side_by_side(choices, held, terms)]
 
@@ -291,7 +304,7 @@ def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str]
         return listed(search(judge, market, brief=True), market)
 
 
-def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:
+def unseen(plan: Plan, terms: Terms, search_options: SearchOptions, split: Sequence[str]) -> Record:
     """Accuracy when each fold of ``split`` is left out of everything that looks at a label, and how it came
     about.
 
@@ -304,7 +317,7 @@ def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record
     tests = split_folds(recordings, list(split), terms.folds, None)
     parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
     brief = dataclasses.replace(terms, stress=terms.stress and terms.stress.brief)
-    chosen = choose_inside(plan, brief, wish, parts)
+    chosen = choose_inside(plan, brief, search_options, parts)
     pieces = [
         Piece(candidate.config, candidate.recipe, part, test, copy)
         for copy in range(len(seeds))
@@ -429,7 +442,7 @@ def train_chosen(
     InputError
         As ``train``; ``hidden`` with a cell that has none or is chosen.
     """
-    wish = Wish(cell=cell, hidden=hidden, reset=reset, protocol=protocol)
+    search_options = SearchOptions(cell=cell, hidden=hidden, reset=reset, protocol=protocol)
     check_model_target(out)
     check_units(cell, hidden)
     common: Record = {"folds": folds, "seed": seed}
@@ -437,7 +450,9 @@ def train_chosen(
         if callback:
             raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
         options = common | {"out": out, "cell": cell, "group": group, "seeds": seeds or 1}
-        return _train_on_images(recordings, asked, market, wish, options | (of_images or {}), progress)
+        return _train_on_images(
+            recordings, asked, market, search_options, options | (of_images or {}), progress
+        )
     if cell in NETWORKS:
         raise InputError(
             f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
@@ -449,7 +464,7 @@ def train_chosen(
         )
     plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
-    wish = dataclasses.replace(wish, open=bool(is_open and folds))
+    search_options = dataclasses.replace(search_options, open=bool(is_open and folds))
     terms = Terms(
         recordings=recordings,
         groups=plan.split,
@@ -457,13 +472,13 @@ def train_chosen(
         seeds=range(seed, seed + (seeds or 3)),
         folds=folds,
         progress=progress,
-        stress=stress if wish.open else None,
+        stress=stress if search_options.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
     effort = Effort(seeds=len(terms.seeds))
     choice = network_choice(
         plan.listed if folds else Listed.alone(plan.config),
-        wish,
+        search_options,
         market,
         effort,
         plan.hardening(terms.stress),
@@ -499,7 +514,7 @@ def train_chosen(
         datasets=terms.datasets,
         progress=progress,
         callback=callback,
-        notes=lambda record: notes | _compared(record, plan, terms, wish, taken, rows),
+        notes=lambda record: notes | _compared(record, plan, terms, search_options, taken, rows),
     )
 
 
@@ -552,7 +567,12 @@ def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
 
 
 def _compared(
-    record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate, rows: Sequence[Record]
+    record: Record,
+    plan: Plan,
+    terms: Terms,
+    search_options: SearchOptions,
+    taken: Candidate,
+    rows: Sequence[Record],
 ) -> Record:
     """Comparisons for training.json beside ``train``'s record. A linear classifier on the same integer
     features and folds is beside every split; each split gets its ``unseen`` figure if something was
@@ -564,14 +584,14 @@ def _compared(
     if plan.screened and not config.recurrent:  # front ends are judged with a linear network
         found += doubts.still_climbing([(one.config, one.correct) for one in plan.screened])
     for split in record["cross_validation"]:
-        found += doubts.below_baselines(split, baselines, rows if wish.open else None)
+        found += doubts.below_baselines(split, baselines, rows if search_options.open else None)
         found += doubts.lost_classes(split, recordings.class_names)
-        if plan.screened or wish.open:
+        if plan.screened or search_options.open:
             split["nested"] = None
             try:
                 if plan.guessed:
                     raise InputError("recordings are too few; record more")
-                split["nested"] = unseen(plan, terms, wish, split["groups"])
+                split["nested"] = unseen(plan, terms, search_options, split["groups"])
                 found += doubts.by_choice(split)
             # a front end that a fold chose has no room for its network, or no touch
             except InputError as error:
@@ -592,15 +612,15 @@ def _train_on_images(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
     market: Market,
-    wish: Wish,
+    search_options: SearchOptions,
     options: Record,
     progress: Progress | None,
 ) -> Record:
     """`eskin.training.image_models.train_image_model`, where nothing was asked for that networks for
     images do not have."""
-    asked = dataclasses.asdict(wish)
+    asked = dataclasses.asdict(search_options)
     asked |= {"fits": market.named or None, "prefer": market.prefer != "energy" or None}
-    asked |= {"protocol": wish.protocol if wish.protocol != "default" else None}
+    asked |= {"protocol": search_options.protocol if search_options.protocol != "default" else None}
     for name, value in asked.items():
         if value is not None and name not in ("cell", "open"):
             raise InputError(

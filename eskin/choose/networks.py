@@ -136,7 +136,7 @@ INSIDE = Effort(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class SearchOptions:
     """The user's request about the network; None: no request. `eskin.choose.choice.train_chosen` defines
     each field. protocol: of the recipe. open: the network is chosen."""
 
@@ -215,7 +215,11 @@ candidate taken and all that it was taken from, none where nothing was open."""
 
 
 def network_choice(
-    front_ends: Listed, wish: Wish, market: Market, effort: Effort, hardening: Hardening | None = None
+    front_ends: Listed,
+    options: SearchOptions,
+    market: Market,
+    effort: Effort,
+    hardening: Hardening | None = None,
 ) -> NetworkChoice:
     """Choose a network on one of the front ends listed. hardening: they are judged under disturbance, too.
 
@@ -254,11 +258,11 @@ def network_choice(
         outcomes.sort(key=lambda one: market.price(one.config))
         return best_of(outcomes).candidate
 
-    cell, hidden = ("gru", effort.probe) if wish.open else (None, None)
-    probes = usable(wish.possible(on, cell, hidden) for on in front_ends.for_recurrent)
-    if not wish.open:
+    cell, hidden = ("gru", effort.probe) if options.open else (None, None)
+    probes = usable(options.possible(on, cell, hidden) for on in front_ends.for_recurrent)
+    if not options.open:
         if not probes:
-            cell = wish.candidate(front_ends.taken).config.network.cell  # or says why not
+            cell = options.candidate(front_ends.taken).config.network.cell  # or says why not
             raise InputError(
                 f"--fits {market.board}: does not hold {cell} on the front end asked for or chosen; name a "
                 "larger board, or leave the network open"
@@ -267,7 +271,7 @@ def network_choice(
             return probes[0], []
         return (yield from best_probe(probes)), []
     cheapest, *others = front_ends.smaller
-    fits = {fit: wish.possible(cheapest, "linear", None, fit) for fit in effort.fits}
+    fits = {fit: options.possible(cheapest, "linear", None, fit) for fit in effort.fits}
     first = yield from judged(fits.values())
     if first and not any(one.settled for one in first):
         best = best_of(first)
@@ -277,13 +281,13 @@ def network_choice(
         ]
         taken = [best_of(kind).candidate for kind in kinds if kind]
         kept = [fit for fit, candidate in fits.items() if candidate in taken]
-        yield from judged(wish.possible(on, "linear", None, fit) for on in others for fit in kept)
+        yield from judged(options.possible(on, "linear", None, fit) for on in others for fit in kept)
     on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
         on = (yield from best_probe(probes)).front_end
-    units = yield from judged(wish.possible(on, "gru", count) for count in effort.units)
+    units = yield from judged(options.possible(on, "gru", count) for count in effort.units)
     if len(units) > 1 and goes_on(tried):
-        yield from judged([wish.possible(on, "gru", LARGER_UNITS)])
+        yield from judged([options.possible(on, "gru", LARGER_UNITS)])
     if not tried:
         board = f" and the board {market.board}" if market.named else ""
         raise InputError(
@@ -323,18 +327,20 @@ def network_choice(
 
     on, recurrent = calm.candidate.front_end, hidden is not None
     every = dict.fromkeys([on, *hardening.denser(on), *front_ends.smaller, *front_ends.rivals])
-    on_each = {on: wish.possible(on, cell, hidden) for on in every}
+    on_each = {on: options.possible(on, cell, hidden) for on in every}
     ends = [on for on, one in on_each.items() if one and affordable(one.config, calm, market)]
     # a recurrent network takes seconds
     ends = ends[: 1 if recurrent else effort.ends]
     ends += [one for on in ends for one in hardening.sturdier(on)]
-    yield from stable(wish.possible(on, cell, hidden, fit) for on in ends for fit in fits)
+    yield from stable(options.possible(on, cell, hidden, fit) for on in ends for fit in fits)
     for _ in range(effort.rounds):
         # longer windows bring back some of what a sturdier fit loses
         ahead = max(in_reach(tried, calm, market, 2 * CLEAN_LOSS), key=lambda one: one.score)
         on, fit = ahead.candidate.front_end, fit_of(ahead)
-        further = [] if recurrent else [wish.possible(one, cell, hidden, fit) for one in hardening.longer(on)]
-        larger = [wish.possible(on, cell, hidden + 4, fit)] if hidden else []
+        further = (
+            [] if recurrent else [options.possible(one, cell, hidden, fit) for one in hardening.longer(on)]
+        )
+        larger = [options.possible(on, cell, hidden + 4, fit)] if hidden else []
         if not (yield from stable([*further, *larger])):
             break
     ranked = sorted(in_reach(tried, calm, market), key=lambda one: -one.score)
@@ -352,7 +358,7 @@ def network_choice(
 
 
 def fit_of(one: Judged) -> str:
-    """What `Wish.candidate` calls the fit of a candidate."""
+    """What `SearchOptions.candidate` calls the fit of a candidate."""
     name = one.candidate.recipe.name
     if one.config.recurrent:
         return ROBUST if name == ROBUST else ""

@@ -9,7 +9,7 @@ import pytest
 
 from eskin.choose import choice as choosing
 from eskin.choose.choice import choose_inside, configure, inner_folds, train_chosen, unseen
-from eskin.choose.networks import Wish
+from eskin.choose.networks import SearchOptions
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
@@ -119,13 +119,16 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
 
 # ---------------------------------------------------------------------- folds that chose nothing
 @pytest.mark.parametrize(
-    "wish",
+    "options",
     [
-        Wish(cell="linear"),
-        *(pytest.param(wish, marks=pytest.mark.slow) for wish in (Wish(cell="gru"), Wish(open=True))),
+        SearchOptions(cell="linear"),
+        *(
+            pytest.param(options, marks=pytest.mark.slow)
+            for options in (SearchOptions(cell="gru"), SearchOptions(open=True))
+        ),
     ],
 )
-def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, wish):
+def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, options):
     """Front end and network of every fold stay as they are when the fold's labels change."""
 
     def chosen(recordings):
@@ -133,7 +136,7 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, wis
         terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
         tests = split_folds(recordings, ["person"], 5, None)
         parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-        return choose_inside(plan, terms, wish, parts), tests
+        return choose_inside(plan, terms, options, parts), tests
 
     before, tests = chosen(gripped)
     for fold, test in list(enumerate(tests))[:2]:
@@ -177,7 +180,7 @@ def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypa
 
     judge_pieces = choosing.judge_pieces
     monkeypatch.setattr(choosing, "judge_pieces", judged)
-    record = unseen(plan, terms, Wish(cell="linear"), ["person"])
+    record = unseen(plan, terms, SearchOptions(cell="linear"), ["person"])
     tests = split_folds(gripped, ["person"], 5, None)
     (pieces,) = played
     assert len(pieces) == 2 * len(tests)
