@@ -44,9 +44,9 @@ from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, 
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.training.crossval import (
+    CrossValidationSettings,
     Piece,
     Progress,
-    Terms,
     cross_validate,
     fold_records,
     judge_pieces,
@@ -277,23 +277,25 @@ def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -
 
 def choose_inside(
     plan: Plan,
-    terms: Terms,
+    settings: CrossValidationSettings,
     search_options: SearchOptions,
     parts: Sequence[np.ndarray],
     effort: Effort = INSIDE,
 ) -> list[Candidate]:
     """Choices on each of ``parts`` (recordings) alone."""
-    recordings, choices, held = terms.recordings, [], []
-    hardening = plan.hardening(terms.stress)
+    recordings, choices, held = settings.recordings, [], []
+    hardening = plan.hardening(settings.stress)
     for number, part in enumerate(parts):
-        if terms.progress:
-            terms.progress("front ends chosen again inside folds", number, len(parts))
+        if settings.progress:
+            settings.progress("front ends chosen again inside folds", number, len(parts))
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
-            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
+            front_ends = search_inside(plan.front_ends, part, settings.groups, plan.market)
         choices.append(network_choice(front_ends, search_options, plan.market, effort, hardening))
-        held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
-    return [candidate for candidate, _ in side_by_side(choices, held, terms)]
+        held.append(
+            Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), settings.groups)])
+        )
+    return [candidate for candidate, _ in side_by_side(choices, held, settings)]
 
 
 def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
@@ -304,7 +306,9 @@ def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str]
         return listed(search(judge, market, brief=True), market)
 
 
-def unseen(plan: Plan, terms: Terms, search_options: SearchOptions, split: Sequence[str]) -> Record:
+def unseen(
+    plan: Plan, settings: CrossValidationSettings, search_options: SearchOptions, split: Sequence[str]
+) -> Record:
     """Accuracy when each fold of ``split`` is left out of everything that looks at a label, and how it came
     about.
 
@@ -313,17 +317,17 @@ def unseen(plan: Plan, terms: Terms, search_options: SearchOptions, split: Seque
     {groups, folds, seeds, float_accuracy, integer_accuracy, agreement, standard_error (over recordings),
     per_fold: [{held_out, recordings, the three shares, front_end, front_end_words, network}], wall_s}.
     """
-    begin, recordings, seeds = time.perf_counter(), terms.recordings, list(map(int, terms.seeds))
-    tests = split_folds(recordings, list(split), terms.folds, None)
+    begin, recordings, seeds = time.perf_counter(), settings.recordings, list(map(int, settings.seeds))
+    tests = split_folds(recordings, list(split), settings.folds, None)
     parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-    brief = dataclasses.replace(terms, stress=terms.stress and terms.stress.brief)
+    brief = dataclasses.replace(settings, stress=settings.stress and settings.stress.brief)
     chosen = choose_inside(plan, brief, search_options, parts)
     pieces = [
         Piece(candidate.config, candidate.recipe, part, test, copy)
         for copy in range(len(seeds))
         for candidate, part, test in zip(chosen, parts, tests, strict=True)
     ]
-    runs = judge_pieces(terms.datasets, pieces, seeds[0], terms.progress)
+    runs = judge_pieces(settings.datasets, pieces, seeds[0], settings.progress)
     correct = share_right(recordings.labels, [piece.test for piece in pieces], runs)
     names = [held_out(recordings, split, test) for test in tests]
     of_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]
@@ -373,11 +377,13 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
     }
 
 
-def cross_validation_of(one: Judged, terms: Terms, tests: Sequence[np.ndarray]) -> Record:
+def cross_validation_of(
+    one: Judged, settings: CrossValidationSettings, tests: Sequence[np.ndarray]
+) -> Record:
     """The record of a candidate's runs, as `eskin.training.crossval.cross_validate` gives it."""
-    data = terms.datasets.of(one.config, one.candidate.recipe)
-    seeds = list(terms.seeds)[: len(one.runs) // len(tests)]
-    return record_of(terms.recordings, terms.groups, tests, one.runs, seeds, one.config, data)
+    data = settings.datasets.of(one.config, one.candidate.recipe)
+    seeds = list(settings.seeds)[: len(one.runs) // len(tests)]
+    return record_of(settings.recordings, settings.groups, tests, one.runs, seeds, one.config, data)
 
 
 def splits_to_report(
@@ -465,7 +471,7 @@ def train_chosen(
     plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
     search_options = dataclasses.replace(search_options, open=bool(is_open and folds))
-    terms = Terms(
+    settings = CrossValidationSettings(
         recordings=recordings,
         groups=plan.split,
         datasets=Datasets(recordings),
@@ -475,19 +481,19 @@ def train_chosen(
         stress=stress if search_options.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
-    effort = Effort(seeds=len(terms.seeds))
+    effort = Effort(seeds=len(settings.seeds))
     choice = network_choice(
         plan.listed if folds else Listed.alone(plan.config),
         search_options,
         market,
         effort,
-        plan.hardening(terms.stress),
+        plan.hardening(settings.stress),
     )
-    ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
-    judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}
-    whole = taken in judged and len(judged[taken]["seeds"]) == len(terms.seeds)
+    ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], settings)
+    judged = {one.candidate: cross_validation_of(one, settings, tests) for one in tried}
+    whole = taken in judged and len(judged[taken]["seeds"]) == len(settings.seeds)
     rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, market) for one in tried]
-    touches = terms.datasets.of(taken.config, taken.recipe).touches
+    touches = settings.datasets.of(taken.config, taken.recipe).touches
     ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
     notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows), *ended]}
     if plan.screened:
@@ -498,23 +504,23 @@ def train_chosen(
     if group is not None:
         splits = [list(group)]
     elif protocol != "thesis" and (asked is None or is_open):
-        splits = splits_to_report(recordings, taken.config, terms.groups)
+        splits = splits_to_report(recordings, taken.config, settings.groups)
     return train(
         recordings,
         taken.config,
         TrainingRequest(
             **common,
             splits=splits,
-            seeds=len(terms.seeds),
+            seeds=len(settings.seeds),
             protocol=protocol,
             recipe=taken.recipe,
             known=[judged[taken]] if whole else [],
         ),
         out=out,
-        datasets=terms.datasets,
+        datasets=settings.datasets,
         progress=progress,
         callback=callback,
-        notes=lambda record: notes | _compared(record, plan, terms, search_options, taken, rows),
+        notes=lambda record: notes | _compared(record, plan, settings, search_options, taken, rows),
     )
 
 
@@ -545,21 +551,21 @@ def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list
     ]
 
 
-def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
+def _same_groups(settings: CrossValidationSettings, taken: Candidate) -> Record | None:
     """Accuracy to expect on new recordings of known groups: the chosen network with single recordings left
     out, one seed. None without groups, or with too few recordings of a class."""
-    if not terms.groups or not terms.folds:
+    if not settings.groups or not settings.folds:
         return None
     try:
         (single,) = cross_validate(
-            terms.recordings,
+            settings.recordings,
             taken.config,
             [[]],
-            terms.seeds[:1],
-            folds=terms.folds,
+            settings.seeds[:1],
+            folds=settings.folds,
             recipe=taken.recipe,
-            datasets=terms.datasets,
-            progress=terms.called("single recordings left out"),
+            datasets=settings.datasets,
+            progress=settings.called("single recordings left out"),
         )
     except InputError:
         return None
@@ -569,7 +575,7 @@ def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
 def _compared(
     record: Record,
     plan: Plan,
-    terms: Terms,
+    settings: CrossValidationSettings,
     search_options: SearchOptions,
     taken: Candidate,
     rows: Sequence[Record],
@@ -577,9 +583,9 @@ def _compared(
     """Comparisons for training.json beside ``train``'s record. A linear classifier on the same integer
     features and folds is beside every split; each split gets its ``unseen`` figure if something was
     chosen."""
-    recordings, config = terms.recordings, taken.config
+    recordings, config = settings.recordings, taken.config
     splits = [split["groups"] for split in record["cross_validation"]]
-    baselines = linear_yardsticks(recordings, config, splits, terms.folds)
+    baselines = linear_yardsticks(recordings, config, splits, settings.folds)
     found = list(plan.doubts)
     if plan.screened and not config.recurrent:  # front ends are judged with a linear network
         found += doubts.still_climbing([(one.config, one.correct) for one in plan.screened])
@@ -591,7 +597,7 @@ def _compared(
             try:
                 if plan.guessed:
                     raise InputError("recordings are too few; record more")
-                split["nested"] = unseen(plan, terms, search_options, split["groups"])
+                split["nested"] = unseen(plan, settings, search_options, split["groups"])
                 found += doubts.by_choice(split)
             # a front end that a fold chose has no room for its network, or no touch
             except InputError as error:
@@ -599,10 +605,10 @@ def _compared(
     found += [doubts.doubt("wrong_rate", sentence) for sentence in wrong_rate(recordings)]
     found += doubts.missed_onsets(record["touched"], record["recordings"])
     groups = record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"]
-    found += doubts.look_alike(recordings, groups, terms.folds)
+    found += doubts.look_alike(recordings, groups, settings.folds)
     return {
         "baselines": baselines,
-        "same_groups": _same_groups(terms, taken),
+        "same_groups": _same_groups(settings, taken),
         "doubts": found,
         "warnings": doubts.sentences(found),
     }

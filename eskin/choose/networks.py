@@ -46,7 +46,7 @@ from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
-from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
+from eskin.training.crossval import CrossValidationSettings, Piece, Trained, share_right, train_pieces
 from eskin.training.formats import with_network
 from eskin.training.level import is_level
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
@@ -376,7 +376,7 @@ def goes_on(tried: Sequence[Judged]) -> bool:
 
 
 def side_by_side(
-    choices: Sequence[NetworkChoice], parts: Sequence[Part], terms: Terms
+    choices: Sequence[NetworkChoice], parts: Sequence[Part], settings: CrossValidationSettings
 ) -> list[tuple[Candidate, list[Judged]]]:
     """Results of each choice on the part beside it. Networks of one candidate train at once."""
     waiting, answers = dict(enumerate(choices)), dict[int, list[Judged]]()
@@ -389,11 +389,13 @@ def side_by_side(
             except StopIteration as end:
                 outcomes[number] = end.value
                 del waiting[number]
-        answers = _judged(asked, parts, terms)
+        answers = _judged(asked, parts, settings)
     return [outcomes[number] for number in range(len(choices))]
 
 
-def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> dict[int, list[Judged]]:
+def _judged(
+    asked: Mapping[int, Round], parts: Sequence[Part], settings: CrossValidationSettings
+) -> dict[int, list[Judged]]:
     """The rounds asked for by the choices of these numbers."""
     together: dict[tuple[Candidate, int, bool], list[int]] = {}
     for number, wanted in asked.items():
@@ -402,16 +404,16 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
     answers: dict[int, list[Judged]] = {number: [] for number in asked}
     for (candidate, share, others), numbers in together.items():
         recipe = shortened(candidate, share)
-        seeds = list(terms.seeds[1:] if others else terms.seeds[:1])
+        seeds = list(settings.seeds[1:] if others else settings.seeds[:1])
         pieces = [
             Piece(candidate.config, recipe, np.setdiff1d(parts[number].rows, test), test, copy)
             for copy in range(len(seeds))
             for number in numbers
             for test in parts[number].tests
         ]
-        called = terms.called(network_name(candidate.network))
+        called = settings.called(network_name(candidate.network))
         try:
-            trained = train_pieces(terms.datasets, pieces, int(seeds[0]), called)
+            trained = train_pieces(settings.datasets, pieces, int(seeds[0]), called)
         except InputError:
             if candidate.config.recurrent:
                 raise
@@ -423,29 +425,31 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
         runs = [network.decided() for network in trained]
         for number, places in of_number.items():
             own, rows = [runs[at] for at in places], parts[number].rows
-            right = share_right(terms.recordings.labels, [pieces[at].test for at in places], own)
-            disturbed = partial(_wrong, candidate, [trained[at] for at in places], terms, rows)
+            right = share_right(settings.recordings.labels, [pieces[at].test for at in places], own)
+            disturbed = partial(_wrong, candidate, [trained[at] for at in places], settings, rows)
             answers[number].append(
                 Judged(
                     candidate,
                     right[rows],
                     runs=tuple(own),
-                    stress=terms.stress,
-                    disturbed=disturbed if terms.stress else None,
+                    stress=settings.stress,
+                    disturbed=disturbed if settings.stress else None,
                 )
             )
     return answers
 
 
-def _wrong(candidate: Candidate, networks: Sequence[Trained], terms: Terms, rows: np.ndarray) -> np.ndarray:
+def _wrong(
+    candidate: Candidate, networks: Sequence[Trained], settings: CrossValidationSettings, rows: np.ndarray
+) -> np.ndarray:
     """(cases, rows) the share of the networks that were wrong under each disturbance, of those that had not seen
     the recording."""
     tests = [network.piece.test for network in networks]
     told = [
-        terms.stress.wrong(candidate.config, network.integer, test)
+        settings.stress.wrong(candidate.config, network.integer, test)
         for network, test in zip(networks, tests, strict=True)
     ]
-    total, judged = np.zeros((len(told[0]), len(terms.recordings))), np.zeros(len(terms.recordings))
+    total, judged = np.zeros((len(told[0]), len(settings.recordings))), np.zeros(len(settings.recordings))
     for wrong, test in zip(told, tests, strict=True):
         total[:, test] += wrong
         judged[test] += 1

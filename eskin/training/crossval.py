@@ -85,7 +85,7 @@ def cross_validate(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Terms:
+class CrossValidationSettings:
     """Shared settings of cross-validation.
 
     groups: what is left out. seeds: of the networks of a fold. stress: disturbances that they are judged

@@ -14,7 +14,7 @@ from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
 from eskin.training import train
-from eskin.training.crossval import Terms
+from eskin.training.crossval import CrossValidationSettings
 from eskin.training.datasets import Datasets
 from eskin.training.integers import quantise
 from eskin.training.splits import split_folds
@@ -133,10 +133,12 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, opt
 
     def chosen(recordings):
         plan = configure(recordings, None, priced())
-        terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
+        settings = CrossValidationSettings(
+            recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0]
+        )
         tests = split_folds(recordings, ["person"], 5, None)
         parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-        return choose_inside(plan, terms, options, parts), tests
+        return choose_inside(plan, settings, options, parts), tests
 
     before, tests = chosen(gripped)
     for fold, test in list(enumerate(tests))[:2]:
@@ -171,7 +173,9 @@ def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
 
 def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypatch):
     """The candidate of each fold is trained on the rest and judged on the fold."""
-    terms = Terms(recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1])
+    settings = CrossValidationSettings(
+        recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1]
+    )
     plan, played = configure(gripped, CONFIG, priced()), []
 
     def judged(datasets, pieces, *rest):
@@ -180,7 +184,7 @@ def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypa
 
     judge_pieces = choosing.judge_pieces
     monkeypatch.setattr(choosing, "judge_pieces", judged)
-    record = unseen(plan, terms, SearchOptions(cell="linear"), ["person"])
+    record = unseen(plan, settings, SearchOptions(cell="linear"), ["person"])
     tests = split_folds(gripped, ["person"], 5, None)
     (pieces,) = played
     assert len(pieces) == 2 * len(tests)

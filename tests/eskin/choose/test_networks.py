@@ -20,7 +20,7 @@ from eskin.choose.networks import (
     side_by_side,
 )
 from eskin.golden.core import InputError
-from eskin.training.crossval import Terms
+from eskin.training.crossval import CrossValidationSettings
 from eskin.training.datasets import Datasets
 from eskin.training.recipe import AS_RECORDED
 from tests.eskin.choose.test_candidate import CONFIG, judged
@@ -161,11 +161,13 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
     held = [
         Part(part, [part[persons[part] == value] for value in np.unique(persons[part])]) for part in parts
     ]
-    terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
+    settings = CrossValidationSettings(
+        recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0]
+    )
     start = lambda: network_choice(Listed(DEAR, (CONFIG, DEAR)), SearchOptions(open=True), priced(), INSIDE)
-    both = side_by_side([start(), start()], held, terms)
+    both = side_by_side([start(), start()], held, settings)
     for part, (taken, tried) in zip(held, both, strict=True):
-        ((alone, tried_alone),) = side_by_side([start()], [part], terms)
+        ((alone, tried_alone),) = side_by_side([start()], [part], settings)
         assert alone == taken and [one.candidate for one in tried] == [one.candidate for one in tried_alone]
         for one, other in zip(tried, tried_alone, strict=True):
             assert len(one.correct) == len(part.rows)
