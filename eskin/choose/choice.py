@@ -45,7 +45,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.training.crossval import (
     CrossValidationSettings,
-    Piece,
+    FoldJob,
     Progress,
     cross_validate,
     fold_records,
@@ -323,7 +323,7 @@ def unseen(
     brief = dataclasses.replace(settings, stress=settings.stress and settings.stress.brief)
     chosen = choose_inside(plan, brief, search_options, parts)
     pieces = [
-        Piece(candidate.config, candidate.recipe, part, test, copy)
+        FoldJob(candidate.config, candidate.recipe, part, test, copy)
         for copy in range(len(seeds))
         for candidate, part, test in zip(chosen, parts, tests, strict=True)
     ]

@@ -46,7 +46,7 @@ from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
-from eskin.training.crossval import CrossValidationSettings, Piece, Trained, share_right, train_pieces
+from eskin.training.crossval import CrossValidationSettings, FoldJob, Trained, share_right, train_folds
 from eskin.training.formats import with_network
 from eskin.training.level import is_level
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
@@ -406,14 +406,14 @@ def _judged(
         recipe = shortened(candidate, share)
         seeds = list(settings.seeds[1:] if others else settings.seeds[:1])
         pieces = [
-            Piece(candidate.config, recipe, np.setdiff1d(parts[number].rows, test), test, copy)
+            FoldJob(candidate.config, recipe, np.setdiff1d(parts[number].rows, test), test, copy)
             for copy in range(len(seeds))
             for number in numbers
             for test in parts[number].tests
         ]
         called = settings.called(network_name(candidate.network))
         try:
-            trained = train_pieces(settings.datasets, pieces, int(seeds[0]), called)
+            trained = train_folds(settings.datasets, pieces, int(seeds[0]), called)
         except InputError:
             if candidate.config.recurrent:
                 raise

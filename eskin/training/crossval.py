@@ -70,8 +70,8 @@ def cross_validate(
     recipe, datasets = recipe or choose_recipe(config), datasets or Datasets(recordings)
     tests = [split_folds(recordings, groups, folds, None) for groups in splits]
     every = [test for of_split in tests for test in of_split]
-    pieces = pieces_of(config, recipe, len(recordings), every, seeds)
-    trained = train_pieces(
+    pieces = fold_jobs(config, recipe, len(recordings), every, seeds)
+    trained = train_folds(
         datasets, pieces, int(seeds[0]), progress, widths=widths or {}, quantisation_aware=quantisation_aware
     )
     runs, data = [network.decided() for network in trained], datasets.of(config, recipe)
@@ -107,7 +107,7 @@ class CrossValidationSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class FoldJob:
     """A network to train on the recordings ``train`` and to judge on ``test``; copies begin at other
     weights."""
 
@@ -123,13 +123,13 @@ class Piece:
         return self.copy, self.train.tobytes()
 
 
-def pieces_of(
+def fold_jobs(
     config: AcceleratorConfig, recipe: Recipe, count: int, tests: Sequence[np.ndarray], seeds: Sequence[int]
-) -> list[Piece]:
+) -> list[FoldJob]:
     """A piece for each of ``tests`` left out of ``count`` recordings, seed by seed."""
     everything = np.arange(count)
     return [
-        Piece(config, recipe, np.setdiff1d(everything, test), test, copy)
+        FoldJob(config, recipe, np.setdiff1d(everything, test), test, copy)
         for copy in range(len(seeds))
         for test in tests
     ]
@@ -139,7 +139,7 @@ def pieces_of(
 class Trained:
     """The network of a piece in both forms."""
 
-    piece: Piece
+    piece: FoldJob
     real: FloatModel
     integer: IntegerModel
     data: Dataset
@@ -149,9 +149,9 @@ class Trained:
         return _judge(self.real, self.integer, self.data, self.piece.test)
 
 
-def train_pieces(
+def train_folds(
     datasets: Datasets,
-    pieces: Sequence[Piece],
+    pieces: Sequence[FoldJob],
     seed: int,
     progress: Progress | None = None,
     *,
@@ -169,7 +169,7 @@ def train_pieces(
         kinds.setdefault((piece.config, piece.recipe), []).append(number)
     for (config, recipe), numbers in kinds.items():
         data = datasets.of(config, recipe)
-        first: dict[tuple[int, bytes], Piece] = {}
+        first: dict[tuple[int, bytes], FoldJob] = {}
         for number in numbers:
             first.setdefault(pieces[number].key, pieces[number])
         parts = [touch_rows(data, piece.train) for piece in first.values()]
@@ -190,10 +190,10 @@ def train_pieces(
 
 
 def judge_pieces(
-    datasets: Datasets, pieces: Sequence[Piece], seed: int, progress: Progress | None = None
+    datasets: Datasets, pieces: Sequence[FoldJob], seed: int, progress: Progress | None = None
 ) -> list[FoldDecisions]:
     """The decisions of each network on its test."""
-    return [network.decided() for network in train_pieces(datasets, pieces, seed, progress)]
+    return [network.decided() for network in train_folds(datasets, pieces, seed, progress)]
 
 
 def record_of(
