@@ -49,7 +49,7 @@ from eskin.training.crossval import (
     Progress,
     cross_validate,
     fold_records,
-    judge_pieces,
+    judge_folds,
     over_folds,
     record_of,
     share_right,
@@ -327,7 +327,7 @@ def unseen(
         for copy in range(len(seeds))
         for candidate, part, test in zip(chosen, parts, tests, strict=True)
     ]
-    runs = judge_pieces(settings.datasets, pieces, seeds[0], settings.progress)
+    runs = judge_folds(settings.datasets, pieces, seeds[0], settings.progress)
     correct = share_right(recordings.labels, [piece.test for piece in pieces], runs)
     names = [held_out(recordings, split, test) for test in tests]
     of_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]

@@ -444,7 +444,7 @@ def _wrong(
 ) -> np.ndarray:
     """(cases, rows) the share of the networks that were wrong under each disturbance, of those that had not seen
     the recording."""
-    tests = [network.piece.test for network in networks]
+    tests = [network.job.test for network in networks]
     told = [
         settings.stress.wrong(candidate.config, network.integer, test)
         for network, test in zip(networks, tests, strict=True)

@@ -180,10 +180,10 @@ def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypa
 
     def judged(datasets, pieces, *rest):
         played.append(pieces)
-        return judge_pieces(datasets, pieces, *rest)
+        return judge_folds(datasets, pieces, *rest)
 
-    judge_pieces = choosing.judge_pieces
-    monkeypatch.setattr(choosing, "judge_pieces", judged)
+    judge_folds = choosing.judge_folds
+    monkeypatch.setattr(choosing, "judge_folds", judged)
     record = unseen(plan, settings, SearchOptions(cell="linear"), ["person"])
     tests = split_folds(gripped, ["person"], 5, None)
     (pieces,) = played
