@@ -91,7 +91,7 @@ class Stress(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ScoredCandidate:
     """A candidate and its decisions on recordings that it has not seen.
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
@@ -185,7 +185,7 @@ class Judged:
         """So near 100 % that no other can be better by more than TIE standard errors."""
         return self.accuracy >= 1.0 - TIE * least_error(len(self.correct))
 
-    def joined(self, other: Judged) -> Judged:
+    def joined(self, other: ScoredCandidate) -> ScoredCandidate:
         """With the networks of other seeds."""
         first, more = len(self.runs), len(other.runs)
 
@@ -202,12 +202,12 @@ class Judged:
         )
 
 
-def best_of(judged: Sequence[Judged]) -> Judged:
+def best_of(judged: Sequence[ScoredCandidate]) -> ScoredCandidate:
     """The first of those with the highest accuracy."""
     return max(judged, key=lambda one: one.accuracy)
 
 
-def choose(judged: Sequence[Judged], market: Market) -> Judged:
+def choose(judged: Sequence[ScoredCandidate], market: Market) -> ScoredCandidate:
     """The cheapest of the candidates that are level with the most accurate; at equal price the first. A board
     decides between level ones; a named board must also hold the best.
 
@@ -225,21 +225,21 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
     return _cheapest([one for one in usable if is_level(best.correct, one.correct)], market)
 
 
-def _cheapest(level: Sequence[Judged], market: Market) -> Judged:
+def _cheapest(level: Sequence[ScoredCandidate], market: Market) -> ScoredCandidate:
     """Of candidates that are level."""
     level = sorted(level, key=lambda one: market.price(one.config))
     return next((one for one in level if market.fits(one.config)), level[0])
 
 
-def affordable(config: AcceleratorConfig, calm: Judged, market: Market) -> bool:
+def affordable(config: AcceleratorConfig, calm: ScoredCandidate, market: Market) -> bool:
     """It costs at most DEARER times as much as ``calm``, which `choose` took."""
     dearest = DEARER * market.price(calm.config)[0]
     return market.is_candidate(config) and market.price(config)[0] <= dearest * (1 + 1e-9)
 
 
 def in_reach(
-    judged: Sequence[Judged], calm: Judged, market: Market, loss: float = CLEAN_LOSS
-) -> list[Judged]:
+    judged: Sequence[ScoredCandidate], calm: ScoredCandidate, market: Market, loss: float = CLEAN_LOSS
+) -> list[ScoredCandidate]:
     """Those that `choose_stable` may take in place of ``calm``, and itself; loss: of accuracy."""
     return [
         one
@@ -249,7 +249,9 @@ def in_reach(
     ]
 
 
-def choose_stable(judged: Sequence[Judged], calm: Judged, market: Market) -> Judged:
+def choose_stable(
+    judged: Sequence[ScoredCandidate], calm: ScoredCandidate, market: Market
+) -> ScoredCandidate:
     """The cheapest of the candidates that are level with the best score; at equal price the one with the higher
     score. Left out are those that lose more than CLEAN_LOSS of accuracy on sound recordings, or cost more than
     DEARER times as much, against ``calm``, which `choose` took."""
@@ -272,7 +274,7 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
     return row | {"feature_scale": features.feature_scale, "inputs": config.inputs}
 
 
-def screened_row(one: Judged, best: Judged) -> Record:
+def screened_row(one: ScoredCandidate, best: ScoredCandidate) -> Record:
     """A row of ``front_end`` in training.json: the fields, accuracy, standard_error, missed, behind (the best,
     accuracy), behind_error (of the paired difference), level."""
     shortfall, error = behind(best.correct, one.correct)

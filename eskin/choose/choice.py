@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.choose.candidate import Candidate, Judged, Stress, choose, front_end_fields, screened_row
+from eskin.choose.candidate import Candidate, ScoredCandidate, Stress, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import Market
-from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
+from eskin.choose.front_ends import FrontEnds, FrontEndScorer, Listed, blocked_ridge, listed, search
 from eskin.choose.networks import (
     AUTO,
     INSIDE,
@@ -87,7 +87,7 @@ class Plan:
     split_from: str
     market: Market
     front_ends: FrontEnds | None = None
-    screened: tuple[Judged, ...] = ()
+    screened: tuple[ScoredCandidate, ...] = ()
     facts: Record = dataclasses.field(default_factory=dict)
     guessed: bool = False
     doubts: tuple[Record, ...] = ()
@@ -220,7 +220,7 @@ def choose_front_end(
         why = [*why, "there are too few recordings to compare front ends, so rules derived this one"]
         return Plan(guess, why, split, split_from, market, guessed=True)
     with one_thread():
-        screened = search(Judge(front_ends, np.arange(len(judged_on)), parts, talks=True), market)
+        screened = search(FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True), market)
     chosen, best = choose(screened, market), screened[0]
     alone, frames = _level_alone(judged_on, parts)
     facts: Record = {
@@ -302,7 +302,7 @@ def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str]
     """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
-        judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
+        judge = FrontEndScorer(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
         return listed(search(judge, market, brief=True), market)
 
 
@@ -349,7 +349,7 @@ def unseen(
 
 
 # ---------------------------------------------------------------------- the network
-def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> Record:
+def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, market: Market) -> Record:
     """A row of ``candidates`` in training.json. record: its cross-validation."""
     config, fields = one.config, front_end_fields(one.candidate.front_end)
     return {
@@ -378,7 +378,7 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
 
 
 def cross_validation_of(
-    one: Judged, settings: CrossValidationSettings, tests: Sequence[np.ndarray]
+    one: ScoredCandidate, settings: CrossValidationSettings, tests: Sequence[np.ndarray]
 ) -> Record:
     """The record of a candidate's runs, as `eskin.training.crossval.cross_validate` gives it."""
     data = settings.datasets.of(one.config, one.candidate.recipe)

@@ -34,7 +34,7 @@ import numpy as np
 from eskin.choose.candidate import (
     CLEAN_LOSS,
     Candidate,
-    Judged,
+    ScoredCandidate,
     affordable,
     best_of,
     choose,
@@ -209,7 +209,7 @@ class Round:
     other_seeds: bool = False
 
 
-NetworkChoice = Generator[Round, list[Judged], tuple[Candidate, list[Judged]]]
+NetworkChoice = Generator[Round, list[ScoredCandidate], tuple[Candidate, list[ScoredCandidate]]]
 """Yields rounds, gets what was judged (a linear fit whose formats find no room is left out), and returns the
 candidate taken and all that it was taken from, none where nothing was open."""
 
@@ -228,8 +228,8 @@ def network_choice(
     InputError
         No candidate fits an accelerator, or the named board.
     """
-    tried: list[Judged] = []
-    known: dict[tuple[Candidate, int], Judged] = {}
+    tried: list[ScoredCandidate] = []
+    known: dict[tuple[Candidate, int], ScoredCandidate] = {}
 
     def usable(candidates: Iterable[Candidate | None]) -> list[Candidate]:
         fitting = [
@@ -241,18 +241,22 @@ def network_choice(
         price = market.price(candidate.config)
         return any(one.settled and market.price(one.config) < price for one in tried)
 
-    def asked(candidates: Sequence[Candidate], share: int) -> Generator[Round, list[Judged], list[Judged]]:
+    def asked(
+        candidates: Sequence[Candidate], share: int
+    ) -> Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]:
         fresh = [candidate for candidate in candidates if (candidate, share) not in known]
         for one in (yield Round(fresh, share)) if fresh else []:
             known[one.candidate, share] = one
         return [known[candidate, share] for candidate in candidates if (candidate, share) in known]
 
-    def judged(candidates: Iterable[Candidate | None]) -> Generator[Round, list[Judged], list[Judged]]:
+    def judged(
+        candidates: Iterable[Candidate | None],
+    ) -> Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]:
         outcomes = yield from asked(usable(candidates), effort.share)
         tried.extend(outcomes)
         return outcomes
 
-    def best_probe(probes: Sequence[Candidate]) -> Generator[Round, list[Judged], Candidate]:
+    def best_probe(probes: Sequence[Candidate]) -> Generator[Round, list[ScoredCandidate], Candidate]:
         # the best, not the cheapest that is level: with few updates short touches look better than they are
         outcomes = yield from asked(probes, effort.probe_share)
         outcomes.sort(key=lambda one: market.price(one.config))
@@ -295,7 +299,7 @@ def network_choice(
             "with --cell and --hidden"
         )
 
-    def with_other_seeds(near: Sequence[Judged]) -> Generator[Round, list[Judged], None]:
+    def with_other_seeds(near: Sequence[ScoredCandidate]) -> Generator[Round, list[ScoredCandidate], None]:
         if effort.seeds > 1 and near:
             more = yield Round([one.candidate for one in near], effort.share, other_seeds=True)
             further = {one.candidate: one for one in more}
@@ -318,7 +322,7 @@ def network_choice(
     cell, hidden = calm.config.network.cell, calm.config.network.hidden if calm.config.recurrent else None
     fits = dict.fromkeys((fit_of(calm), *(effort.sturdy if hidden is None else effort.robust)))
 
-    def stable(candidates: Iterable[Candidate | None]) -> Generator[Round, list[Judged], int]:
+    def stable(candidates: Iterable[Candidate | None]) -> Generator[Round, list[ScoredCandidate], int]:
         known_ones = {one.candidate for one in tried}
         fresh = [one for one in dict.fromkeys(candidates) if one and affordable(one.config, calm, market)]
         outcomes = yield from asked([one for one in fresh if one not in known_ones], effort.share)
@@ -357,7 +361,7 @@ def network_choice(
     return stablest.candidate, tried
 
 
-def fit_of(one: Judged) -> str:
+def fit_of(one: ScoredCandidate) -> str:
     """What `SearchOptions.candidate` calls the fit of a candidate."""
     name = one.candidate.recipe.name
     if one.config.recurrent:
@@ -365,7 +369,7 @@ def fit_of(one: Judged) -> str:
     return name if name in FITS else "linear"
 
 
-def goes_on(tried: Sequence[Judged]) -> bool:
+def goes_on(tried: Sequence[ScoredCandidate]) -> bool:
     """GRU 12, the last of ``tried``, is not level: below the best, or still better than GRU 8, by more than a
     standard error."""
     *_, eight, twelve = tried
@@ -377,10 +381,10 @@ def goes_on(tried: Sequence[Judged]) -> bool:
 
 def side_by_side(
     choices: Sequence[NetworkChoice], parts: Sequence[Part], settings: CrossValidationSettings
-) -> list[tuple[Candidate, list[Judged]]]:
+) -> list[tuple[Candidate, list[ScoredCandidate]]]:
     """Results of each choice on the part beside it. Networks of one candidate train at once."""
-    waiting, answers = dict(enumerate(choices)), dict[int, list[Judged]]()
-    outcomes: dict[int, tuple[Candidate, list[Judged]]] = {}
+    waiting, answers = dict(enumerate(choices)), dict[int, list[ScoredCandidate]]()
+    outcomes: dict[int, tuple[Candidate, list[ScoredCandidate]]] = {}
     while waiting:
         asked = {}
         for number, choice in list(waiting.items()):
@@ -395,13 +399,13 @@ def side_by_side(
 
 def _judged(
     asked: Mapping[int, Round], parts: Sequence[Part], settings: CrossValidationSettings
-) -> dict[int, list[Judged]]:
+) -> dict[int, list[ScoredCandidate]]:
     """The rounds asked for by the choices of these numbers."""
     together: dict[tuple[Candidate, int, bool], list[int]] = {}
     for number, wanted in asked.items():
         for candidate in wanted.candidates:
             together.setdefault((candidate, wanted.share, wanted.other_seeds), []).append(number)
-    answers: dict[int, list[Judged]] = {number: [] for number in asked}
+    answers: dict[int, list[ScoredCandidate]] = {number: [] for number in asked}
     for (candidate, share, others), numbers in together.items():
         recipe = shortened(candidate, share)
         seeds = list(settings.seeds[1:] if others else settings.seeds[:1])
@@ -428,7 +432,7 @@ def _judged(
             right = share_right(settings.recordings.labels, [pieces[at].test for at in places], own)
             disturbed = partial(_wrong, candidate, [trained[at] for at in places], settings, rows)
             answers[number].append(
-                Judged(
+                ScoredCandidate(
                     candidate,
                     right[rows],
                     runs=tuple(own),

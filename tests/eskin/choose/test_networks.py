@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import Judged
+from eskin.choose.candidate import ScoredCandidate
 from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
     FITS,
@@ -58,7 +58,7 @@ def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **market):
                 steps, recipe = one.config.windows.steps, one.recipe.name
                 asked.append((units, steps, recipe, wanted.share, wanted.other_seeds))
                 correct = (np.arange(of) < right(one)).astype(float)
-                answers.append(Judged(one, correct, runs=(None,)))  # type: ignore[arg-type]
+                answers.append(ScoredCandidate(one, correct, runs=(None,)))  # type: ignore[arg-type]
             wanted = choice.send(answers)
     except StopIteration as end:
         return asked, *end.value

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import CLEAN_LOSS, DEARER, Candidate, Judged, choose, choose_stable
+from eskin.choose.candidate import CLEAN_LOSS, DEARER, Candidate, ScoredCandidate, choose, choose_stable
 from eskin.choose.choice import train_chosen
 from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import Cost
@@ -54,12 +54,12 @@ class Disturbed:
         return [{"mode": "m", "figure": float(np.nanmean(1 - wrong)), "bound": 0.9, "held": False}]
 
 
-def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> Judged:
+def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> ScoredCandidate:
     config = stability_case.CONFIG.replace(hidden=hidden)
     correct = (np.arange(count) < count * right / 1000).astype(float)
     wrong = np.where(np.arange(count) % 2, np.nan, np.arange(count) >= count * disturbed / 1000)[None]
     candidate = Candidate(stability_case.CONFIG, config, RECIPES["onset"])
-    return Judged(candidate, correct, stress=Disturbed(), disturbed=lambda: wrong)  # type: ignore[arg-type]
+    return ScoredCandidate(candidate, correct, stress=Disturbed(), disturbed=lambda: wrong)  # type: ignore[arg-type]
 
 
 def energy(dear: float):
