@@ -15,7 +15,7 @@ from eskin.memo import Memo, code_version
 from eskin.requests import EnrolRequest
 from eskin.teach import evaluate as evaluation
 from eskin.teach.enrol import SETTINGS
-from eskin.teach.evaluate import Question
+from eskin.teach.evaluate import EnrolmentTrial
 from eskin.training import LEARNING
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
@@ -25,9 +25,9 @@ CACHE = Path("build/enrolments")
 CODE = partial(code_version, *LEARNING, *COST)
 
 
-def judge(recordings: Recordings, question: Question) -> list[Record]:
+def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
     """The rows of one seed; in a worker."""
-    return evaluation.judge(recordings, question)
+    return evaluation.judge(recordings, trial)
 
 
 def choose(shared: tuple[Recordings, list[str]], values: dict[str, np.ndarray]) -> list[Record]:
@@ -73,7 +73,7 @@ def evaluate(
     plain = [configuration.to_dict() for configuration in configs]
     ordered = tuple(sorted(set(ks)))
     questions = {
-        content_key(content, ordered, plain, seed, asked.readout): Question(
+        content_key(content, ordered, plain, seed, asked.readout): EnrolmentTrial(
             tuple(group), ordered, tuple(configs), seed, asked.readout
         )
         for seed in range(asked.seeds)
