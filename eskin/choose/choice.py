@@ -23,7 +23,7 @@ import numpy as np
 from eskin.choose import doubts
 from eskin.choose.candidate import Candidate, ScoredCandidate, Stress, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import FrontEnds, FrontEndScorer, Listed, blocked_ridge, listed, search
 from eskin.choose.networks import (
     AUTO,
@@ -75,7 +75,7 @@ LEAST = {
 class Plan:
     """The front end that was asked for or chosen, and the split to choose by.
 
-    config: it. reasons: in words. split, split_from: of ``choose_split``. market: what candidates cost.
+    config: it. reasons: in words. split, split_from: of ``choose_split``. prices: what candidates cost.
     front_ends: to choose from again inside folds; None where nothing is to be judged. screened: the front ends
     judged, best first; none where it was asked for. facts: of the judging, for training.json. guessed: too few
     recordings to choose on. doubts: about the recordings, of the judging.
@@ -85,7 +85,7 @@ class Plan:
     reasons: list[str]
     split: list[str]
     split_from: str
-    market: Market
+    prices: CostModel
     front_ends: FrontEnds | None = None
     screened: tuple[ScoredCandidate, ...] = ()
     facts: Record = dataclasses.field(default_factory=dict)
@@ -95,7 +95,7 @@ class Plan:
     @property
     def listed(self) -> Listed:
         """Front ends that networks are tried on."""
-        return listed(self.screened, self.market) if self.screened else Listed.alone(self.config)
+        return listed(self.screened, self.prices) if self.screened else Listed.alone(self.config)
 
     def hardening(self, stress: Stress | None) -> Hardening | None:
         """What makes them sturdier, where networks are judged under disturbance."""
@@ -118,7 +118,7 @@ class Plan:
             judged[taken] = screen.judged(taken, parts)
         rows = {
             config: screened_row(one, self.screened[0])
-            | {"energy_touch_j": self.market.cost_of(one.config).energy_touch_j}
+            | {"energy_touch_j": self.prices.cost_of(one.config).energy_touch_j}
             for config, one in judged.items()
         }
         rivals = [row for config, row in rows.items() if config != taken]
@@ -128,7 +128,7 @@ class Plan:
 def configure(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
-    market: Market,
+    prices: CostModel,
     *,
     groups: Sequence[str] | None = None,
     folds: int = 5,
@@ -148,7 +148,7 @@ def configure(
     if recordings.image_shape:
         derive_config(recordings)  # which refuses images
     if requested is None:
-        return choose_front_end(recordings, market, groups=groups, folds=folds, progress=progress)
+        return choose_front_end(recordings, prices, groups=groups, folds=folds, progress=progress)
     reasons = [f"'{requested.name}', as asked for"]
     if requested == PRESETS.get(requested.name) and requested.network.class_names != recordings.class_names:
         try:
@@ -158,7 +158,7 @@ def configure(
         reasons.append(f"its classes are those of the recordings: {', '.join(recordings.class_names)}")
     check_fit(recordings, requested)
     split, split_from = choose_split(recordings, groups)
-    return Plan(requested, reasons, split, split_from, market)
+    return Plan(requested, reasons, split, split_from, prices)
 
 
 def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[list[str], str]:
@@ -181,7 +181,7 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
 
 def choose_front_end(
     recordings: Recordings,
-    market: Market,
+    prices: CostModel,
     *,
     groups: Sequence[str] | None = None,
     folds: int = 5,
@@ -218,10 +218,10 @@ def choose_front_end(
     if not enough:
         guess, why = derive_config(recordings)
         why = [*why, "there are too few recordings to compare front ends, so rules derived this one"]
-        return Plan(guess, why, split, split_from, market, guessed=True)
+        return Plan(guess, why, split, split_from, prices, guessed=True)
     with one_thread():
-        screened = search(FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True), market)
-    chosen, best = choose(screened, market), screened[0]
+        screened = search(FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True), prices)
+    chosen, best = choose(screened, prices), screened[0]
     alone, frames = _level_alone(judged_on, parts)
     facts: Record = {
         "split": split,
@@ -231,7 +231,7 @@ def choose_front_end(
         "recordings": len(recordings),
         "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
         "tie": "at most one standard error of the paired difference over recordings worse than the best; a tie goes "
-        "to the least {market.prefer}",
+        "to the least {prices.prefer}",
         "level_alone": alone,
         "wall_s": time.perf_counter() - began,
     }
@@ -249,7 +249,7 @@ def choose_front_end(
         without = [one.accuracy for one in screened if one.config.rest_level.rest != "none"]
         found += doubts.level_tells(frames, alone, max(without, default=None), split)
     return Plan(
-        config, reasons, split, split_from, market, front_ends, tuple(screened), facts, doubts=tuple(found)
+        config, reasons, split, split_from, prices, front_ends, tuple(screened), facts, doubts=tuple(found)
     )
 
 
@@ -290,20 +290,22 @@ def choose_inside(
             settings.progress("front ends chosen again inside folds", number, len(parts))
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
-            front_ends = search_inside(plan.front_ends, part, settings.groups, plan.market)
-        choices.append(network_choice(front_ends, search_options, plan.market, effort, hardening))
+            front_ends = search_inside(plan.front_ends, part, settings.groups, plan.prices)
+        choices.append(network_choice(front_ends, search_options, plan.prices, effort, hardening))
         held.append(
             Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), settings.groups)])
         )
     return [candidate for candidate, _ in side_by_side(choices, held, settings)]
 
 
-def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
+def search_inside(
+    front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], prices: CostModel
+) -> Listed:
     """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
         judge = FrontEndScorer(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market, brief=True), market)
+        return listed(search(judge, prices, brief=True), prices)
 
 
 def unseen(
@@ -349,7 +351,7 @@ def unseen(
 
 
 # ---------------------------------------------------------------------- the network
-def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, market: Market) -> Record:
+def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, prices: CostModel) -> Record:
     """A row of ``candidates`` in training.json. record: its cross-validation."""
     config, fields = one.config, front_end_fields(one.candidate.front_end)
     return {
@@ -365,7 +367,7 @@ def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, market: Ma
         "calm": one.calm,
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
-        **market.row(one.runs[0].config),
+        **prices.row(one.runs[0].config),
         "multiplies_touch": config.windows.steps * config.multiplies,
         "multiplies_step": config.multiplies,
         "parameters": config.parameter_count,
@@ -399,7 +401,7 @@ def splits_to_report(
 def train_chosen(
     recordings: Recordings,
     asked: AcceleratorConfig | None,
-    market: Market,
+    prices: CostModel,
     *,
     out: str | Path,
     group: Sequence[str] | None = None,
@@ -422,7 +424,7 @@ def train_chosen(
     ----------
     asked:
         The configuration that was asked for; None: the front end is chosen (``choose_front_end``).
-    market:
+    prices:
         What candidates cost, and what is wished of the one that is taken.
     plan:
         What ``configure`` gave for these recordings, when it is at hand.
@@ -457,7 +459,7 @@ def train_chosen(
             raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
         options = common | {"out": out, "cell": cell, "group": group, "seeds": seeds or 1}
         return _train_on_images(
-            recordings, asked, market, search_options, options | (of_images or {}), progress
+            recordings, asked, prices, search_options, options | (of_images or {}), progress
         )
     if cell in NETWORKS:
         raise InputError(
@@ -468,7 +470,7 @@ def train_chosen(
         raise InputError(
             "--cell auto: needs cross-validation; leave --folds 0 out or name --cell gru, lstm or linear"
         )
-    plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
+    plan = plan or configure(recordings, asked, prices, groups=group, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
     search_options = dataclasses.replace(search_options, open=bool(is_open and folds))
     settings = CrossValidationSettings(
@@ -485,14 +487,14 @@ def train_chosen(
     choice = network_choice(
         plan.listed if folds else Listed.alone(plan.config),
         search_options,
-        market,
+        prices,
         effort,
         plan.hardening(settings.stress),
     )
     ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], settings)
     judged = {one.candidate: cross_validation_of(one, settings, tests) for one in tried}
     whole = taken in judged and len(judged[taken]["seeds"]) == len(settings.seeds)
-    rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, market) for one in tried]
+    rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, prices) for one in tried]
     touches = settings.datasets.of(taken.config, taken.recipe).touches
     ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
     notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows), *ended]}
@@ -531,7 +533,7 @@ def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
         if row["chosen"]:
             reasons.append(
                 f"network chosen among {len(rows)}, leaving out {left_out(plan.split)} ({plan.split_from}): "
-                f"{network_name(row)} {LEAST[plan.market.prefer].format(**row)} of those within one standard "
+                f"{network_name(row)} {LEAST[plan.prices.prefer].format(**row)} of those within one standard "
                 "error (of the paired difference over recordings) of the best"
             )
     if plan.screened and taken.front_end != plan.config:
@@ -617,7 +619,7 @@ def _compared(
 def _train_on_images(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
-    market: Market,
+    prices: CostModel,
     search_options: SearchOptions,
     options: Record,
     progress: Progress | None,
@@ -625,7 +627,7 @@ def _train_on_images(
     """`eskin.training.image_models.train_image_model`, where nothing was asked for that networks for
     images do not have."""
     asked = dataclasses.asdict(search_options)
-    asked |= {"fits": market.named or None, "prefer": market.prefer != "energy" or None}
+    asked |= {"fits": prices.named or None, "prefer": prices.prefer != "energy" or None}
     asked |= {"protocol": search_options.protocol if search_options.protocol != "default" else None}
     for name, value in asked.items():
         if value is not None and name not in ("cell", "open"):

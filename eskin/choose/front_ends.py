@@ -29,7 +29,7 @@ import numpy as np
 from scipy.linalg import solve
 
 from eskin.choose.candidate import Candidate, ScoredCandidate, best_of, choose
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.groups import Features
@@ -387,7 +387,7 @@ def _how_many(recordings: Recordings) -> int:
 
 
 # ---------------------------------------------------------------------- the search
-def search(judge: FrontEndScorer, market: Market, brief: bool = False) -> list[ScoredCandidate]:
+def search(judge: FrontEndScorer, prices: CostModel, brief: bool = False) -> list[ScoredCandidate]:
     """The front ends judged, best first, by the coordinates that the module describes; ``brief``: of every
     gate three sets of windows, and behind the kinds of feature fewer scans alone."""
     screen = judge.front_ends.screen
@@ -410,21 +410,21 @@ def search(judge: FrontEndScorer, market: Market, brief: bool = False) -> list[S
     if not brief:
         judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
     judged = list(judge.judged.values())
-    for one in dict.fromkeys([choose(judged, market), *[best_of(judged)] * (not brief)]):
+    for one in dict.fromkeys([choose(judged, prices), *[best_of(judged)] * (not brief)]):
         judge.all(_fewer_scans(one.candidate.front_end, by_gate))
     budget, judged = DESCENT, judge.all(list(judge.judged))
     while not brief:
-        at = choose(judged, market).candidate
-        price = market.price(at.config)
+        at = choose(judged, prices).candidate
+        price = prices.price(at.config)
         cheaper = [
             config
             for config in _smaller(at.front_end)
-            if config not in judge.judged and market.price(Candidate.screened(config).config) < price
+            if config not in judge.judged and prices.price(Candidate.screened(config).config) < price
         ][:budget]
         budget -= len(cheaper)
         judge.all(cheaper)
         judged = judge.all(list(judge.judged))
-        if not cheaper or choose(judged, market).candidate == at:
+        if not cheaper or choose(judged, prices).candidate == at:
             break
     return judged
 
@@ -453,18 +453,18 @@ class Listed:
         return list(dict.fromkeys(order))[:TRIED_RECURRENT]
 
 
-def listed(judged: Sequence[ScoredCandidate], market: Market) -> Listed:
+def listed(judged: Sequence[ScoredCandidate], prices: CostModel) -> Listed:
     """The front ends to try networks on; none is HOPELESS.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
     """
-    taken, best = choose(judged, market), best_of(judged)
+    taken, best = choose(judged, prices), best_of(judged)
     near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
     groups = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
     groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]
-    smaller = [choose(group, market) for group in groups if group]
-    smaller.sort(key=lambda one: market.price(one.config))
+    smaller = [choose(group, prices) for group in groups if group]
+    smaller.sort(key=lambda one: prices.price(one.config))
     rivals: dict[Any, AcceleratorConfig] = {}
     for one in sorted(near, key=lambda one: -one.accuracy):
         if _kind_of_gate(one) != _kind_of_gate(taken):

@@ -42,7 +42,7 @@ from eskin.choose.candidate import (
     in_reach,
 )
 from eskin.choose.choice_table import network_name
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import Listed
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
@@ -217,7 +217,7 @@ candidate taken and all that it was taken from, none where nothing was open."""
 def network_choice(
     front_ends: Listed,
     options: SearchOptions,
-    market: Market,
+    prices: CostModel,
     effort: Effort,
     hardening: Hardening | None = None,
 ) -> NetworkChoice:
@@ -233,13 +233,13 @@ def network_choice(
 
     def usable(candidates: Iterable[Candidate | None]) -> list[Candidate]:
         fitting = [
-            candidate for candidate in candidates if candidate and market.is_candidate(candidate.config)
+            candidate for candidate in candidates if candidate and prices.is_candidate(candidate.config)
         ]
         return [one for one in dict.fromkeys(fitting) if not (effort.brief and beaten(one))]
 
     def beaten(candidate: Candidate) -> bool:
-        price = market.price(candidate.config)
-        return any(one.settled and market.price(one.config) < price for one in tried)
+        price = prices.price(candidate.config)
+        return any(one.settled and prices.price(one.config) < price for one in tried)
 
     def asked(
         candidates: Sequence[Candidate], share: int
@@ -259,7 +259,7 @@ def network_choice(
     def best_probe(probes: Sequence[Candidate]) -> Generator[Round, list[ScoredCandidate], Candidate]:
         # the best, not the cheapest that is level: with few updates short touches look better than they are
         outcomes = yield from asked(probes, effort.probe_share)
-        outcomes.sort(key=lambda one: market.price(one.config))
+        outcomes.sort(key=lambda one: prices.price(one.config))
         return best_of(outcomes).candidate
 
     cell, hidden = ("gru", effort.probe) if options.open else (None, None)
@@ -268,7 +268,7 @@ def network_choice(
         if not probes:
             cell = options.candidate(front_ends.taken).config.network.cell  # or says why not
             raise InputError(
-                f"--fits {market.board}: does not hold {cell} on the front end asked for or chosen; name a "
+                f"--fits {prices.board}: does not hold {cell} on the front end asked for or chosen; name a "
                 "larger board, or leave the network open"
             )
         if len(probes) < 2 or not probes[0].config.recurrent:
@@ -293,7 +293,7 @@ def network_choice(
     if len(units) > 1 and goes_on(tried):
         yield from judged([options.possible(on, "gru", LARGER_UNITS)])
     if not tried:
-        board = f" and the board {market.board}" if market.named else ""
+        board = f" and the board {prices.board}" if prices.named else ""
         raise InputError(
             f"configuration '{front_ends.taken.name}': no network of the candidates fits it{board}; name one "
             "with --cell and --hidden"
@@ -315,7 +315,7 @@ def network_choice(
             if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not beaten(one.candidate)
         ]
     )
-    calm = choose(tried, market)
+    calm = choose(tried, prices)
     if hardening is None:
         return calm.candidate, tried
     # under disturbance: the same network, fitted to it, and more units, as far as they are in reach
@@ -324,7 +324,7 @@ def network_choice(
 
     def stable(candidates: Iterable[Candidate | None]) -> Generator[Round, list[ScoredCandidate], int]:
         known_ones = {one.candidate for one in tried}
-        fresh = [one for one in dict.fromkeys(candidates) if one and affordable(one.config, calm, market)]
+        fresh = [one for one in dict.fromkeys(candidates) if one and affordable(one.config, calm, prices)]
         outcomes = yield from asked([one for one in fresh if one not in known_ones], effort.share)
         tried.extend(outcomes)
         return len(outcomes)
@@ -332,14 +332,14 @@ def network_choice(
     on, recurrent = calm.candidate.front_end, hidden is not None
     every = dict.fromkeys([on, *hardening.denser(on), *front_ends.smaller, *front_ends.rivals])
     on_each = {on: options.possible(on, cell, hidden) for on in every}
-    ends = [on for on, one in on_each.items() if one and affordable(one.config, calm, market)]
+    ends = [on for on, one in on_each.items() if one and affordable(one.config, calm, prices)]
     # a recurrent network takes seconds
     ends = ends[: 1 if recurrent else effort.ends]
     ends += [one for on in ends for one in hardening.sturdier(on)]
     yield from stable(options.possible(on, cell, hidden, fit) for on in ends for fit in fits)
     for _ in range(effort.rounds):
         # longer windows bring back some of what a sturdier fit loses
-        ahead = max(in_reach(tried, calm, market, 2 * CLEAN_LOSS), key=lambda one: one.score)
+        ahead = max(in_reach(tried, calm, prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
         on, fit = ahead.candidate.front_end, fit_of(ahead)
         further = (
             [] if recurrent else [options.possible(one, cell, hidden, fit) for one in hardening.longer(on)]
@@ -347,12 +347,12 @@ def network_choice(
         larger = [options.possible(on, cell, hidden + 4, fit)] if hidden else []
         if not (yield from stable([*further, *larger])):
             break
-    ranked = sorted(in_reach(tried, calm, market), key=lambda one: -one.score)
+    ranked = sorted(in_reach(tried, calm, prices), key=lambda one: -one.score)
     behind = [one for one in ranked if len(one.runs) < len(calm.runs)]
     yield from with_other_seeds([one for one in behind if is_level(ranked[0].scores, one.scores)][:AGAIN])
-    stablest = choose_stable(tried, calm, market)
+    stablest = choose_stable(tried, calm, prices)
     # what is out of reach is not judged under disturbance, but the most accurate one, which tells what more would buy
-    told = {one.candidate for one in (*in_reach(tried, calm, market), best_of(tried))}
+    told = {one.candidate for one in (*in_reach(tried, calm, prices), best_of(tried))}
     for place, one in enumerate(tried):
         if one.candidate not in told:
             tried[place] = dataclasses.replace(one, stress=None, disturbed=None)

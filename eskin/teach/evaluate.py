@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eskin.choose.choice import search_inside
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import FrontEnds
 from eskin.data.folds import grouped_folds
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
@@ -46,7 +46,7 @@ class EnrolmentTrial:
 
 
 def front_ends_without(
-    recordings: Recordings, values: Arrays, groups: Sequence[str], market: Market
+    recordings: Recordings, values: Arrays, groups: Sequence[str], prices: CostModel
 ) -> list[AcceleratorConfig]:
     """For each value of ``groups`` the front end that is chosen without its recordings.
 
@@ -58,7 +58,7 @@ def front_ends_without(
     chosen: dict[str, AcceleratorConfig] = {}
     for part in parts:
         rest = np.setdiff1d(everything, np.concatenate([values[value] for value in part]))
-        chosen |= dict.fromkeys(part, search_inside(front_ends, rest, groups, market).taken)
+        chosen |= dict.fromkeys(part, search_inside(front_ends, rest, groups, prices).taken)
     return [chosen[value] for value in values]
 
 

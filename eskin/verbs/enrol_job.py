@@ -18,7 +18,7 @@ from eskin.teach.enrol import SETTINGS
 from eskin.teach.evaluate import EnrolmentTrial
 from eskin.training import LEARNING
 from eskin.verbs.cost import CODE as COST
-from eskin.verbs.cost import market
+from eskin.verbs.cost import cost_model
 
 CACHE = Path("build/enrolments")
 """Finished seeds by content, safe to delete."""
@@ -33,7 +33,7 @@ def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
 def choose(shared: tuple[Recordings, list[str]], values: dict[str, np.ndarray]) -> list[Record]:
     """The configuration chosen without each value's recordings; in a worker."""
     recordings, group = shared
-    configs = evaluation.front_ends_without(recordings, values, group, market())
+    configs = evaluation.front_ends_without(recordings, values, group, cost_model())
     return [config.to_dict() for config in configs]
 
 
@@ -63,7 +63,7 @@ def evaluate(
     content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
     jobs = Jobs(progress=progress, version=CODE)
     if config is not None:
-        configs = [configure(recordings, config, market()).config] * len(values)
+        configs = [configure(recordings, config, cost_model()).config] * len(values)
     else:
         shared = recordings, list(group)
         (chosen,) = jobs.results(

@@ -27,7 +27,7 @@ from rich.progress import Progress as Bars
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import Plan, configure
 from eskin.choose.choice_table import left_out, unseen
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
@@ -60,7 +60,7 @@ from eskin.training.splits import check_split
 from eskin.verbs import cost
 from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
-from eskin.verbs.cost import market
+from eskin.verbs.cost import cost_model
 from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
 from eskin.verbs.milestones import Milestones
@@ -113,7 +113,7 @@ def run(asked: RunRequest, console: Console | None = None) -> Record:
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(asked.data, config=user_config)
             check_units(asked.cell, asked.hidden)
-            prices, panel = market(asked.prefer, asked.fits), panel_of(loaded, asked.stress)
+            prices, panel = cost_model(asked.prefer, asked.fits), panel_of(loaded, asked.stress)
         with stages("configuration") as notify:  # what does not work is refused here
             held = load_recordings(asked.test, config=user_config) if asked.test else None
             if held is not None:
@@ -206,7 +206,7 @@ class _Steps:
     recordings: Recordings
     held: Recordings | None
     user_config: AcceleratorConfig | None
-    prices: Market
+    prices: CostModel
     plan: Plan | None
     panel: Panel | None
     network: Record

@@ -67,8 +67,8 @@ def test_what_is_least_is_what_is_preferred_and_the_board_has_the_say():
         large.config: Cost(energy_touch_j=2.0, cells=20, latency_s=3.0, touch_s=0.5, average_w=0.0),
     }
     for prefer, expected in {"energy": small, "cells": large, "latency": linear}.items():
-        market = priced(cost_of=rows.__getitem__, prefer=prefer)
-        assert choose([linear, small, large], market) is expected, prefer
+        prices = priced(cost_of=rows.__getitem__, prefer=prefer)
+        assert choose([linear, small, large], prices) is expected, prefer
     only = {"cost_of": rows.__getitem__, "fits": lambda config: config == linear.config}
     assert choose([linear, small, large], priced(**only)) is linear
     nothing = {"cost_of": rows.__getitem__, "fits": lambda config: False}

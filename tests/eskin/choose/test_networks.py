@@ -42,11 +42,11 @@ TOUCHED = CONFIG.replace(
 OPEN, WHOLE = SearchOptions(open=True), Effort(seeds=3)
 
 
-def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **market):
+def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **prices):
     """What a choice asks for, (cell or units, steps, recipe, share, other seeds), where a candidate is right
     on ``right(candidate)`` of 400 recordings; and the candidate taken."""
     choice, asked = (
-        network_choice(Listed(front_ends[0], tuple(front_ends)), options, priced(**market), effort),
+        network_choice(Listed(front_ends[0], tuple(front_ends)), options, priced(**prices), effort),
         [],
     )
     try:

@@ -73,13 +73,13 @@ def energy(dear: float):
 
 
 def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
-    fragile, sturdy, market = judged(4, 1000, 600), judged(8, 995, 1000), energy(1.3)
+    fragile, sturdy, prices = judged(4, 1000, 600), judged(8, 995, 1000), energy(1.3)
     assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.9975)
     assert fragile.scores.mean() == fragile.score and fragile.worst == {"mode": "m", "figure": 0.6}
-    assert choose([fragile, sturdy], market) is fragile
-    assert choose_stable([fragile, sturdy], fragile, market) is sturdy
+    assert choose([fragile, sturdy], prices) is fragile
+    assert choose_stable([fragile, sturdy], fragile, prices) is sturdy
     near = judged(8, 1000, 602)  # a thousandth better, and dearer
-    assert choose_stable([fragile, near], fragile, market) is fragile
+    assert choose_stable([fragile, near], fragile, prices) is fragile
     assert choose_stable([fragile, near], fragile, energy(1.0)) is near  # as cheap
 
 
