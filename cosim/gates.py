@@ -352,7 +352,7 @@ class Chip:
             *(rng.getrandbits(WORD_BITS) for _ in range(program.words))
         )
         if self.library.begin(self._chip, states, words):
-            raise SimulationError("the netlist does not come to rest within a clock cycle")
+            raise SimulationError("the netlist does not settle within a clock cycle")
 
     def open(self) -> int:
         """As `eskin.cosim.device.Model`; another one's states are this one's."""

@@ -254,7 +254,7 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
     if weights.shape[1] != hidden:
         graph.refuse(
             graph.nodes("Gemm", "MatMul")[0],
-            f"takes {weights.shape[1]} values and the recurrent layer has {hidden} units; it must stand behind one step",
+            f"takes {weights.shape[1]} values and the recurrent layer has {hidden} units; it must follow one step",
         )
     after = bool(attributes.get("linear_before_reset", 0))
     arrays = {"V": weights, "b_y": bias}
@@ -276,7 +276,7 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     layers = graph.nodes("Gemm", "MatMul")
     if len(layers) != 1:
         node = layers[1] if layers else graph.graph.node[-1]
-        graph.refuse(node, f"is where a dense layer is wanted, and there are {len(layers)}; save {TAKEN}")
+        graph.refuse(node, f"is one of {len(layers)} layers in place of a dense layer; save {TAKEN}")
     node, additions = layers[0], graph.nodes("Add")
     weights, attributes = graph.constant(node, 1, "weights"), attributes_of(node)
     names = {"dense": node.input[1]}
@@ -425,8 +425,7 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
         batch, taken = size.get("batch", 1), size.get("steps", steps)
         if batch * taken * inputs > MOST_VALUES:
             raise InputError(
-                f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one that takes "
-                f"one touch of {steps}"
+                f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one for a single touch of {steps}"
             )
         features = rng.normal(0.0, 1.0, (2, batch, taken, inputs))
         shown = features if config.recurrent or config.sets > 1 else features.sum(axis=2)
