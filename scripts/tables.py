@@ -63,8 +63,8 @@ from eskin.rtl.program.schedule import (
 )
 from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.study.energy import estimate, scheduled_activity
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import build_job
+from tests.support.random_models import random_integer_model
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "figures.md"
 BOARD, LANES, FRAMES = "icebreaker", 4, 300

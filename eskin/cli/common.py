@@ -197,11 +197,11 @@ def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, pric
     printed."""
     from eskin.choose.choice import configure
     from eskin.choose.choice_table import front_end_table, front_end_words
-    from eskin.verbs.cost import market
+    from eskin.verbs.cost import cost_model
 
     with progress_bars() as report:
         front_end = configure(
-            recordings, user_config, prices or market(), groups=groups, folds=folds, progress=report
+            recordings, user_config, prices or cost_model(), groups=groups, folds=folds, progress=report
         )
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")

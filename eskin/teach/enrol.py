@@ -9,7 +9,6 @@ penalty on the distance to the old weights. A model whose readout is prototypes 
 """
 
 import dataclasses
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -303,7 +302,7 @@ def enrol(
             low, high = ranges[entry["signal"]]
             ranges[entry["signal"]] = (min(low, entry["min"]), max(high, entry["max"]))
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
-    enrolled.real.save(out, json.loads(json.dumps(record)), enrolled.integer)
+    enrolled.real.save(out, record, enrolled.integer)
     return result
 
 
@@ -375,5 +374,5 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Rec
     }
     result["passed"] = bool(result["after"] >= result["before"])
     record["taught"] = [*record.get("taught", []), result]
-    FloatModel.load(model_dir).save(out, json.loads(json.dumps(record)), after)
+    FloatModel.load(model_dir).save(out, record, after)
     return result

@@ -7,8 +7,8 @@ from eskin.choose.networks import network
 from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
-from eskin.training.made_up import random_integer_model
 from scripts import tables
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 
 KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", hop=144, window=288)

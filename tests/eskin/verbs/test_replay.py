@@ -12,11 +12,12 @@ from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
-from eskin.training.made_up import image_recordings, random_images, random_integer_model, random_recordings
+from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs import replay_job
 from tests.cosim.test_link_cosim import CONFIG
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 
 

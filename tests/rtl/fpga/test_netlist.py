@@ -16,9 +16,10 @@ from eskin.cosim.netlist import ECP5_CELLS, GOWIN_CELLS, Hardware, netlist_hardw
 from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.verbs.flow import netlist_of
 from tests.support.lut_fault import flip_lut_bit
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
