@@ -101,7 +101,9 @@ def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) 
         elif event == "pickle.find_class":
             notes.append(f"unpickled: {arguments[0]}.{arguments[1]}")
 
-    def judged(judge: FrontEndScorer, config: Any, judge_it: Callable[..., Any] = Judge.__call__) -> Any:
+    def judged(
+        judge: FrontEndScorer, config: Any, judge_it: Callable[..., Any] = FrontEndScorer.__call__
+    ) -> Any:
         return stop() if len(judge.judged) > JUDGED else judge_it(judge, config)
 
     FrontEndScorer.__call__ = judged  # type: ignore[method-assign]
