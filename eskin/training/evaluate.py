@@ -44,7 +44,7 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     """
     task = task_of(model_dir, recordings)
     stages, result = task.stages(), compare(task.ideal, task.trace, recordings.labels)
-    return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": held(result)}
+    return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": passes(result)}
 
 
 def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
@@ -122,7 +122,7 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
     }
 
 
-def held(result: Record) -> bool:
+def passes(result: Record) -> bool:
     """True when the integer model is at most MAX_LOSS under the float one and agrees on at least
     MIN_AGREEMENT."""
     return (

@@ -558,7 +558,7 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
     def check(name: str, held: bool, detail: str) -> None:
         checks.append({"name": name, "held": held, "detail": detail})
 
-    check("integer and float network agree", evaluate.held(evaluated), detail)
+    check("integer and float network agree", evaluate.passes(evaluated), detail)
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue
