@@ -6,7 +6,7 @@ from pathlib import Path
 
 from eskin.cli.common import app, load_data, show, show_text, warn
 from eskin.golden.core import AcceleratorConfig, InputError, Record, check_target
-from eskin.requests import ConvertRequest, InspectRequest, names_of
+from eskin.requests import ConvertRequest, InspectRequest, parse_names
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
@@ -50,7 +50,7 @@ def convert(asked: ConvertRequest) -> None:
     check_target(asked.out)
     reading = Reading(
         rate_hz=asked.rate,
-        columns=tuple(names_of(asked.columns or "")),
+        columns=tuple(parse_names(asked.columns or "")),
         recording=asked.recording,
         label=asked.class_,
         delimiter=asked.delimiter,

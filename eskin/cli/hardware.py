@@ -18,8 +18,8 @@ from eskin.requests import (
     GenerateRequest,
     ReplayRequest,
     ScheduleRequest,
-    count_of,
-    lanes_of,
+    parse_count,
+    parse_lanes,
 )
 
 
@@ -30,7 +30,7 @@ def generate(asked: GenerateRequest) -> None:
 
     integer = integer_model(asked.model)
     recordings = None if asked.data is None else recordings_for(asked.data, integer.config)
-    lanes, lane_type = lanes_of(asked.lanes)
+    lanes, lane_type = parse_lanes(asked.lanes)
     design = {
         "lanes": lanes,
         "lane_type": lane_type,
@@ -77,9 +77,9 @@ def cosim(asked: CosimRequest) -> Record:
     from eskin.verbs import cosim_job
     from eskin.verbs.flow import cosimulate
 
-    count = count_of(asked.recordings)
+    count = parse_count(asked.recordings)
     hertz = _clock(asked.clock)
-    lowest, (lanes, lane_type) = asked.clock == "lowest", lanes_of(asked.lanes)
+    lowest, (lanes, lane_type) = asked.clock == "lowest", parse_lanes(asked.lanes)
     if lowest and asked.pace != "declared":
         raise InputError("--clock lowest: needs the pace of the sensor; add --pace declared")
     if lowest and asked.dask:
@@ -169,7 +169,7 @@ def build(asked: BoardRequest) -> None:
         raise InputError("--flash: is for a board without a host; add --standalone")
     if asked.standalone and not asked.link:
         raise InputError("--standalone: never has a link; leave out --no-link")
-    target, (lanes, lane_type) = board(asked.target), lanes_of(asked.lanes)
+    target, (lanes, lane_type) = board(asked.target), parse_lanes(asked.lanes)
     folder = asked.out or job.BOARDS / asked.target
     check_folder(folder, job.MARK)
     integer = integer_model(asked.model)
@@ -240,7 +240,7 @@ def schedule(asked: ScheduleRequest) -> None:
         from eskin.golden.model import load_config
 
         config = load_config(asked.model)
-    config = config.with_lanes(*lanes_of(asked.lanes))
+    config = config.with_lanes(*parse_lanes(asked.lanes))
     check_target(asked.out / "schedule")
     if config.is_image:
         from eskin.rtl.program.image_passes import plan_of
