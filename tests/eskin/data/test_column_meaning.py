@@ -167,14 +167,6 @@ def test_groups_never_replace_arrays_of_an_archive(tmp_path, stem):
         assert set(again.groups) == set(recordings.groups)
 
 
-@each_row("values", [[None, {}], [1, 2, 3], [[1], [2]]])
-def test_groups_of_no_use_are_refused(values):
-    with pytest.raises(
-        InputError, match="group person: is .* give a number or text for each of 2 recordings"
-    ):
-        Recordings.of(list(CODES[:2]), [0, 1], sample_rate_hz=100, groups={"person": values})
-
-
 def test_a_data_frame_is_a_long_table():
     frame = pd.DataFrame(CODES.reshape(-1, 3), columns=["a", "b", "c"]).assign(
         recording=np.repeat(range(8), FRAMES)
