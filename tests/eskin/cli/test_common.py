@@ -21,8 +21,8 @@ COMMANDS = {command.callback.__name__: command.callback for command in app.regis
 def here(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("mine.npz", "in/model/config.json", "in/model/new.json", "in/c.csv"):
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
         Path(name).write_text("PK")
-        Path(name).touch()
     Path("link.npz").symlink_to("mine.npz")
     Path("hard.npz").hardlink_to("mine.npz")
     Path("synthetic").touch()
