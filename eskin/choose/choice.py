@@ -278,8 +278,9 @@ def choose_inside(
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
             front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
-        choices.append(network_choice(front_ends, wish, plan.market, effort, hardening))
-        held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
+        folds = [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]
+        choices.append(network_choice(front_ends, wish, plan.market, effort.by(folds), hardening))
+        held.append(Part(part, folds))
     return [candidate for candidate, _ in side_by_side(choices, held, terms)]
 
 
@@ -460,7 +461,7 @@ def train_chosen(
         stress=stress if wish.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
-    effort = Effort(seeds=len(terms.seeds))
+    effort = Effort(seeds=len(terms.seeds)).by(tests)
     choice = network_choice(
         plan.listed if folds else Listed.alone(plan.config),
         wish,

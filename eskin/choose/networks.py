@@ -9,7 +9,8 @@ does better depends on how many touches there are for its weights. Where the rec
 helps or harms by what tells the classes apart, both are fitted to touches as they were recorded too; and a
 logistic regression of these with a weaker penalty, and least squares with each of RIDGES. All cost the same,
 so all are tried on the cheapest front end, and on the others the best of either kind that is not out of
-reach. Logistic regressions, whose margins are logarithms of odds, come first.
+reach. First comes the mean of a logistic regression and least squares, then logistic regressions, whose
+margins are logarithms of odds.
 
 Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
@@ -71,7 +72,9 @@ near copies of others where groups are few: of two sessions of sign_glove it tak
 third are right, and 67.9 % are with 0.01."""
 
 SQUARES: Record = {"name": "least squares", "squares": True}
+AVERAGED = "mean of both"
 FITS: dict[str, Record] = {
+    AVERAGED: {"name": AVERAGED, "averaged": True, "ridge": 0.01, **AS_RECORDED},
     "linear": {},
     "not augmented": {"name": "not augmented", **AS_RECORDED},
     "weak penalty": {"name": "weak penalty", "penalty": WEAK_PENALTY, **AS_RECORDED},
@@ -110,9 +113,14 @@ class Effort:
     ends: int = 3
     rounds: int = 2
 
+    def by(self, parts: Sequence[np.ndarray]) -> Effort:
+        """With the fits that leaving ``parts`` out in turn can tell apart. Of two parts each network learns from one
+        alone, and so nothing of how groups differ: what does best then need not with both, so the first fit stands."""
+        return dataclasses.replace(self, fits=self.fits[:1]) if len(parts) == 2 else self
+
 
 INSIDE = Effort(
-    fits=("weak penalty", "least squares, not augmented", "ridge 0.01"),
+    fits=(AVERAGED, "weak penalty", "least squares, not augmented", "ridge 0.01"),
     units=(8,),
     share=4,
     probe=8,
@@ -263,7 +271,8 @@ def network_choice(
         best = best_of(first)
         near = [one for one in first if is_level(best.correct, one.correct, OUT_OF_REACH)]
         kinds = [
-            [one for one in near if one.candidate.recipe.squares == squares] for squares in (False, True)
+            [one for one in near if (one.candidate.recipe.averaged, one.candidate.recipe.squares) == kind]
+            for kind in ((True, False), (False, False), (False, True))
         ]
         taken = [best_of(kind).candidate for kind in kinds if kind]
         kept = [fit for fit, candidate in fits.items() if candidate in taken]
