@@ -372,7 +372,7 @@ class Judge:
             self.judged[config] = Judged(Candidate.screened(config), correct, missed)
             if self._talks:
                 done = len(self.judged)
-                self.front_ends.progress("front ends judged", done, max(80, done))
+                self.front_ends.progress("front ends judged", done, 0)
         return self.judged[config]
 
     def all(self, configs: Iterable[AcceleratorConfig]) -> list[Judged]:

@@ -63,7 +63,7 @@ from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
 from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
-from eskin.verbs.milestones import Milestones
+from eskin.verbs.milestones import Milestones, counted
 
 BUILDS = Path("build/simulators")
 SMALL_CYCLES = 60e6
@@ -678,9 +678,8 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
         @contextmanager
         def stage(name: str) -> Iterator[Progress]:
             task: TaskID = bars.add_task(name, total=None, what="")
-            yield lambda what, done, total: bars.update(
-                task, completed=done, total=max(total, done + 1), what=what
-            )
+            # no whole: a stage does several things one after another, and a bar of each would restart
+            yield lambda what, done, total: bars.update(task, what=f"{what}: {counted(done, total)}")
             bars.update(task, completed=1, total=1, what="done")
 
         yield stage
