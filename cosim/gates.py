@@ -351,28 +351,8 @@ class Chip:
         words = (ctypes.c_uint32 * (program.words + 1))(
             *(rng.getrandbits(WORD_BITS) for _ in range(program.words))
         )
-        self._rested(self.library.begin(self._chip, states, words))
-
-    @staticmethod
-    def _rested(wrong: int) -> None:
-        if wrong:
-            raise SimulationError("the netlist does not come to rest within a clock cycle")
-
-    def put(self, name: str, value: int) -> None:
-        """Drive an input."""
-        self.library.put(self._chip, *self._ports[name], value)
-
-    def get(self, name: str) -> int:
-        """Value of an output, once settled."""
-        return self.library.get(self._chip, *self._ports[name])
-
-    def settle(self) -> None:
-        """Let what comes in reach every net."""
-        self._rested(self.library.settle(self._chip))
-
-    def edge(self) -> None:
-        """A rising edge of the clock."""
-        self._rested(self.library.edge(self._chip))
+        if self.library.begin(self._chip, states, words):
+            raise SimulationError("the netlist does not settle within a clock cycle")
 
     def open(self) -> int:
         """As `eskin.cosim.device.Model`; another one's states are this one's."""
@@ -385,9 +365,9 @@ class Chip:
             return self.library.port_of(opened, (ctypes.c_int32 * len(nets))(*nets), len(nets), 1)
         return self.library.port_of(opened, *self._ports[name], 0) if name in self._ports else -1
 
-    def count_into(self, joule: np.ndarray, costs: Sequence[np.ndarray]) -> Callable[[], None]:
-        """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through. A
-        device does so after every edge; who steps the chip itself calls what this gives.
+    def count_into(self, joule: np.ndarray, costs: Sequence[np.ndarray]) -> None:
+        """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through, from every edge
+        of a device on.
 
         Parameters
         ----------
@@ -403,4 +383,3 @@ class Chip:
         kinds = len(joule) // (1 if self.delays is None else 2)
         self.library.costs(self._chip, joule.ctypes.data, kinds, *(part.ctypes.data for part in arrays))
         self._kept = arrays, joule
-        return lambda: self.library.count(self._chip)

@@ -26,12 +26,12 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
 from eskin.study.energy import PARTS, estimate
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import energy_job
 from eskin.verbs.build_job import suited
 from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
 from eskin.verbs.flow import BUILD, expected_of
+from tests.support.random_models import random_integer_model
 
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
 AT_ONCE: Record = dict(rest="none", rest_frames=0, onset="immediate")

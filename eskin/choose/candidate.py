@@ -96,7 +96,8 @@ class Judged:
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
     recordings without a touch or a completed window. runs: what each network decided, seed by seed. stress: the
-    disturbances. disturbed: gives the share of networks that were wrong under each (cases, recordings).
+    disturbances. disturbed: gives the share of networks that were wrong under each (cases, recordings). calm: the
+    rule takes it by sound recordings alone.
     """
 
     candidate: Candidate
@@ -105,6 +106,7 @@ class Judged:
     runs: tuple[FoldDecisions, ...] = ()
     stress: Stress | None = None
     disturbed: Callable[[], np.ndarray] | None = None
+    calm: bool = False
 
     @cached_property
     def wrong(self) -> np.ndarray | None:
@@ -217,8 +219,7 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
     usable = [one for one in judged if market.is_candidate(one.config)]
     if not usable:
         raise InputError(
-            f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
-            "larger board"
+            f"--fits {market.board}: is too small for all {len(judged)} candidates; name a larger board"
         )
     best = best_of(usable)
     return _cheapest([one for one in usable if is_level(best.correct, one.correct)], market)
@@ -236,13 +237,15 @@ def affordable(config: AcceleratorConfig, calm: Judged, market: Market) -> bool:
     return market.is_candidate(config) and market.price(config)[0] <= dearest * (1 + 1e-9)
 
 
-def in_reach(judged: Sequence[Judged], calm: Judged, market: Market) -> list[Judged]:
-    """Those that `choose_stable` may take in place of ``calm``, and itself."""
+def in_reach(
+    judged: Sequence[Judged], calm: Judged, market: Market, loss: float = CLEAN_LOSS
+) -> list[Judged]:
+    """Those that `choose_stable` may take in place of ``calm``, and itself; loss: of accuracy."""
     return [
         one
         for one in judged
         if one.candidate == calm.candidate
-        or (one.accuracy >= calm.accuracy - CLEAN_LOSS and affordable(one.config, calm, market))
+        or (one.accuracy >= calm.accuracy - loss and affordable(one.config, calm, market))
     ]
 
 

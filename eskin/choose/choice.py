@@ -54,9 +54,9 @@ from eskin.training.splits import default_splits, held_out, split_folds
 from eskin.training.train import TrainingRequest, train
 
 LEAST = {
-    "energy": "takes the least energy a touch ({energy_touch_j:.3g} J)",
-    "cells": "takes the fewest logic cells ({cells})",
-    "latency": "has the shortest way from the last sample to the decision ({latency_s:.3g} s)",
+    "energy": "needs the least energy per touch ({energy_touch_j:.3g} J)",
+    "cells": "needs the fewest logic cells ({cells})",
+    "latency": "has the shortest time from the last sample to the decision ({latency_s:.3g} s)",
 }
 """A preference in words."""
 
@@ -167,7 +167,7 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
         )
         if seen_twice and not no_group(values, recordings.labels):
             return [name], "the archive's first group"
-    return [], "the archive has no group that can be left out, so single recordings are"
+    return [], "the archive has no group to leave out, so single recordings are left out"
 
 
 def choose_front_end(
@@ -208,7 +208,7 @@ def choose_front_end(
         enough = False
     if not enough:
         guess, why = derive_config(recordings)
-        why = [*why, "too few recordings to judge front ends on, so this is a guess by rules"]
+        why = [*why, "there are too few recordings to compare front ends, so rules derived this one"]
         return Plan(guess, why, split, split_from, market, guessed=True)
     with one_thread():
         screened = search(Judge(front_ends, np.arange(len(judged_on)), parts, talks=True), market)
@@ -221,13 +221,13 @@ def choose_front_end(
         "recordings_looked_at": len(judged_on),
         "recordings": len(recordings),
         "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
-        "tie": "shortfall of at most one standard error of the paired difference over recordings; ties go to "
-        f"what is least in {market.prefer}",
+        "tie": "at most one standard error of the paired difference over recordings worse than the best; a tie goes "
+        "to the least {market.prefer}",
         "level_alone": alone,
         "wall_s": time.perf_counter() - began,
     }
     words = front_end_words(front_end_fields(chosen.candidate.front_end))
-    level = f"; the best, {front_end_words(front_end_fields(best.candidate.front_end))}, has {best.accuracy:.1%} and is level"
+    level = f"; the best, {front_end_words(front_end_fields(best.candidate.front_end))}, has {best.accuracy:.1%}, a tie"
     reasons = [
         *recordings.notes,
         *front_ends.reasons,
@@ -346,6 +346,7 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
         "worst": one.worst,
         "stress": one.figures,
         "robust": one.candidate.recipe.robust,
+        "calm": one.calm,
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
         **market.row(one.runs[0].config),
@@ -445,8 +446,7 @@ def train_chosen(
         )
     if cell == AUTO and not folds:
         raise InputError(
-            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
-            "linear"
+            "--cell auto: needs cross-validation; leave --folds 0 out or name --cell gru, lstm or linear"
         )
     plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
@@ -516,8 +516,7 @@ def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
             )
     if plan.screened and taken.front_end != plan.config:
         reasons.append(
-            "the network stands on another front end than the linear classifier's: "
-            f"{front_end_words(front_end_fields(taken.front_end))}"
+            "the network uses another front end than the linear classifier: {front_end_words(front_end_fields(taken.front_end))}"
         )
     return reasons
 
@@ -528,7 +527,7 @@ def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list
         return []
     return [
         f"{count} of {recordings} recordings end before the last window, {config.touch_s:.3g} s after the first begins, "
-        "and are decided on the windows that they hold"
+        "and use the windows that are complete"
     ]
 
 

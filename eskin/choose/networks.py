@@ -32,7 +32,16 @@ from typing import Any
 
 import numpy as np
 
-from eskin.choose.candidate import Candidate, Judged, affordable, best_of, choose, choose_stable, in_reach
+from eskin.choose.candidate import (
+    CLEAN_LOSS,
+    Candidate,
+    Judged,
+    affordable,
+    best_of,
+    choose,
+    choose_stable,
+    in_reach,
+)
 from eskin.choose.choice_table import network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
@@ -57,13 +66,12 @@ where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving 
 both, 100 level."""
 
 STURDY: dict[str, Record] = {
-    "sturdy" if strength == 1 else f"sturdy {strength:g}": {"squares": True, "sturdy": strength}
-    for strength in (1.0, 0.3, 0.1)
+    f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.3, 0.1, 0.03)
 }
 """Fits of a linear cell that are tried where it is judged under disturbance."""
 ROBUST, ROBUST_UPDATES = "robust", 400
 """Recipe of recurrent cells that are, and its updates."""
-AGAIN = 4
+AGAIN = 2
 """Of these so many are judged with other seeds at most."""
 
 RIDGES = (0.1, 0.01, 0.001)
@@ -98,7 +106,7 @@ class Effort:
     fits, units: of linear cells and of GRUs. share: of a recurrent network's updates one part in so many.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
     candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
-    standard error. sturdy: fits of linear cells under disturbance. ends: front ends that are made sturdier.
+    standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: front ends that are made sturdier.
     rounds: of longer windows.
     """
 
@@ -110,6 +118,7 @@ class Effort:
     seeds: int = 1
     brief: bool = False
     sturdy: tuple[str, ...] = tuple(STURDY)
+    robust: tuple[str, ...] = (ROBUST,)
     ends: int = 3
     rounds: int = 2
 
@@ -126,8 +135,9 @@ INSIDE = Effort(
     probe=8,
     probe_share=4,
     brief=True,
-    sturdy=("sturdy 0.3",),
-    ends=1,
+    sturdy=("sturdy 0.1",),
+    robust=(),
+    ends=2,
     rounds=0,
 )
 """Inside folds, where choices are many."""
@@ -311,7 +321,7 @@ def network_choice(
         return calm.candidate, tried
     # under disturbance: the same network, fitted to it, and more units, as far as they are in reach
     cell, hidden = calm.config.network.cell, calm.config.network.hidden if calm.config.recurrent else None
-    fits = dict.fromkeys((fit_of(calm), *effort.sturdy) if hidden is None else ("", ROBUST))
+    fits = dict.fromkeys((fit_of(calm), *(effort.sturdy if hidden is None else effort.robust)))
 
     def stable(candidates: Iterable[Candidate | None]) -> Generator[Round, list[Judged], int]:
         known_ones = {one.candidate for one in tried}
@@ -320,18 +330,21 @@ def network_choice(
         tried.extend(outcomes)
         return len(outcomes)
 
-    every = dict.fromkeys([calm.candidate.front_end, *front_ends.smaller, *front_ends.rivals])
+    on, recurrent = calm.candidate.front_end, hidden is not None
+    every = dict.fromkeys([on, *hardening.denser(on), *front_ends.smaller, *front_ends.rivals])
     on_each = {on: wish.possible(on, cell, hidden) for on in every}
     ends = [on for on, one in on_each.items() if one and affordable(one.config, calm, market)]
-    ends = ends[: effort.ends if hidden is None else 1]
+    # a recurrent network takes seconds
+    ends = ends[: 1 if recurrent else effort.ends]
     ends += [one for on in ends for one in hardening.sturdier(on)]
     yield from stable(wish.possible(on, cell, hidden, fit) for on in ends for fit in fits)
     for _ in range(effort.rounds):
-        ahead = max(in_reach(tried, calm, market), key=lambda one: one.score)
+        # longer windows bring back some of what a sturdier fit loses
+        ahead = max(in_reach(tried, calm, market, 2 * CLEAN_LOSS), key=lambda one: one.score)
         on, fit = ahead.candidate.front_end, fit_of(ahead)
+        further = [] if recurrent else [wish.possible(one, cell, hidden, fit) for one in hardening.longer(on)]
         larger = [wish.possible(on, cell, hidden + 4, fit)] if hidden else []
-        longer = hardening.longer(on)
-        if not (yield from stable([*(wish.possible(on, cell, hidden, fit) for on in longer), *larger])):
+        if not (yield from stable([*further, *larger])):
             break
     ranked = sorted(in_reach(tried, calm, market), key=lambda one: -one.score)
     behind = [one for one in ranked if len(one.runs) < len(calm.runs)]
@@ -339,10 +352,12 @@ def network_choice(
     stablest = choose_stable(tried, calm, market)
     # what is out of reach is not judged under disturbance, but the most accurate one, which tells what more would buy
     told = {one.candidate for one in (*in_reach(tried, calm, market), best_of(tried))}
-    return stablest.candidate, [
-        one if one.candidate in told else dataclasses.replace(one, stress=None, disturbed=None)
-        for one in tried
-    ]
+    for place, one in enumerate(tried):
+        if one.candidate not in told:
+            tried[place] = dataclasses.replace(one, stress=None, disturbed=None)
+        elif one.candidate == calm.candidate:
+            tried[place] = dataclasses.replace(one, calm=True)
+    return stablest.candidate, tried
 
 
 def fit_of(one: Judged) -> str:
@@ -452,6 +467,6 @@ def check_units(cell: str | None, hidden: int | None) -> None:
     """Refuse a number of units with a cell that has none, or that is to be chosen."""
     if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(
-            f"--hidden {hidden}: --cell {cell} takes no number of units; leave --hidden out, or name --cell "
+            f"--hidden {hidden}: --cell {cell} has no hidden units; leave --hidden out, or name --cell "
             "gru or lstm"
         )

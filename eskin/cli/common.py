@@ -102,22 +102,21 @@ def check_outputs(verb: str, options: Record) -> None:
             None,
         )
         if twin:
-            raise InputError(f"{option} {path}: is what {twin} names, too; give each a name of its own")
+            raise InputError(f"{option} {path}: {twin} names the same path; give another one")
         for given_path, source in places:
             if source == place or (path.exists() and path.samefile(source)):
                 raise InputError(
-                    f"{option} {path}: is the input {given_path}, which would be lost; give another name"
+                    f"{option} {path}: would overwrite the input {given_path}; give another name"
                 )
             if verb in REPLACING and place in source.parents and option == "--out":
                 raise InputError(
-                    f"{option} {path}: is replaced as a whole and holds the input {given_path}; name "
+                    f"{option} {path}: would be replaced together with the input {given_path} in it; name "
                     "another folder"
                 )
             result = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
             if path.is_file() and source in place.parents and not result:
                 raise InputError(
-                    f"{option} {path}: is a file of the input {given_path}, which would be lost; give "
-                    "another name"
+                    f"{option} {path}: would overwrite a file of the input {given_path}; give another name"
                 )
 
 

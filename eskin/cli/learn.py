@@ -112,7 +112,7 @@ def enrol(asked: EnrolRequest) -> Record:
     "--std 40",
 )
 def import_(asked: ImportRequest) -> Record:
-    """Make a model folder from a network of another tool; then quantise it with --data."""
+    """Convert a network of another tool to a model folder. Quantise it with --data afterwards."""
     from eskin.exchange.import_network import import_network
     from eskin.golden.core import AcceleratorConfig
     from eskin.golden.model import check_model_target
@@ -152,7 +152,7 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
     from eskin.training.derive import derive_config
 
     if file.suffix != ONNX_SUFFIX:
-        raise InputError("--config: is missing; a file of weights does not say which array it is for")
+        raise InputError("--config: is missing; weights alone do not define the array, so give it")
     from eskin.exchange.import_onnx import configuration_of
 
     configuration = configuration_of(file)
@@ -160,7 +160,7 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
         return configuration, None
     if data is None:
         raise InputError(
-            f"network '{file}': does not say which array it is for; give --config, or --data to derive one from"
+            f"network '{file}': does not define the array; give --config, or --data to derive one"
         )
     recordings, _ = load_data(data)
     chosen, reasons = derive_config(recordings)
@@ -174,7 +174,7 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
     "--readout prototypes"
 )
 def quantise(asked: QuantiseRequest) -> None:
-    """Write the integer model into a model folder, a format for each signal."""
+    """Choose a fixed-point format for each signal and write the integer model."""
     from eskin.golden.model import load_config
     from eskin.training.formats import describe_formats
     from eskin.training.integers import quantise as to_integers
@@ -186,23 +186,21 @@ def quantise(asked: QuantiseRequest) -> None:
                 f"--{name.removesuffix('s').replace('_', '-')}: needs --readout prototypes; give both"
             )
     elif asked.data is None:
-        raise InputError(
-            "--readout prototypes: is made of the recordings of the training; give --data with it"
-        )
+        raise InputError("--readout prototypes: needs the recordings of the training; give --data")
     widths = asked.widths
     recordings = None if asked.data is None else recordings_for(asked.data, load_config(asked.model))
     if asked.quantisation_aware:
         if recordings is None or "lean" in widths or asked.readout:
             raise InputError(
-                "--quantisation-aware: trains on with the recordings of the training; give --data with it, and "
-                "neither --formats lean nor --readout"
+                "--quantisation-aware: needs the recordings of the training; give --data, and neither "
+                "--formats lean nor --readout"
             )
         with progress_bars() as report:
             aware = partial(report, "training in integers")
             integer = to_integers(asked.model, recordings, aware=aware, **widths)
     else:
         if asked.readout and recordings is not None and recordings.image_shape:
-            raise InputError("--readout: is for models that read recordings; leave it out for one of images")
+            raise InputError("--readout: models for images have none; leave it out")
         decided_by = of_readout if asked.readout == "prototypes" else asked.readout
         integer = to_integers(asked.model, recordings, readout=decided_by, **widths)
     show("quantise", formats=describe_formats(integer.config))
@@ -229,7 +227,7 @@ def compare(asked: CompareRequest) -> Record:
     config = load_config(asked.model)
     if asked.data is None:
         things = "images" if config.is_image else "touches"
-        warn(f"no --data: made-up {things}, which may use other parts of the ranges than real ones do")
+        warn(f"no --data: uses random {things}, whose ranges may differ from those of real ones")
     if asked.data is None and config.is_image:
         recordings = image_recordings(config, random_images(config, 64, 1))
     elif asked.data is None:

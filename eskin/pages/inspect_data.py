@@ -13,9 +13,9 @@ from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
 from eskin.golden.core.images import network, stages_of
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_onsets, images_of
+from eskin.golden.model import images_of
 from eskin.pages.charts import draw_events
-from eskin.training.derive import derive_config
+from eskin.training.derive import derive_config, find_onsets
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -250,7 +250,7 @@ class Network:
             decided[found >= 0] = decide_touches(model, data.touches.take(found[found >= 0])).decision
             return decided
 
-        return [Fitted(partial(decide, model), model.parameter_count, multiplies) for model in models]
+        return [Fitted(partial(decide, model), model.config.parameter_count, multiplies) for model in models]
 
 
 def _gru(config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:

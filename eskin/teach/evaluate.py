@@ -85,8 +85,7 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
             raise InputError(
                 f"recordings '{recordings.source}', group {' and '.join(groups)}: value {name} has "
                 f"{counts[label]} recordings of class "
-                f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to judge; use a "
-                "smaller k or another group"
+                f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to test; use a smaller k or another group"
             )
     return of_value
 

@@ -119,8 +119,7 @@ def train_image_model(
     config = chosen_config(recordings, requested, cell)
     if config is None and not folds:
         raise InputError(
-            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name one of "
-            f"{', '.join(NETWORKS)}"
+            f"--cell auto: needs cross-validation; leave --folds 0 out or name one of {', '.join(NETWORKS)}"
         )
     candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
     judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))

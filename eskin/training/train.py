@@ -123,7 +123,7 @@ def train(
         "channel_names": list(recordings.channel_names),
         "recordings": len(recordings),
         "touched": int((data.index >= 0).sum()),
-        "parameters": model.parameter_count,
+        "parameters": model.config.parameter_count,
         "ranges": range_records(config, ranges),
         "cross_validation": results,
         "versions": {"torch": torch.__version__, "numpy": np.__version__},

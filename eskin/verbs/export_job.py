@@ -91,7 +91,7 @@ def export_onnx(
     limit = ONNX_LIMIT * max(1.0, float(np.abs(model.forward(features)[1]).max(initial=0.0)))
     return {
         "file": str(out / ONNX_FILE),
-        "parameters": model.parameter_count,
+        "parameters": model.config.parameter_count,
         "recordings": None if recordings is None else len(recordings),
         "touches": len(features),
         "difference": difference,
@@ -103,7 +103,7 @@ def export_onnx(
 def check_folder(out: Path, mark: str) -> None:
     """Refuse a folder that an export must not replace: one that holds something and no file ``mark``."""
     if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a new folder with --out")
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():

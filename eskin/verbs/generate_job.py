@@ -25,7 +25,7 @@ def generate_design(
     ``recordings`` (default: random). ``system``: bus, axis and top of `generate`."""
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors.npz"
         if config.is_image:

@@ -427,8 +427,7 @@ class _Steps:
                 ends_early = ends_early or drawn
         if ends_early is None:
             raise InputError(
-                f"recordings '{self.recordings.source}': none has a completed step; look at them with "
-                "'eskin inspect'"
+                f"recordings '{self.recordings.source}': none has a completed step; check them with 'eskin inspect'"
             )
         return ends_early
 
@@ -549,17 +548,17 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
     agreement = (
         f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
     )
-    detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
+    detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point less is allowed; {agreement}"
     error = evaluated["logit_error"]
     if error["max"] is not None:
         figures = f"{error['mean']:.3f} on average, {error['max']:.2f} at most"
-        detail += f"; logit error {figures}, most of all by {error['stage']}"
+        detail += f"; logit error {figures}, most from {error['stage']}"
     checks: list[Record] = []
 
     def check(name: str, held: bool, detail: str) -> None:
         checks.append({"name": name, "held": held, "detail": detail})
 
-    check("integer network decides as the float one", evaluate.held(evaluated), detail)
+    check("integer and float network agree", evaluate.held(evaluated), detail)
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue
@@ -570,7 +569,7 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
         check(f"hardware equals model at {title}", exact, sentence)
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
-        detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"
+        detail = f"{', '.join(row['name'] for row in rows) or 'no step'}; missed: {missed or 'none'}"
         name = f"latency budgets at {title}, {hertz(outcome['clock_hz'])}"
         check(name, bool(rows) and not missed, detail)
     if "cosim_lowest" in outcomes:
@@ -578,9 +577,9 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
         held = lowest is not None and lowest["passed"]
         detail = "none was found"
         if not all(outcomes[name]["bit_exact"] for name in ("cosim", "cosim_declared")):  # type: ignore[index]
-            detail = "not looked for, as hardware and model do not agree"
+            detail = "skipped, because hardware and model differ"
         elif lowest is not None:
-            detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact there too' if held else verdict(lowest)}"
+            detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact' if held else verdict(lowest)}"
         check("a lowest clock that meets every budget", held, detail)
     return checks
 

@@ -223,7 +223,7 @@ def check_folder(out: Path, mark: str) -> None:
     InputError
     """
     if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
@@ -251,7 +251,7 @@ def check_prefix(option: str, prefix: str) -> str:
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", prefix):
         raise InputError(
-            f"{option} {prefix!r:.60}: begins names in C and Verilog; give a letter, then letters, digits and _, 40 at most"
+            f"{option} {prefix!r:.60}: is no prefix for names in C and Verilog; give a letter, then letters, digits or _, at most 40"
         )
     return prefix
 

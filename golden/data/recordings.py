@@ -234,7 +234,7 @@ class Recordings:
         """The recordings ``indices``, in that order, as a set of their own."""
         indices = np.asarray(indices, dtype=np.int64)
         if not len(indices):
-            raise InputError(f"{self.source}: a subset of no recordings was asked for; ask for at least one")
+            raise InputError(f"{self.source}: the subset is empty; name at least one recording")
         return dataclasses.replace(
             self,
             samples=np.concatenate([self.recording(i) for i in indices]),
@@ -296,7 +296,7 @@ class Recordings:
         every index.
         """
         if n < 1:
-            raise InputError(f"{n} recordings were asked for; ask for at least 1")
+            raise InputError(f"{n} recordings were requested; give at least 1")
         if n >= len(self):
             return np.arange(len(self))
         shares = np.zeros(len(self.class_names), dtype=np.int64)
@@ -415,7 +415,7 @@ def _samples(
     if volt is None:
         refuse(
             "lsb_volt",
-            f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or of one of each taxel, or "
+            f"is {_shown(arrays['lsb_volt'])}; give the volts of one code, above 0, or one value per taxel, or "
             "leave the array out",
         )
     if samples.dtype.kind == "f":
@@ -550,7 +550,10 @@ def _classes(arrays: Arrays, recordings: int, refuse: Refuse) -> tuple[tuple[str
     if labels.dtype.kind == "U" and labels.shape == (recordings,):
         unknown = [label for label in labels.tolist() if label not in class_names]
         if unknown:
-            refuse("labels", f"holds '{unknown[0][:40]}', which is none of the class names")
+            refuse(
+                "labels",
+                f"holds '{unknown[0][:40]}', which is not in class_names; add it or correct the label",
+            )
         labels = np.array([class_names.index(label) for label in labels.tolist()])
     if labels.dtype.kind not in "iu" or labels.shape != (recordings,):
         refuse(

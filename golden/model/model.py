@@ -142,13 +142,6 @@ class FloatModel:
         object.__setattr__(self, "arrays", checked)
 
     @property
-    def parameter_count(self) -> int:
-        """Trainable parameters; of images with those of the batch norm, which is folded in."""
-        if self.config.is_image:
-            return self.config.parameter_count
-        return sum(self.arrays[name].size for name in network_shapes(self.config, real=True))
-
-    @property
     def content(self) -> str:
         """Hash of everything that a result can depend on."""
         return _content(self)
@@ -245,7 +238,7 @@ class IntegerModel:
         if aligned and (checked["mean"] % (1 << aligned)).any():
             step = f"2**{aligned}"
             raise InputError(
-                f"{self.source}, array mean: is no multiple of {step}, which aligned_means promises; "
+                f"{self.source}, array mean: is no multiple of {step}, which aligned_means requires; "
                 "quantise the model again"
             )
         object.__setattr__(self, "arrays", checked)
@@ -456,7 +449,7 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None], unchanged:
     def check() -> None:
         if unchanged is not None and model_files(folder) != unchanged:
             raise InputError(
-                f"model '{folder}': was changed by another program meanwhile, and is as that left it; begin again"
+                f"model '{folder}': was changed by another program in the meantime and was not overwritten; run the command again"
             )
 
     try:

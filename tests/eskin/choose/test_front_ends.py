@@ -205,8 +205,8 @@ def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
     )
     assert chosen["accuracy"] > 0.9 and without < chosen["accuracy"] - 0.3
     (doubt,) = front_end.doubts
-    assert doubt["code"] == "level_tells" and "level of the first 13 frames alone tells" in doubt["text"]
-    assert f"takes this level off decides {100 * without:.1f} %" in doubt["text"]
+    assert doubt["code"] == "level_tells" and "level of the first 13 frames alone reveals" in doubt["text"]
+    assert f"removes this level classifies {100 * without:.1f} %" in doubt["text"]
 
 
 def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():

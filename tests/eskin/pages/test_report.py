@@ -189,34 +189,6 @@ def test_the_page_stands_alone_and_is_the_same_when_made_again(made):
 
 
 @each_row(
-    "name",
-    [
-        "run.json",
-        "evaluate.json",
-        "cosim.json",
-        "cosim_declared.json",
-        "cosim_lowest.json",
-        "model/training.json",
-        "model/config.json",
-        "trace.npz",
-    ],
-)
-@each_row("damage", ["missing", "cut", "empty"])
-def test_a_missing_or_damaged_file_is_named(result, name, damage):
-    (result / "report.html").write_text("the page before")
-    path, whole = result / name, (result / name).read_bytes()
-    if damage == "missing":
-        path.unlink()
-    else:
-        path.write_bytes(whole[:100] if damage == "cut" else b"")
-    with pytest.raises(InputError) as caught:
-        write_report(result)
-    assert path.name in str(caught.value) and "\n" not in str(caught.value)
-    assert (result / "report.html").read_text() == "the page before"
-    path.write_bytes(whole)
-
-
-@each_row(
     ("name", "field"),
     [
         ("cosim.json", "stages"),

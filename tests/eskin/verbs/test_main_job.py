@@ -16,10 +16,10 @@ from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import main_job
 from tests.support import result_case
 from tests.support.folder import contents
+from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
 from tests.support.table import each_row
 

@@ -74,7 +74,7 @@ def test_a_bound_is_reached_and_not_passed_by_the_worst_weights():
         ({"taxels": 16}, "field taxels: is 16 .* always 9"),
         ({"rest": "initial", "rest_frames": 3}, "rest_level: is set, and images have none"),
         ({"logit_format": QFormat(4, 8)}, "field logit_format: is .*logits of images have 16 bits"),
-        ({"weight_formats": ("SQ(1,7)",) * 3}, "field map_formats: has 0 formats for 2 layers"),
+        ({"weight_formats": ("SQ(1,7)",) * 3}, "field map_formats: has 0 formats and 2 layers"),
         ({**FORMATS, "weight_formats": ("SQ(1,5)",) * 3}, "use signed formats of 4 or 8 bits"),
         ({**FORMATS, "map_formats": ("SQ(1,7)",) * 2}, "use unsigned formats of 8 bits"),
         ({**FORMATS, "map_formats": ("UQ(-8,16)",) * 2}, "make a shift of -1 behind 'conv 3 4'"),

@@ -10,8 +10,8 @@ from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream, decide_touches, find_touches, run
 from eskin.golden.model.prototypes import forget, taught_in_use, teach, trajectory_codes
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_integer_model
 from tests.golden.model.test_stream import check_same
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
@@ -127,7 +127,7 @@ def test_a_stream_is_not_taught_during_a_touch():
 @each_row(
     ("fields", "rule", "words"),
     [
-        ({}, {"readout": "dense", "taught": 2}, "field taught: is set with readout 'dense'"),
+        ({}, {"readout": "dense", "taught": 2}, "field taught: belongs to readout 'prototypes'"),
         (
             {"steps": 20},
             RULE | {"state_code_bits": 8, "hidden": 32},
@@ -140,8 +140,12 @@ def test_a_stream_is_not_taught_during_a_touch():
             "field unknown_above: is set with decision 'vote'",
         ),
         ({}, RULE | {"unknown_above": 181}, "field unknown_above: is 181, and no touch.* at most 180"),
-        ({}, RULE | {"taught": 0, "taught_shift": 1}, "field taught_shift: is 1, and there is no place"),
-        ({"loadable": False}, RULE, "field loadable: is false, and the memory of prototypes"),
+        ({}, RULE | {"taught": 0, "taught_shift": 1}, "field taught_shift: is 1, but there are no slots"),
+        (
+            {"loadable": False},
+            RULE,
+            "field loadable: is false, but the host must fill the memory of prototypes",
+        ),
         ({}, RULE | {"state_code_shift": 15}, "field state_code_shift: is 15 and the values have 14 bits"),
         ({}, RULE | {"state_code_bits": 2}, "field state_code_bits: is 2; it must lie in 3..8"),
     ],
