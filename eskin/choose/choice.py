@@ -279,7 +279,7 @@ def choose_inside(
         if plan.front_ends:
             front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
         folds = [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]
-        choices.append(network_choice(front_ends, wish, plan.market, effort.by(folds), hardening))
+        choices.append(network_choice(front_ends, wish, plan.market, effort.by(recordings, folds), hardening))
         held.append(Part(part, folds))
     return [candidate for candidate, _ in side_by_side(choices, held, terms)]
 
@@ -461,7 +461,7 @@ def train_chosen(
         stress=stress if wish.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
-    effort = Effort(seeds=len(terms.seeds)).by(tests)
+    effort = Effort(seeds=len(terms.seeds)).by(recordings, tests)
     choice = network_choice(
         plan.listed if folds else Listed.alone(plan.config),
         wish,

@@ -47,6 +47,7 @@ from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
 from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
 from eskin.training.formats import with_network
 from eskin.training.level import is_level
@@ -122,10 +123,13 @@ class Effort:
     ends: int = 3
     rounds: int = 2
 
-    def by(self, parts: Sequence[np.ndarray]) -> Effort:
-        """With the fits that leaving ``parts`` out in turn can tell apart. Of two parts each network learns from one
-        alone, and so nothing of how groups differ: what does best then need not with both, so the first fit stands."""
-        return dataclasses.replace(self, fits=self.fits[:1]) if len(parts) == 2 else self
+    def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
+        """With the fits that leaving ``parts`` out in turn can tell apart. Where there are two and each is a group,
+        a network learns from one alone, and so nothing of how groups differ: what does best then need not with both,
+        so the first fit stands."""
+        values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
+        alone = len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
+        return dataclasses.replace(self, fits=self.fits[:1]) if alone else self
 
 
 INSIDE = Effort(

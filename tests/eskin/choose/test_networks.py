@@ -132,9 +132,13 @@ def test_inside_folds_a_choice_is_short():
 
 def test_of_two_parts_no_kind_of_fit_is_chosen():
     """Each network would learn from one group alone."""
+    recordings = gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
+    first, second, third, last = (np.flatnonzero(recordings.groups["person"] == k) for k in range(4))
     for effort in (INSIDE, WHOLE):
-        one, two = (effort.by([np.zeros(1)] * count) for count in (3, 2))
-        assert one == effort and two.fits == (AVERAGED,) and two.units == effort.units
+        for parts in ([first, second, third], [np.r_[first, second], np.r_[third, last]], [first, first]):
+            assert effort.by(recordings, parts) == effort
+        two = effort.by(recordings, [first, second])
+        assert two.fits == (AVERAGED,) and two.units == effort.units
     asked, taken, _ = played([CONFIG, DEAR], lambda one: 390 if one.recipe.squares else 300, effort=two)
     assert {recipe for units, _, recipe, *_ in asked if units == "linear"} == {AVERAGED}
     assert taken.recipe.averaged
