@@ -112,7 +112,7 @@ class Hardening:
         scans in windows of as many frames, as far as recordings go."""
         if self.screen is None or config.windows.window_mode != "free":
             return
-        ends = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[0]
+        ends = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[-1]
         kinds = config.features.feature_kinds
         alike = [
             config,

@@ -16,18 +16,17 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bars
 
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import Plan, configure
 from eskin.choose.choice_table import left_out, unseen
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
@@ -60,10 +59,10 @@ from eskin.training.splits import check_split
 from eskin.verbs import cost
 from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
-from eskin.verbs.cost import market
+from eskin.verbs.cost import cost_model
 from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
-from eskin.verbs.milestones import Milestones, counted
+from eskin.verbs.milestones import shown
 
 BUILDS = Path("build/simulators")
 SMALL_CYCLES = 60e6
@@ -109,41 +108,41 @@ def run(asked: RunRequest, console: Console | None = None) -> Record:
     def say(line: str) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    with _bars(console) as stages:
-        with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
-            loaded = load_recordings(asked.data, config=user_config)
-            check_units(asked.cell, asked.hidden)
-            prices, panel = market(asked.prefer, asked.fits), panel_of(loaded, asked.stress)
-        with stages("configuration") as notify:  # what does not work is refused here
-            held = load_recordings(asked.test, config=user_config) if asked.test else None
-            if held is not None:
-                check_alike(held, loaded)
-                held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
-            if asked.groups:
-                check_split(loaded, asked.groups, 5)
-            if loaded.image_shape:
-                chosen_config(loaded, user_config, asked.cell)
-            plan = (
-                None
-                if loaded.image_shape
-                else configure(loaded, user_config, prices, groups=asked.groups, progress=notify)
-            )
-            network: Record = {"group": asked.groups, "cell": asked.cell, "hidden": asked.hidden}
-            network["seeds"] = asked.seeds or (1 if loaded.image_shape else 3)
-            planned = plan.config if plan else user_config
-            if held is not None and planned is not None:
-                held = for_model(held, planned, say)
-            wished = [planned and planned.to_dict(), user_config is None, network, asked.prefer, asked.fits]
-            base = [loaded.content, *wished, panel and panel.weights]
-        with _Work(out) as work:
-            steps = _Steps(
-                asked, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
-            )
-            result = work.folder / "result"
-            record = steps.all(result, begin)
-            with stages("report"):
-                report.write_report(result)
-            work.publish(result)
+    stages = partial(_stage, console)
+    with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
+        loaded = load_recordings(asked.data, config=user_config)
+        check_units(asked.cell, asked.hidden)
+        prices, panel = cost_model(asked.prefer, asked.fits), panel_of(loaded, asked.stress)
+    with stages("configuration") as notify:  # what does not work is refused here
+        held = load_recordings(asked.test, config=user_config) if asked.test else None
+        if held is not None:
+            check_alike(held, loaded)
+            held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
+        if asked.groups:
+            check_split(loaded, asked.groups, 5)
+        if loaded.image_shape:
+            chosen_config(loaded, user_config, asked.cell)
+        plan = (
+            None
+            if loaded.image_shape
+            else configure(loaded, user_config, prices, groups=asked.groups, progress=notify)
+        )
+        network: Record = {"group": asked.groups, "cell": asked.cell, "hidden": asked.hidden}
+        network["seeds"] = asked.seeds or (1 if loaded.image_shape else 3)
+        planned = plan.config if plan else user_config
+        if held is not None and planned is not None:
+            held = for_model(held, planned, say)
+        wished = [planned and planned.to_dict(), user_config is None, network, asked.prefer, asked.fits]
+        base = [loaded.content, *wished, panel and panel.weights]
+    with _Work(out) as work:
+        steps = _Steps(
+            asked, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
+        )
+        result = work.folder / "result"
+        record = steps.all(result, begin)
+        with stages("report"):
+            report.write_report(result)
+        work.publish(result)
     return record
 
 
@@ -206,7 +205,7 @@ class _Steps:
     recordings: Recordings
     held: Recordings | None
     user_config: AcceleratorConfig | None
-    prices: Market
+    prices: CostModel
     plan: Plan | None
     panel: Panel | None
     network: Record
@@ -647,38 +646,10 @@ class _Work:
 
 
 @contextmanager
-def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
-    """Progress on ``console``: ``with stages(name) as notify`` is a bar that ``notify(what, done, total)``
-    moves; where that is no terminal, a line when a stage ends and ``Milestones`` on the way."""
-
-    @contextmanager
-    def lines(name: str) -> Iterator[Progress]:
-        begin = time.perf_counter()
-        milestones = Milestones(
-            lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)
-        )
-        with milestones.alive(name):
-            yield lambda task, done, total: milestones(f"{name}, {task}", done, total)
-        milestones.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
-
-    if not console.is_terminal:
-        yield lines
-        return
-    words = [TextColumn(text) for text in ("{task.description}", "{task.fields[what]}")]
-    with Bars(
-        SpinnerColumn(finished_text="✓"),
-        words[0],
-        BarColumn(),
-        words[1],
-        TimeElapsedColumn(),
-        console=console,
-    ) as bars:
-
-        @contextmanager
-        def stage(name: str) -> Iterator[Progress]:
-            task: TaskID = bars.add_task(name, total=None, what="")
-            # no whole: a stage does several things one after another, and a bar of each would restart
-            yield lambda what, done, total: bars.update(task, what=f"{what}: {counted(done, total)}")
-            bars.update(task, completed=1, total=1, what="done")
-
-        yield stage
+def _stage(console: Console, name: str) -> Iterator[Progress]:
+    """Progress of a stage, and a line when it ends."""
+    begin = time.perf_counter()
+    with shown(console, name) as notify:
+        yield notify
+    line = f"{name}: done in {time.perf_counter() - begin:.1f} s"
+    console.print(line, highlight=False, markup=False, soft_wrap=True)

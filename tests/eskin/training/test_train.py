@@ -268,8 +268,8 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
     recordings."""
     recordings = scene(40, seed=3)
     folds = split_folds(recordings, ["person"], 5, None)
-    pieces = crossval.pieces_of(DETECTING, few(15), len(recordings), folds, (0,))
-    trained = crossval.train_pieces(datasets.Datasets(recordings), pieces, 0)
+    pieces = crossval.fold_jobs(DETECTING, few(15), len(recordings), folds, (0,))
+    trained = crossval.train_folds(datasets.Datasets(recordings), pieces, 0)
     faults = trained[0].data.touches.faults
     assert faults.any() and not faults.all()
     for network, test in zip(trained, folds, strict=True):
