@@ -69,7 +69,7 @@ class Application(typer.Typer):
 
 def check_outputs(verb: str, options: Record) -> None:
     """Refuse an output that is another output or an input, under whatever name, is a file of an input folder,
-    or is replaced as a whole with an input in it.
+    or is replaced as a whole with an input in it; and --json over a file that is no earlier result.
 
     Raises
     ------
@@ -118,6 +118,13 @@ def check_outputs(verb: str, options: Record) -> None:
                 raise InputError(
                     f"{option} {path}: would overwrite a file of the input {given_path}; give another name"
                 )
+        result = (
+            path.suffix == ".json"
+            or not path.is_file()
+            or path.read_bytes().lstrip()[:1] in (b"", b"{", b"[")
+        )
+        if option == "--json" and not result:
+            raise InputError(f"--json {path}: would overwrite a file that is no JSON; give another name")
 
 
 app = Application(

@@ -22,7 +22,7 @@ def here(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("mine.npz", "in/model/config.json", "in/model/new.json", "in/c.csv"):
         Path(name).parent.mkdir(parents=True, exist_ok=True)
-        Path(name).touch()
+        Path(name).write_text("PK")
     Path("link.npz").symlink_to("mine.npz")
     Path("hard.npz").hardlink_to("mine.npz")
     Path("synthetic").touch()
@@ -79,6 +79,7 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
             "would overwrite a file of the input in/model",
         ),
         ("evaluate", {"model": "in/model", "json": "in/model/new.json"}, None),
+        ("evaluate", {"model": "in/model", "json": "mine.npz"}, "would overwrite a file that is no JSON"),
         ("inspect", {"data": "mine.npz", "out": "a", "json": "./a"}, "--out a: --json names the same path"),
         ("convert", {"source": "absent.csv", "out": "absent.csv"}, None),
     ],
