@@ -16,7 +16,7 @@ import numpy as np
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.device import Design, Model
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import Mismatch, loading, part_of, recordings_of, stages_of
+from eskin.cosim.scoreboard import REGISTERS, Mismatch, count_stages, loading, part_of, recordings_of
 from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
@@ -232,65 +232,50 @@ def cosim(
     shown = [*everything] if here is None or cocotb is None else sorted({*cocotb} & {*everything})
     others = sorted({*everything} - {*shown})
     results = []
-    if shown:
-        results.append(_under_cocotb(run.of_recordings(shown), settings, played, Path(work), waves=waves))
-    if others and here is not None:
-        results.append(_in_bulk(run.of_recordings(others), here, settings, played, Path(work), waves=waves))
-    return joined(config, results) if len(results) > 1 else results[0]
+    for positions, model in ((shown, None), (others, here)):
+        if positions:
+            part = run.of_recordings(positions)
+            results.append(_played(part, model, settings, played, Path(work), waves=waves))
+    return joined(config, results)
 
 
-def _under_cocotb(run: Run, settings: Record, played: Record, work: Path, *, waves: bool) -> Record:
-    config, hardware = run.config, run.hardware
-    said, wall_s = run.play(work, settings)
-    converting = config.interface.converter.name != "none"
-    if converting:
-        said["overruns"] = said["conversion"]["faults"] >> 2 & 1
-    result = result_of(run, said, played, wall_s=wall_s)
-    refused = said["probe"]
-    if "-DCLOCKED" in hardware.options:
-        result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
-    if converting:
-        result["conversion"] = said["conversion"] | {
-            "converter": config.interface.converter.name,
-            "code_bits": converters.code_bits(config),
-            "violations": said["violations"],
-        }
-    result["passed"] = (
-        result["passed"]
-        and not (converting and (said["violations"] or said["conversion"]["faults"]))
-        and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
-    )
-    if said["mismatch"] and waves:
-        result["waves"] = str(_keep_waves(run, said["mismatch"], settings, work))
-    return result
-
-
-def _in_bulk(
-    run: Run, here: Callable[[int], Model], settings: Record, played: Record, work: Path, *, waves: bool
+def _played(
+    run: Run,
+    here: Callable[[int], Model] | None,
+    settings: Record,
+    played: Record,
+    work: Path,
+    *,
+    waves: bool,
 ) -> Record:
+    """The result of recordings played under cocotb, or in bulk with the model ``here``; played: as of `result_of`."""
     begun = time.monotonic()
-    registers, boot = loading(Path(run.settings["design"]))
-    said = bulk.play(
-        run.config,
-        here,
-        recordings_of(run.expected),
-        registers,
-        boot,
-        probes=run.hardware.probes,
-        period=run.settings["period"],
-        seed=played["seed"],
-        threads=1 if run.simulator == COMPILED else os.cpu_count() or 1,
-    )
-    result = result_of(run, said, played, wall_s=time.monotonic() - begun, in_bulk=True)
-    if said["mismatch"] and waves and played["simulator"] in runner.SIMULATORS:
+    if here is None:
+        said, wall_s = run.play(work, settings)
+    else:
+        registers, boot = loading(Path(run.settings["design"]))
+        said = bulk.play(
+            run.config,
+            here,
+            recordings_of(run.expected),
+            registers,
+            boot,
+            probes=run.hardware.probes,
+            period=run.settings["period"],
+            seed=played["seed"],
+            threads=1 if run.simulator == COMPILED else os.cpu_count() or 1,
+        )
+        wall_s = time.monotonic() - begun
+    result = result_of(run, said, played, wall_s=wall_s, in_bulk=here is not None)
+    if said["mismatch"] and waves and run.simulator in runner.SIMULATORS:
         result["waves"] = str(_keep_waves(run, said["mismatch"], settings, work))
     return result
 
 
 def result_of(
-    run: Run, said: Mapping[str, Any], played: Mapping[str, Any], *, wall_s: float, in_bulk: bool = False
+    run: Run, said: Mapping[str, Any], played: Mapping[str, Any], *, wall_s: float, in_bulk: bool
 ) -> Record:
-    """The result as `cosim` describes it. ``passed`` leaves out what only a bench in a simulator tries.
+    """The result as `cosim` describes it.
 
     Parameters
     ----------
@@ -299,53 +284,49 @@ def result_of(
     played:
         simulator, level, target, pace, stalls, seed: into the result as they are.
     """
-    config, clock_hz, recordings = run.config, run.clock_hz, len(run.expected["numbers"])
-    mismatch = (
-        Mismatch(**{k: v for k, v in said["mismatch"].items() if k != "since_arm"})
-        if said["mismatch"]
-        else None
-    )
-    cycles = {
-        "frame_max": said["longest"],
-        **{name: said[name] for name in ("step_min", "step_max")},
-        "step_ideal": config.step_ideal,
-        "decision_latency_max": said["latency_max"],
-    }
-    declared = played["pace"] == "declared"
-    overruns = said["overruns"] if declared else 0
-    rows = latency.budgets(config, cycles, clock_hz, declared=declared, overruns=overruns)
-    compared = sum(said["compared"].values())
-    exact = mismatch is None and compared > 0
-    result = {
+    config, recordings, told = run.config, len(run.expected["numbers"]), dict(said["mismatch"] or {})
+    told.pop("since_arm", None)
+    mismatch = Mismatch(**told) if told else None
+    result: Record = {
         "recordings": recordings,
         "cocotb_recordings": 0 if in_bulk else recordings,
         "bulk_recordings": recordings if in_bulk else 0,
         **{name: said[name] for name in ("frames", "steps", "decisions")},
-        "compared_values": compared,
+        "compared_values": sum(said["compared"].values()),
         "mismatches": int(mismatch is not None),
-        "stages": stages_of(said["compared"], mismatch),
-        "bit_exact": exact,
+        "stages": count_stages(said["compared"], mismatch),
         "golden": "torch",
         "gave_up": {"recording": mismatch.recording, "frame": mismatch.frame}
         if mismatch and mismatch.stage == "input"
         else None,
         **played,
         "lanes": config.hardware.lanes,
-        "clock_hz": clock_hz,
-        "cycles": cycles,
-        "budgets": rows,
+        "clock_hz": run.clock_hz,
+        "cycles": {
+            "frame_max": said["longest"],
+            **{name: said[name] for name in ("step_min", "step_max")},
+            "step_ideal": config.step_ideal,
+            "decision_latency_max": said["latency_max"],
+        },
         "simulated_cycles": said["cycle"],
-        "wall_s": round(wall_s, 3),
-        "cycles_per_s": round(said["cycle"] / wall_s),
-        "overruns": overruns,
+        "wall_s": wall_s,
+        "overruns": said["overruns"] if played["pace"] == "declared" else 0,
         "input_stalls": said["waited"],
-        "registers": said.get("registers") or dict.fromkeys(("STATUS", "FAULTS", "TOUCHES", "LONGEST")),
-        "probe": said.get("probe"),
+        "registers": said.get("registers") or dict.fromkeys(REGISTERS),
+        "probe": said["probe"],
         "mismatch_list": [str(mismatch)] if mismatch else [],
         "waves": None,
-        "passed": exact and all(row["met"] or row["reference"] for row in rows),
     }
-    return result | {"verdict": verdict_of(result)}
+    if "-DCLOCKED" in run.hardware.options and not in_bulk:
+        result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
+    if "conversion" in said:
+        result["overruns"] = said["conversion"]["faults"] >> 2 & 1
+        result["conversion"] = said["conversion"] | {
+            "converter": config.interface.converter.name,
+            "code_bits": converters.code_bits(config),
+            "violations": said["violations"],
+        }
+    return result
 
 
 def verdict_of(result: Mapping[str, Any]) -> str:
@@ -409,18 +390,23 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> R
     faults of all and the longest step.
     """
     result: Record = _joined("", [dict(part) for part in results])
+    result["budgets"] = latency.budgets(
+        config,
+        result["cycles"],
+        result["clock_hz"],
+        declared=result["pace"] == "declared",
+        overruns=result["overruns"],
+    )
+    wall_s, refused = result["wall_s"], result.get("probe")
+    result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
     result["verdict"] = verdict_of(result)
-    declared, wall_s = result["pace"] == "declared", result["wall_s"]
-    result["budgets"] = latency.budgets(
-        config, result["cycles"], result["clock_hz"], declared=declared, overruns=result["overruns"]
-    )
-    result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
     result["passed"] = (
         result["bit_exact"]
         and all(row["met"] or row["reference"] for row in result["budgets"])
         and not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
         and result.get("without_probes", {}).get("bit_exact", True)
+        and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
     )
     return result
 

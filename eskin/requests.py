@@ -53,12 +53,12 @@ ModelOut = Annotated[Path, option("Model folder: new, or an earlier model to rep
 GateOfReset = Annotated[Reset | None, option("GRU: reset gate before or after the recurrent product.")]
 
 
-def names_of(text: str) -> list[str]:
+def parse_names(text: str) -> list[str]:
     """The names in ``A,B``."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def count_of(text: str) -> int:
+def parse_count(text: str) -> int:
     """The number in ``N|all``; all: more than there are of anything."""
     if text == "all":
         return sys.maxsize
@@ -67,7 +67,7 @@ def count_of(text: str) -> int:
     return int(text)
 
 
-def lanes_of(text: str | None) -> tuple[int | None, Any]:
+def parse_lanes(text: str | None) -> tuple[int | None, Any]:
     """(lanes, their type) of ``P[:TYPE]``; None where it is not said."""
     number, colon, kind = (text or "").partition(":")
     if text is None:
@@ -80,7 +80,7 @@ def lanes_of(text: str | None) -> tuple[int | None, Any]:
 
 
 # ---------------------------------------------------------------------- what verbs share
-class Grouped:
+class GroupOptions:
     """A request that names group arrays."""
 
     group: str | None
@@ -88,31 +88,31 @@ class Grouped:
     @property
     def groups(self) -> list[str] | None:
         """The names of ``group``; None where it is not given."""
-        return None if self.group is None else names_of(self.group)
+        return None if self.group is None else parse_names(self.group)
 
 
 @dataclass(frozen=True, kw_only=True)
-class OfModel:
+class ModelOptions:
     model: Annotated[Path, argument("A quantised model folder.")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class OfData:
+class DataOptions:
     data: Annotated[str, option(DATA)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelOnData(OfModel, OfData):
+class ModelDataOptions(ModelOptions, DataOptions):
     """A model and recordings for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class InJson:
+class JsonOptions:
     json: Annotated[Path | None, option("Also write the result as JSON.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnCluster:
+class ClusterOptions:
     dask: Annotated[
         str | None,
         option("A dask scheduler, tcp://HOST:PORT. Default: one process per core.", metavar="ADDRESS"),
@@ -120,14 +120,14 @@ class OnCluster:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnFrontEnd(OfData):
+class FrontEndOptions(DataOptions):
     """Recordings, and the front end that they go through."""
 
     config: Annotated[str | None, option(CONFIG)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged(Grouped, OnFrontEnd):
+class EvaluationOptions(GroupOptions, FrontEndOptions):
     """Recordings to judge networks on, by what is left out."""
 
     group: Annotated[
@@ -136,7 +136,7 @@ class Judged(Grouped, OnFrontEnd):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chosen(Grouped, OnFrontEnd):
+class ChoiceOptions(GroupOptions, FrontEndOptions):
     """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
 
     group: Annotated[str | None, option("Group arrays A[,B..] kept on one side of every split.")] = None
@@ -163,7 +163,7 @@ class Chosen(Grouped, OnFrontEnd):
 
 # ---------------------------------------------------------------------- recordings
 @dataclass(frozen=True, kw_only=True)
-class InspectRequest(InJson):
+class InspectRequest(JsonOptions):
     data: Annotated[str, argument(DATA)]
     config: Annotated[str | None, option(CONFIG)] = None
     out: Annotated[Path | None, option("Picture to write. Default: build/inspect/NAME.png.")] = None
@@ -217,7 +217,7 @@ class ConvertRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WatchRequest(OfModel):
+class WatchRequest(ModelOptions):
     data: Annotated[str | None, option(f"Recordings to play. {DATA}")] = None
     port: Annotated[str | None, option("Serial port of a board. Without --data: show its own sensor.")] = None
     simulate: Annotated[bool, option("Also simulate the RTL and compare it in lock step.", "--simulate")] = (
@@ -228,7 +228,7 @@ class WatchRequest(OfModel):
 
 # ---------------------------------------------------------------------- networks
 @dataclass(frozen=True, kw_only=True)
-class RunRequest(Chosen):
+class RunRequest(ChoiceOptions):
     data: Annotated[str, option(DATA)] = "synthetic"
     recordings: Annotated[
         str | None, option("Recordings to co-simulate. Default: 8 per class.", metavar="N|all")
@@ -242,7 +242,7 @@ class RunRequest(Chosen):
     @property
     def count(self) -> int | None:
         """The number of ``recordings``; None where it is not given."""
-        return None if self.recordings is None else count_of(self.recordings)
+        return None if self.recordings is None else parse_count(self.recordings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,7 +251,7 @@ class ReportRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainRequest(Chosen):
+class TrainRequest(ChoiceOptions):
     out: ModelOut
     reset: GateOfReset = None
     folds: Annotated[int, option("Folds of the cross-validation; 0: none.")] = 5
@@ -270,7 +270,7 @@ ENROL_MODES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnrolRequest(Grouped, InJson):
+class EnrolRequest(GroupOptions, JsonOptions):
     model: Annotated[Path | None, argument("A quantised model folder; it is not changed.")] = None
     data: Annotated[
         str | None, option(f"Touches to train on, 1 to 5 per class; with --evaluate all. {DATA}")
@@ -325,7 +325,7 @@ class EnrolRequest(Grouped, InJson):
 
 
 @dataclass(frozen=True, kw_only=True)
-class QuantiseRequest(Grouped):
+class QuantiseRequest(GroupOptions):
     model: Annotated[Path, argument("A model folder.")]
     data: Annotated[
         str | None, option("Measure value ranges on these recordings. Default: ranges from training.")
@@ -364,12 +364,12 @@ class QuantiseRequest(Grouped):
 
     @property
     def widths(self) -> dict[str, Any]:
-        """Those that were asked for, by the names of ``eskin.training.quantise.choose_formats``."""
+        """The widths that were given, by the names of ``eskin.training.quantise.choose_formats``."""
         bits = {"weight_bits": self.weight_bits, "state_bits": self.state_bits}
         widths: dict[str, Any] = {name: value for name, value in bits.items() if value is not None}
         if self.formats == "lean":
             return widths | {"lean": True}
-        for word in names_of(self.formats or ""):
+        for word in parse_names(self.formats or ""):
             name, _, number = word.partition("=")
             if name not in FORMATS or not (number.isdecimal() and len(number) < 5):
                 raise InputError(
@@ -387,12 +387,12 @@ class QuantiseRequest(Grouped):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateRequest(ModelOnData, InJson):
+class EvaluateRequest(ModelDataOptions, JsonOptions):
     pass
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareRequest(OfModel, InJson):
+class CompareRequest(ModelOptions, JsonOptions):
     data: Annotated[str | None, option(f"{DATA} Default: random touches.")] = None
 
 
@@ -420,7 +420,7 @@ class ImportRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(OfModel):
+class ExportRequest(ModelOptions):
     to: Annotated[Literal["c", "onnx"], option("c: integer model as C99; onnx: float network.")]
     out: Annotated[Path, option("Folder to write: new, or an earlier export to replace.")]
     prefix: Annotated[str | None, option("C: prefix of all names. Default: eskin.")] = None
@@ -428,7 +428,7 @@ class ExportRequest(OfModel):
 
 # ---------------------------------------------------------------------- studies
 @dataclass(frozen=True, kw_only=True)
-class SweepRequest(Judged, OnCluster):
+class SweepRequest(EvaluationOptions, ClusterOptions):
     out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the chart.")] = Path("build/sweep")
     grid: Annotated[str, option("default (84 points), or JSON: {field: [values]}.")] = "default"
     accuracy_floor: Annotated[float | None, option("Required accuracy on new recordings, 0 to 1.")] = None
@@ -439,12 +439,12 @@ class SweepRequest(Judged, OnCluster):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BaselinesRequest(Judged, OnCluster):
+class BaselinesRequest(EvaluationOptions, ClusterOptions):
     out: Annotated[Path, option("Folder for baselines.json.")] = Path("build/baselines")
 
 
 @dataclass(frozen=True, kw_only=True)
-class StabilityRequest(ModelOnData, OnCluster):
+class StabilityRequest(ModelDataOptions, ClusterOptions):
     out: Annotated[Path, option("Folder for stability.html, stability.json and recommended.json.")] = Path(
         "build/stability"
     )
@@ -458,12 +458,12 @@ class StabilityRequest(ModelOnData, OnCluster):
 
 # ---------------------------------------------------------------------- hardware
 @dataclass(frozen=True, kw_only=True)
-class OnLanes(OfModel):
+class LaneOptions(ModelOptions):
     lanes: Lanes = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayRequest(ModelOnData, InJson):
+class ReplayRequest(ModelDataOptions, JsonOptions):
     model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")]
     port: Annotated[str, option("Serial port of the board.")]
     teach: Annotated[
@@ -476,7 +476,7 @@ class ReplayRequest(ModelOnData, InJson):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnergyRequest(ModelOnData):
+class EnergyRequest(ModelDataOptions):
     configuration: Annotated[
         list[str] | None,
         option("Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"),
@@ -493,7 +493,7 @@ class ScheduleRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GenerateRequest(OnLanes):
+class GenerateRequest(LaneOptions):
     out: Annotated[Path, option("Folder to write: new, or an earlier design to replace.")]
     data: Annotated[
         str | None, option("The bench plays the first of these recordings. Default: a synthetic one.")
@@ -510,7 +510,7 @@ class GenerateRequest(OnLanes):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
+class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
     recordings: Annotated[str, option("Number of recordings, spread over the classes.", metavar="N|all")] = (
         "all"
     )
@@ -542,7 +542,7 @@ class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoardRequest(OfModel):
+class BoardRequest(ModelOptions):
     target: Annotated[str, option("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")]
     lanes: Annotated[
         str | None,
@@ -572,7 +572,7 @@ class BoardRequest(OfModel):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AsicRequest(OfModel):
+class AsicRequest(ModelOptions):
     pdk: Annotated[str, option("Process: ihp-sg13g2 or sky130hd.", metavar="NAME")]
     liberty: Liberty
     lanes: Annotated[int | None, option("Parallel multipliers. Default: the model's.")] = None

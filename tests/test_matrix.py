@@ -68,7 +68,6 @@ itself makes of the synthetic scene, ``chosen-kinds`` what train makes of touche
 CHOSEN = ("chosen", "chosen-kinds")
 """Kinds of which a verb is tried in one row alone, or as the row says."""
 
-ALL = tuple(KINDS)
 JUDGED = "--data {data} --config {config} --group person --seeds 1"
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
@@ -104,7 +103,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
     "schedule": ("schedule {model} --out {out}", ("gru-before", "image")),
-    "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear", "converter")),
+    "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear",)),
     "cosim netlist": (
         "cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker",
         ("converter",),

@@ -41,8 +41,8 @@ LONGER = (1.15, 1.33, 2.0)
 
 @dataclass(frozen=True, eq=False)
 class Hardening:
-    """What makes front ends sturdier. stress: the disturbances. screen: the touches of front ends; None: the
-    front end was asked for, and stays."""
+    """Inputs of the search for sturdier front ends. stress: the disturbances. screen: the touches of front ends; None: the
+    front end is given and stays."""
 
     stress: Stress
     screen: Screen | None = None
@@ -112,7 +112,7 @@ class Hardening:
         scans in windows of as many frames, as far as recordings go."""
         if self.screen is None or config.windows.window_mode != "free":
             return
-        ends = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[0]
+        ends = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[-1]
         kinds = config.features.feature_kinds
         alike = [
             config,

@@ -208,7 +208,7 @@ class _Meaning:
             self._check_whole(column, "is the class")
         if breaks:
             self.notes.append(
-                f"{len(breaks)} recordings begin behind a blank line or a new head inside a file"
+                f"{len(breaks)} recordings begin after a blank line or a new header inside a file"
             )
         if named:
             self.groups[asked or "recording"] = self.fact(named[0])
@@ -217,8 +217,8 @@ class _Meaning:
         self.labels = self.fact(label).astype(str)
         if isinstance(label, str):
             return f"attribute {label} is the class"
-        by = table.called(named[0]) if named else "what blank lines part"
-        return f"{table.called(label)} is the class, {by} the recording"
+        by = table.called(named[0]) if named else "blank lines"
+        return f"{table.called(label)} gives the class, {by} the recording"
 
     def _levels(self, of_one_file: bool) -> str:
         """As ``part``, by the first level of the paths."""
@@ -243,8 +243,10 @@ class _Meaning:
         usual = float(np.nanmedian(steps))
         parting = [row for row in breaks if not abs(steps[row] - usual) <= 0.5 * abs(usual)]
         if len(parting) < len(breaks):
-            over = f"{len(breaks) - len(parting)} blank lines or heads"
-            self.notes.append(f"{table.called(self.time)} runs on over {over}, so they part no recordings")
+            over = f"{len(breaks) - len(parting)} blank lines or headers"
+            self.notes.append(
+                f"{table.called(self.time)} continues over {over}, so they separate no recordings"
+            )
         return parting
 
     # ------------------------------------------------------------------ groups
@@ -340,14 +342,14 @@ class _Meaning:
         rules = (
             (text and not any(table.frame[column]), "left out", "is empty"),
             (TIME.match(name), "left out", "is time, too,"),
-            (said and level, "group", "says more of a recording"),
+            (said and level, "group", "describes a recording"),
             (said, "left out", "changes inside recordings, is no group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is no taxel,"),
-            (level and (in_series or same), "taxel", "keeps its value in each recording and was taken as a taxel"),
+            (level and (in_series or same), "taxel", "is constant in each recording and was taken as a taxel"),
             (in_series, "taxel", ""),
             (level and names, "group", "has one value in each recording and is a group"),
             (is_clock, "time", ""),
-            (runs, "left out", "runs on like a time or numbers the rows"),
+            (runs, "left out", "increases like a time or numbers the rows"),
             (level, "refused", "has one value in each recording"),
             (True, "taxel", ""),
         )  # fmt: skip
@@ -430,7 +432,7 @@ class _Meaning:
         if asked is not None:
             other = abs((middle or asked) / asked - 1) > RATE_TOLERANCE
             but = f", {asked:g} Hz; but the recordings say {middle:g} Hz" if other else ""
-            return asked, f"the sample rate is as asked for{but}"
+            return asked, f"the sample rate is the given one{but}"
         if middle is None and config is not None:
             why = f"there is no time column or rate; it is taken from the configuration '{config.name}'"
             return config.sensor.sample_rate_hz, why

@@ -21,7 +21,7 @@ from eskin.golden.model.preprocess import activity
 from eskin.study.stability.core import Scene
 from eskin.study.stability.sensor import stuck
 from eskin.study.stability.shapes import Experiment
-from eskin.training.crossval import pieces_of, train_pieces
+from eskin.training.crossval import fold_jobs, train_folds
 from eskin.training.datasets import Datasets
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import split_folds
@@ -189,12 +189,12 @@ def judge_defences(
         for number, groups in enumerate(splits)
         for test in split_folds(recordings, groups, folds, None)
     ]
-    pieces = pieces_of(config, variant.recipe, len(recordings), [test for _, test in tests], seeds)
-    trained = train_pieces(Datasets(recordings), pieces, int(seeds[0]))
+    pieces = fold_jobs(config, variant.recipe, len(recordings), [test for _, test in tests], seeds)
+    trained = train_folds(Datasets(recordings), pieces, int(seeds[0]))
     networks = [*zip([number for number, _ in tests] * len(seeds), pieces, trained, strict=True)]
 
     def judged(key: str, number: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Of each network of a split: its test, decisions and margins there, and training margins."""
+        """For each network of a split: its test recordings, their decisions and margins, and training margins."""
         changed, rows, touches = found[key]
         outcome = []
         for of, piece, network in networks:

@@ -1,4 +1,4 @@
-"""Lines of text that tell of progress where there is no terminal to draw bars on."""
+"""Progress: a line that changes on a terminal, elsewhere lines of text from time to time."""
 
 from __future__ import annotations
 
@@ -7,8 +7,18 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rich.console import Console
+from rich.text import Text
+
+from eskin.golden.core import Progress
+
 MILESTONE_S = 10.0
 """Seconds between two of them."""
+
+
+def counted(done: int, total: int) -> str:
+    """``done`` of ``total`` in words; 0: the whole is not known."""
+    return f"{done} of {total}" if total else str(done)
 
 
 class Milestones:
@@ -28,8 +38,8 @@ class Milestones:
         self._last = ""
 
     def __call__(self, task: str, done: int, total: int) -> None:
-        """``done`` of ``total`` of something are there."""
-        self._last = f"{task}: {done} of {total}"
+        """``done`` of ``total`` (0: not known) of something are there."""
+        self._last = f"{task}: {counted(done, total)}"
         if self._clock() - self._said >= MILESTONE_S:
             self.say(self._last)
 
@@ -59,3 +69,19 @@ class Milestones:
         """A line now."""
         self._said = self._clock()
         self._write(line)
+
+
+@contextmanager
+def shown(console: Console, name: str = "") -> Iterator[Progress]:
+    """Progress on ``console``, moved by calling ``(what, done, total)``; ``name`` is what all of it belongs to."""
+
+    def words(task: str) -> str:
+        return f"{name}, {task}" if name else task
+
+    if console.is_terminal:
+        with console.status(Text(name or "at work")) as status:
+            yield lambda task, done, total: status.update(Text(f"{words(task)}: {counted(done, total)}"))
+        return
+    milestones = Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
+    with milestones.alive(name or "at work"):
+        yield lambda task, done, total: milestones(words(task), done, total)

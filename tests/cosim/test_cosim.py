@@ -12,7 +12,7 @@ import pytest
 
 from eskin.cosim import flow, runner
 from eskin.cosim.scoreboard import DECISION_FIELDS
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import c_header, generate, pack_decision, register_map
 from eskin.rtl.program.memory_map import Register, mapped
@@ -464,16 +464,3 @@ def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(model,
         "other",
         "out",
     ]
-
-
-# ---------------------------------------------------------------- larger
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize(("name", "lanes"), [("thesis", 4), ("synthetic", 1)])
-def test_presets_are_exact_with_stalls_and_a_refused_write(name, lanes, tmp_path):
-    config = AcceleratorConfig.load(name)
-    model = random_integer_model(config, 7)
-    length = config.rest_level.rest_frames + 2 * config.last_frame + config.onset_rule.rearm_frames
-    recordings = random_recordings(model.config, [length, length // 2, 40], seed=2)
-    result = cosimulate(model, recordings, lanes=lanes, work=tmp_path, builds=BUILDS, stalls=True, probe=True)
-    assert result["passed"], result["mismatch_list"]

@@ -155,7 +155,7 @@ def test_a_netlist_that_never_rests_is_an_error(tmp_path):
     ):
         module["cells"][name] = {"type": kind, "connections": pins}  # an open latch of its own opposite
     for delays in (False, True):
-        with pytest.raises(SimulationError, match="rest"):
+        with pytest.raises(SimulationError, match="settle"):
             Device(Chip(module, cells, expression, seed=1, delays=delays)).cycle()
 
 

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from eskin.data import load_recordings
-from eskin.golden.core import PRESETS
 from eskin.golden.model import run, write_vectors
 from eskin.golden.model.position import positions
 from eskin.rtl.fpga.export import export_board
@@ -143,23 +141,3 @@ def test_a_thousand_corruptions(board):
 def test_a_model_of_someone_elses_at_the_pins(board):
     result = board(order=[2], model="cocotbext")
     assert not result["wrong"] and result["decisions"] and result["repeated"] == 0
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize(("preset", "folder"), [("pvdf", "pvdf_indent"), ("fabric", "fabric_slide")])
-def test_five_real_recordings(shared_data, tmp_path, preset, folder):
-    model = random_integer_model(PRESETS[preset], 3)
-    loaded = load_recordings(shared_data / folder / "recordings.npz")
-    play, trace = boarded(tmp_path, model, loaded.subset(loaded.evenly(5)))
-    assert (trace.first >= 0).all() and len({*trace.streams["decision"][0][:, 2].tolist()}) > 1
-    result = play()
-    assert (
-        not result["wrong"]
-        and result["decisions"] >= 5 * 21
-        and result["repeated"] == result["replayed"] == 0
-    )
-    print(
-        f"{trace.touches.recording.size} touches, {result['decisions']} decisions, {result['cycles']} "
-        f"cycles in {result['wall_s']:.0f} s"
-    )

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import Candidate, Judged, choose
+from eskin.choose.candidate import Candidate, ScoredCandidate, choose
 from eskin.choose.cost import Cost
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.training.formats import with_network
-from eskin.training.level import TIE, behind, is_level, least_error
+from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import RECIPES
 from tests.support.prices import priced
 from tests.support.table import each_row
@@ -29,13 +29,13 @@ CONFIG = AcceleratorConfig.of(
 )
 
 
-def judged(cell: str, hidden: int | None, right: int, of: int = 100, won: int = 0) -> Judged:
+def judged(cell: str, hidden: int | None, right: int, of: int = 100, won: int = 0) -> ScoredCandidate:
     """``right`` of the first in all; ``won`` of these that one which is right on the first 90 is not."""
     correct = np.zeros(of)
     correct[:right] = 1.0
     correct = np.roll(correct, 90 - right + won) if won else correct
     config = with_network(CONFIG, cell=cell, hidden=hidden)
-    return Judged(Candidate(CONFIG, config, RECIPES["contact"]), correct)
+    return ScoredCandidate(Candidate(CONFIG, config, RECIPES["contact"]), correct)
 
 
 @each_row(
@@ -50,7 +50,7 @@ def judged(cell: str, hidden: int | None, right: int, of: int = 100, won: int = 
 )
 def test_the_cheapest_within_a_standard_error_of_the_paired_difference(right, won, level):
     large, small = judged("gru", 12, 90), judged("gru", 4, right, won=won)
-    shortfall, error = behind(large.correct, small.correct)
+    shortfall, error = paired_shortfall(large.correct, small.correct)
     difference = large.correct - small.correct
     assert shortfall == pytest.approx((90 - right) / 100)
     assert error == pytest.approx(np.sqrt(difference.var(ddof=1) / 100))
@@ -67,8 +67,8 @@ def test_what_is_least_is_what_is_preferred_and_the_board_has_the_say():
         large.config: Cost(energy_touch_j=2.0, cells=20, latency_s=3.0, touch_s=0.5, average_w=0.0),
     }
     for prefer, expected in {"energy": small, "cells": large, "latency": linear}.items():
-        market = priced(cost_of=rows.__getitem__, prefer=prefer)
-        assert choose([linear, small, large], market) is expected, prefer
+        prices = priced(cost_of=rows.__getitem__, prefer=prefer)
+        assert choose([linear, small, large], prices) is expected, prefer
     only = {"cost_of": rows.__getitem__, "fits": lambda config: config == linear.config}
     assert choose([linear, small, large], priced(**only)) is linear
     nothing = {"cost_of": rows.__getitem__, "fits": lambda config: False}

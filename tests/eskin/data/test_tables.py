@@ -129,11 +129,11 @@ def test_columns_are_chosen_by_name_and_number(tmp_path):
 
 def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
     said = load_recordings(make_folder(tmp_path / "d"), reading=Reading(rate_hz=RATE * 1.005)).notes
-    assert "the sample rate is as asked for" in said
+    assert "the sample rate is the given one" in said
     made = load_recordings(tmp_path / "d", reading=Reading(rate_hz=10 * RATE))
     assert made.sample_rate_hz == 10 * RATE
     assert (
-        f"the sample rate is as asked for, {10 * RATE:g} Hz; but the recordings say {RATE:.5g} Hz"
+        f"the sample rate is the given one, {10 * RATE:g} Hz; but the recordings say {RATE:.5g} Hz"
         in made.notes
     )
 

@@ -44,7 +44,7 @@ class Stub:
         return {
             "groups": list(groups),
             "accuracy": accuracy,
-            **sweeping.spread_of(by_seed, 60),
+            **sweeping.seed_spread(by_seed, 60),
             "float_accuracy": accuracy,
             "float_by_seed": by_seed,
             "agreement": 0.99,
@@ -204,13 +204,6 @@ def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floo
         assert choice["misses"] == misses(chosen, names) != {}
         return
     assert sweeping.size(chosen) == min(map(sweeping.size, meeting))
-
-
-@each_row(("by_seed", "spread", "error"), [([0.9], None, 0.03), ([0.8, 0.9, 1.0, 0.9], 0.0816, 0.0408)])
-def test_one_seed_has_no_spread_and_the_error_of_a_share(by_seed, spread, error):
-    figures = sweeping.spread_of(by_seed, 100)
-    assert figures["standard_error"] == pytest.approx(error, abs=1e-4)
-    assert figures["spread"] == (spread if spread is None else pytest.approx(spread, abs=1e-4))
 
 
 # ---------------------------------------------------------------------- energy

@@ -43,8 +43,8 @@ class Chain:
         self.played: dict[str, tuple[list[int], int]] = {}
         stand_ins = {
             "load_recordings": lambda data, config: self.recordings,
-            "configure": lambda loaded, asked, market, **options: Plan(
-                self.config, ["made up"], ["person"], "the archive's first group", market
+            "configure": lambda loaded, asked, prices, **options: Plan(
+                self.config, ["made up"], ["person"], "the archive's first group", prices
             ),
             "choice.train_chosen": self.train,
             "integers.quantise": self.quantise,
@@ -63,7 +63,7 @@ class Chain:
         if name == self.stop_at:
             raise self.stop(f"stopped in {name}")
 
-    def train(self, loaded, asked, market, *, out, progress, **network):
+    def train(self, loaded, asked, prices, *, out, progress, **network):
         self.call("train")
         self.asked = asked, network
         progress("training", 1, 2)
@@ -241,7 +241,7 @@ def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
 
 def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
     cases = {
-        "float one": {"evaluation": evaluation(12, agreement=0.979)},
+        "float network agree": {"evaluation": evaluation(12, agreement=0.979)},
         "float": {"evaluation": evaluation(12) | {"integer_accuracy": 0.9}},
         "hardware equals model at full pace": {"full": {"mismatches": 3}},
         "hardware equals model at the sensor's pace": {"declared": {"mismatches": 1}},

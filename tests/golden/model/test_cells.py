@@ -48,22 +48,6 @@ def test_a_hard_sigmoid_is_clipped_in_float_too():
 
 
 @each_row(("cell", "reset"), CELLS)
-def test_leading_dimensions_are_independent_networks(cell, reset):
-    config = with_network(PRESETS["pvdf"], cell=cell, reset=reset)
-    many = random_network(config, 9, batch=(2, 3))
-    x = torch.randn(
-        2, 1, 4, 6, config.sensor.taxels, dtype=torch.float64, generator=torch.Generator().manual_seed(1)
-    )
-    together = many(x)
-    assert together.shape == (2, 3, 4, 6, config.classes)
-    for fold in range(2):
-        for seed in range(3):
-            single = {name: weight[fold, seed] for name, weight in many.weights.items()}
-            _, alone = run_cell(Float(config), config, single, x[fold, 0])
-            torch.testing.assert_close(together[fold, seed], alone, rtol=0, atol=1e-12)
-
-
-@each_row(("cell", "reset"), CELLS)
 def test_fixed_gradients_follow_the_float_ones(cell, reset):
     """Straight through: codes at full resolution give nearly the gradient of the real network they stand
     for."""

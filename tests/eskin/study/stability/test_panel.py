@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import CLEAN_LOSS, DEARER, Candidate, Judged, choose, choose_stable
+from eskin.choose.candidate import CLEAN_LOSS, DEARER, Candidate, ScoredCandidate, choose, choose_stable
 from eskin.choose.choice import train_chosen
 from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import Cost
@@ -54,12 +54,12 @@ class Disturbed:
         return [{"mode": "m", "figure": float(np.nanmean(1 - wrong)), "bound": 0.9, "held": False}]
 
 
-def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> Judged:
+def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> ScoredCandidate:
     config = stability_case.CONFIG.replace(hidden=hidden)
     correct = (np.arange(count) < count * right / 1000).astype(float)
     wrong = np.where(np.arange(count) % 2, np.nan, np.arange(count) >= count * disturbed / 1000)[None]
     candidate = Candidate(stability_case.CONFIG, config, RECIPES["onset"])
-    return Judged(candidate, correct, stress=Disturbed(), disturbed=lambda: wrong)  # type: ignore[arg-type]
+    return ScoredCandidate(candidate, correct, stress=Disturbed(), disturbed=lambda: wrong)  # type: ignore[arg-type]
 
 
 def energy(dear: float):
@@ -73,13 +73,13 @@ def energy(dear: float):
 
 
 def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
-    fragile, sturdy, market = judged(4, 1000, 600), judged(8, 995, 1000), energy(1.3)
+    fragile, sturdy, prices = judged(4, 1000, 600), judged(8, 995, 1000), energy(1.3)
     assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.9975)
     assert fragile.scores.mean() == fragile.score and fragile.worst == {"mode": "m", "figure": 0.6}
-    assert choose([fragile, sturdy], market) is fragile
-    assert choose_stable([fragile, sturdy], fragile, market) is sturdy
+    assert choose([fragile, sturdy], prices) is fragile
+    assert choose_stable([fragile, sturdy], fragile, prices) is sturdy
     near = judged(8, 1000, 602)  # a thousandth better, and dearer
-    assert choose_stable([fragile, near], fragile, market) is fragile
+    assert choose_stable([fragile, near], fragile, prices) is fragile
     assert choose_stable([fragile, near], fragile, energy(1.0)) is near  # as cheap
 
 

@@ -14,7 +14,7 @@ from eskin.requests import StabilityRequest
 from eskin.study.stability import sensor
 from eskin.study.stability import suite as stability
 from eskin.study.stability.core import GROUPS, Bench, Curve, Outcome
-from eskin.study.stability.memory import Upset, flipped
+from eskin.study.stability.memory import flipped
 from eskin.study.stability.suite import judge, run_modes
 from eskin.study.stability.table import MODES
 from eskin.verbs import stability_job
@@ -129,18 +129,18 @@ def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
             for mode in modes
         ]
 
-    def names_of(records):
+    def parse_names(records):
         return [record["name"] for record in records]
 
     result = run_modes(bench, judged=judged)
-    assert names_of(result["modes"]) == [*GOLDEN]
+    assert parse_names(result["modes"]) == [*GOLDEN]
     reasons = {row["name"]: row["why"] for row in result["not_run"]}
     assert reasons == {mode.name: "needs a co-simulation" for mode in HARDWARE}
 
     result = run_modes(bench, judged=judged, hardware=True)
-    assert names_of(result["modes"]) == [*MODES] and not result["not_run"]
+    assert parse_names(result["modes"]) == [*MODES] and not result["not_run"]
     failed = [record for record in result["modes"] if not record["passed"]]
-    assert names_of(failed) == [HARDWARE[0].name] == result["weakest"][:1]
+    assert parse_names(failed) == [HARDWARE[0].name] == result["weakest"][:1]
     for changes, name, why in (
         ({"loadable": False}, "weight write during a touch", "weights are in ROM: there is nothing to write"),
         (
@@ -156,7 +156,7 @@ def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
     ):
         case = stability_case.linear_bench() if "cell" in changes else bench.changed(changes)
         result = run_modes(case, names=[name, "feature bits"], judged=judged, hardware=True)
-        assert names_of(result["modes"]) == ["feature bits"] and result["not_run"][0]["why"] == why
+        assert parse_names(result["modes"]) == ["feature bits"] and result["not_run"][0]["why"] == why
     with pytest.raises(InputError, match="mode 'tie': is unknown"):
         run_modes(bench, names=["tie"])
 
@@ -166,19 +166,6 @@ def test_flipping_a_bit_is_twos_complement():
         for bit in range(8):
             expected = np.array(code, np.int8).view(np.uint8) ^ np.uint8(1 << bit)
             assert flipped(np.array([code]), bit, QFormat(4, 4)) == [expected.view(np.int8)]
-
-
-def test_a_state_upset_changes_one_bit_of_one_unit_after_its_step():
-    bench = stability_case.bench()
-    codes = bench.codes[:2]
-    upset = Upset(bench.config, np.array([3, 0]), np.array([1, 2]), np.array([4, 5]))
-    hit, plain = bench.forward(codes, upset)[0], bench.forward(codes)[0]
-    assert np.array_equal(hit[0, :3], plain[0, :3]) and np.argwhere(hit[0, 3] != plain[0, 3]).tolist() == [
-        [1]
-    ]
-    assert abs(hit[0, 3, 1] - plain[0, 3, 1]) == 16 and np.argwhere(hit[1, 0] != plain[1, 0]).tolist() == [
-        [2]
-    ]
 
 
 # ---------------------------------------------------------------------- the job and its files
