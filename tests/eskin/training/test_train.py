@@ -174,7 +174,7 @@ def test_weights_trained_as_integers_stay_within_their_formats():
     def loss_of(network):
         return lambda *_: -sum(weight.flatten(1).sum(1) for weight in network.weights.values())
 
-    ((_, weights),) = fitting.train_integers([model], [start], batches_of, loss_of, 60, 1.0, nothing)
+    ((_, weights),) = fitting.train_integers([model], [start], batches_of, loss_of, 60, 1.0, lambda *_: None)
     for name, fmt in network_formats(start.config).items():
         assert weights[name].min() == weights[name].max() == fmt.to_real(fmt.max_code)
 
