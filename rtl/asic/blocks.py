@@ -1,12 +1,10 @@
 """The block of the chain to which each cell of a flat netlist belongs: for areas and energies by block."""
 
 import re
-from collections import Counter
 
 from eskin.rtl.asic.nets import Nets
+from eskin.rtl.fpga.blocks import join
 
-ROUNDS = 60
-"""Cells between two signals that have names, at most."""
 OTHERS, TRUNK = "others", "clock trunk"
 
 
@@ -22,34 +20,20 @@ def blocks_of(nets: Nets) -> dict[str, str]:
     drives: dict[str, list[int]] = {name: [] for name in nets.cells}
     for bit, (name, _) in nets.driver.items():
         drives[name].append(bit)
-    of_cell = {
-        name: _block(
-            name
-            if nets.cells[name].kind == "memory"
-            else next((names[bit] for bit in bits if bit in names), "")
-        )
-        for name, bits in drives.items()
-    }
-    for _ in range(ROUNDS):
-        joined = {}
-        for name in (name for name, block in of_cell.items() if not block):
-            blocks = (of_cell[end] for bit in drives[name] for end, *_ in nets.receivers.get(bit, ()))
-            if votes := Counter(block for block in blocks if block):
-                joined[name] = min(votes.items(), key=lambda row: (-row[1], row[0]))[0]
-        if not joined:
-            break
-        of_cell |= joined
+    of_cell = {}
+    for name, bits in drives.items():
+        memory = nets.cells[name].kind == "memory"
+        if signal := name if memory else next((names[bit] for bit in bits if bit in names), ""):
+            of_cell[name] = _block(signal)
+    join(of_cell, drives, {bit: [name for name, *_ in ends] for bit, ends in nets.receivers.items()})
     gates = {name for name, cell in nets.cells.items() if cell.kind == "gate"}
     first = {name for name, *_ in nets.receivers.get(nets.clock, ())} & gates
     trunk = [n for n in first for bit in drives[n] for end, *_ in nets.receivers.get(bit, ()) if end in gates]
-    return {name: block or OTHERS for name, block in of_cell.items()} | dict.fromkeys(trunk, TRUNK)
+    return dict.fromkeys(nets.cells, OTHERS) | of_cell | dict.fromkeys(trunk, TRUNK)
 
 
 def _block(name: str) -> str:
-    """``engine.addends`` of ``accelerator.chain.engine.addends.sums.word``; lanes are one. Empty for no
-    name."""
-    if not name:
-        return ""
+    """``engine.addends`` of ``accelerator.chain.engine.addends.sums.word``; lanes are one."""
     parts = re.sub(r"\[\d+\]", "", name.split(".chain.", 1)[1]).split(".")[:-1]
     depth = 2 if parts[:1] and parts[0] in ("engine", "front_end") else 1
     return re.sub(r"_\d+$", "", ".".join(parts[:depth])) or OTHERS

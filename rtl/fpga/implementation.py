@@ -175,8 +175,7 @@ def place(
     run_tool(pack, [f"placed.{text}", *target.pack, bitstream.name], folder)
     report = json.loads((folder / "report.json").read_text())
     placed = json.loads((folder / "placed.json").read_text())
-    signals = signal_blocks(netlist.rtlil.read_text(), json.loads(netlist.names.read_text()), netlist.top)
-    owner = cell_blocks(placed, signals, border)
+    owner = cell_blocks(placed, signal_blocks(json.loads(netlist.names.read_text())), border)
     return Implementation(
         seed=seed,
         fmax_hz=1e6 * min(clock["achieved"] for clock in report["fmax"].values()),

@@ -177,13 +177,11 @@ class Netlist:
     """Output of `synthesise`.
 
     json (for nextpnr), verilog (cells of the family, one flat module ``top``), cells: number of cells by
-    type, names: the design before any optimisation, flat, by which signals of the netlist are told apart;
-    rtlil: the design.
+    type, names: the design before any optimisation, flat, by which signals of the netlist are told apart.
     """
 
     top: str
     family: Family
-    rtlil: Path
     names: Path
     json: Path
     verilog: Path
@@ -192,7 +190,7 @@ class Netlist:
     @classmethod
     def of(cls, folder: Path, family: Family, top: str) -> Netlist:
         """The netlist that lies in ``folder``."""
-        endings = {"rtlil": ".il", "names": "_names.json", "json": ".json", "verilog": ".v"}
+        endings = {"names": "_names.json", "json": ".json", "verilog": ".v"}
         files = {name: folder / f"{top}{ending}" for name, ending in endings.items()}
         return cls(top=top, family=family, cells=_count(folder / "cells.json"), **files)
 

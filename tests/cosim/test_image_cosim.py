@@ -11,12 +11,13 @@ from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.core.images import SIZES, network
 from eskin.golden.model import IntegerModel, random_images, run_images, write_image_vectors
 from eskin.golden.model.image_network import image_recordings
-from eskin.rtl.fpga.export import export_board
+from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.rtl.top.board_top import BoardTop
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
@@ -112,7 +113,7 @@ def test_images_over_the_serial_pins_of_the_board_with_damaged_packets(small, tm
     config, images = small.config, random_images(small.config, 4, seed=2)
     vectors = write_image_vectors(tmp_path / "vectors.npz", run_images(small, images).streams, images)
     verilog = tmp_path / "board_top.sv"
-    verilog.write_text(export_board(config, clock_hz=12e6, baud=3e6))
+    verilog.write_text(text_of(BoardTop(config, clock_hz=12e6, baud=3e6), "board_top"))
     options = dict(
         work=tmp_path / "work",
         builds=ROOT / "build" / "simulators",

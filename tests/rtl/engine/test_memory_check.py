@@ -28,11 +28,11 @@ from eskin.rtl.program.signature import (
     reads,
     residue,
     retreat,
-    unseen,
 )
 from eskin.rtl.top.accelerator import Accelerator
 from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
 from tests.support.stream_bench import Bench, put
+from tests.support.unseen import unseen
 
 
 def checked(name: str, **changes):

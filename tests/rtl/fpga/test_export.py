@@ -11,10 +11,9 @@ import pytest
 from amaranth.back import rtlil
 
 from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.rtl.fpga.export import SENSING, TOP, export, export_bus, export_sensing
+from eskin.rtl.fpga.export import TOP, export, rom, verilog
 from eskin.rtl.fpga.tools import ToolError
 from eskin.rtl.frontend import front_end
-from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.bus_top import BusTop
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.sensing import Sensing
@@ -93,13 +92,14 @@ def exported(design) -> tuple[Any, str, str]:
     kind, system = DESIGNS[design]
     model = model_of(kind)
     config, arrays = model.config, model.arrays
-    images = None if config.hardware.loadable else memory_images(config, arrays)
+    images = rom(config, arrays)
     if system:
-        asked = {"bus": None, **system}
-        return BusTop(config, images, **asked), *export_bus(config, arrays, **asked)
-    if config.interface.converter.name != "none":
-        return Sensing(config, images), SENSING, export_sensing(config, arrays)
-    return make_accelerator(config, images), TOP, export(config, arrays)
+        component: Any = BusTop(config, images, **{"bus": None, **system})
+    elif config.interface.converter.name != "none":
+        component = Sensing(config, images)
+    else:
+        component = make_accelerator(config, images)
+    return component, TOP, verilog(component, TOP)
 
 
 @pytest.mark.slow

@@ -18,13 +18,14 @@ from eskin.golden.model import (
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
-from eskin.rtl.program.signature import residue, unseen
+from eskin.rtl.program.signature import residue
 from eskin.training.linear_fit import fit_linear
 from eskin.training.quantise import quantise_model, signals
 from eskin.training.recipe import RECIPES, choose_recipe
 from eskin.training.train import TrainingRequest, train
 from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
 from tests.support.table import each_row
+from tests.support.unseen import unseen
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
 
