@@ -16,7 +16,7 @@ from functools import cached_property
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, reads_new_state, row_count
-from eskin.rtl.program.timing import Timing, logit_to_decision, shares_lane, timing
+from eskin.rtl.program.timing import Timing, logit_to_decision, shares_lane
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class ElementIssue:
 def element_gap(config: AcceleratorConfig, program: CellProgram, shared: bool) -> int:
     """Slots lost between two element-wise operations, on a lane of their own or (``shared``) on the rows'."""
     accumulates = shared or any(len(op.terms) > 1 for op in program.elements)
-    return timing(config).gap if accumulates else 0
+    return Timing(config).gap if accumulates else 0
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Schedule:
     @property
     def timing(self) -> Timing:
         """Latencies of the lanes."""
-        return timing(self.config)
+        return Timing(self.config)
 
     @property
     def element_gap(self) -> int:
@@ -210,7 +210,7 @@ class Scheduler:
         self.config, self.program, self.groups = config, program, groups
         self.bias_rows, self.partial_rows = bias_rows, partial_rows
         self.shared = shares_lane(config)
-        self.timing = timing(config)
+        self.timing = Timing(config)
         self.element_gap = element_gap(config, program, self.shared)
         # slots in which the table is used; its result is written in the next
         self.table_busy: set[int] = set()

@@ -12,7 +12,7 @@ from eskin.golden.model import random_integer_model, random_recordings, run, wri
 from eskin.golden.model.position import positions
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
-from eskin.rtl.top.board_top import BoardTop
+from eskin.rtl.top.board import Board
 from tests.support.link_flow import play_link
 from tests.support.noisy_port import NoisyPort
 from tests.support.small_designs import SMALL
@@ -40,7 +40,7 @@ def boarded(folder: Path, model, recordings):
     trace = run(model, recordings)
     vectors = write_vectors(folder / "vectors.npz", trace, recordings)
     verilog = folder / "board_top.sv"
-    verilog.write_text(text_of(BoardTop(model.config, clock_hz=12e6, baud=3e6), "board_top"))
+    verilog.write_text(text_of(Board(model.config, clock_hz=12e6, baud=3e6), "board_top"))
 
     def play(**options):
         return play_link(

@@ -30,7 +30,7 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
-from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
+from eskin.rtl.top.board import Board, refuse_standalone
 from eskin.verbs.build_job import BuildRequest, build
 from eskin.verbs.flow import BUILD
 from tests.support.link_flow import pack_decisions
@@ -187,9 +187,7 @@ def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_
     touch, row 2, column 5."""
     model = random_integer_model(TWO_CHIPS, 1)
     config = model.config
-    board = PoweredOn(
-        SkinTop(config, memory_images(config, model.arrays), clock_hz=config.hardware.clock_hz), 16
-    )
+    board = PoweredOn(Board(config, memory_images(config, model.arrays), baud=None, sensing=True), 16)
     (tmp_path / "accelerator.v").write_text(text_of(board, "accelerator"))
     codes = np.full((14, 13), 700)
     codes[10:13, [5, 7 + 2]] = 300

@@ -26,7 +26,7 @@ from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
-from eskin.rtl.top.board_top import BoardTop
+from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs import asic_job
 from eskin.verbs.replay_job import play_all
@@ -308,7 +308,7 @@ def test_a_netlist_is_taught_as_the_stream_after_upsets(upsets, tmp_path):
 def board_of(model: IntegerModel) -> PinPort:
     """The pins of a simulated board that was just switched on."""
     config, clock_hz = model.config, model.config.hardware.clock_hz
-    board = text_of(BoardTop(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
+    board = text_of(Board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
     device = Device(Design(board, BUILDS, PURPOSE, "board_top"))
     device.put("rx", 1)
     device.reset()

@@ -16,7 +16,7 @@ from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.program.memory_map import Register
-from eskin.rtl.top.board_top import BAUD
+from eskin.rtl.top.board import BAUD
 from eskin.verbs import build_job, replay_job
 from tests.cosim.test_link_cosim import CONFIG
 from tests.support.image_scenes import random_image_model

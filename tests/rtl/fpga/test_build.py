@@ -21,7 +21,7 @@ from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import ICE40, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
-from eskin.rtl.top.board_top import BoardTop
+from eskin.rtl.top.board import Board
 from eskin.verbs import build_job as job
 from tests.support.result_case import CONFIG
 from tests.support.table import each_row
@@ -377,7 +377,7 @@ def test_twenty_classes_are_a_number_on_an_icebreakers_pins():
     assert wiring.shown == "binary" and dataclasses.replace(wiring, target=target("ulx3s")).shown == "each"
     pins = wiring.sites()
     assert {name for name in pins if name.startswith("decision[")} == {f"decision[{k}]" for k in range(5)}
-    top = BoardTop(random_integer_model(config, 1).config, clock_hz=12e6, class_pins="binary")
+    top = Board(random_integer_model(config, 1).config, clock_hz=12e6, class_pins="binary")
     top._MustUse__silence = True  # its ports are all that is wanted
     ports = set(top.signature.members)
     assert {name.partition("[")[0] for name in pins} == ports | {"clk"}
@@ -426,7 +426,7 @@ def test_nothing_is_fetched_before_block_memories_read(name, clock_hz, monkeypat
     board = target(name)
     clock = clock_hz or board.clock_hz
     blind = math.ceil(15e-6 * clock) if board.family.name == "ice40" else 0
-    monkeypatch.setattr(wired, "BoardTop", lambda *_, **__: Program(blind))
+    monkeypatch.setattr(wired, "Board", lambda *_, **__: Program(blind))
     design = Wiring(config=CONFIG, target=board, link=True).design(None, clock, 1e6)
     counts = []
 
