@@ -10,10 +10,10 @@ def members_but(part: wiring.Component, *names: str) -> dict[str, wiring.Member]
     return {name: member for name, member in part.signature.members.items() if name not in names}
 
 
-def forward(m: Module, owner: wiring.Component, part: wiring.Component) -> None:
-    """Wire the members of ``part`` that ``owner`` has, too, under the same name, to the owner's."""
+def forward(m: Module, owner: wiring.Component, part: wiring.Component, *names: str) -> None:
+    """Wire members of ``part`` to those of the same names of ``owner``: ``names``, by default all that both have."""
     for name, member in part.signature.members.items():
-        if name not in owner.signature.members:
+        if name not in (names or owner.signature.members):
             continue
         mine, its = getattr(owner, name), getattr(part, name)
         if member.is_signature:

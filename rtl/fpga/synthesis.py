@@ -100,12 +100,10 @@ class Chain(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.accelerator = accelerator = self._accelerator
-        for name in ("i", "o"):
-            wiring.connect(m, getattr(accelerator, name), wiring.flipped(getattr(self, name)))
+        forward(m, self, accelerator, "i", "o", "busy")
         for name in self._bus:
             inner, outer = getattr(accelerator.bus, name), getattr(self.bus, name)
             m.d.comb += outer.eq(inner) if name == "r_data" else inner.eq(outer)
-        m.d.comb += self.busy.eq(accelerator.busy)
         return m
 
 

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 
 from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import In, Out, connect
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import centred_layout, expands, sample_layout, touch_layout
 from eskin.rtl.common.load_port import load_signature
 from eskin.rtl.common.status import detector_status
@@ -81,7 +82,6 @@ class FrontEnd(wiring.Component):
         m.submodules.onset_detector = self.detector
         m.submodules.window_averager = self.averager
         m.submodules.normaliser = self.normaliser
-        connect(m, flipped(self.i), self.detector.i)
         windows = self.averager  # what counts the frames of a touch
         if self.expander is not None:
             windows = m.submodules.feature_expander = self.expander
@@ -106,9 +106,6 @@ class FrontEnd(wiring.Component):
             m.submodules.compander = self.compander
             connect(m, self.averager.o, self.compander.i)
             connect(m, self.compander.o, self.normaliser.i)
-        connect(m, self.normaliser.o, flipped(self.o))
-        connect(m, flipped(self.load), self.normaliser.load)
-        connect(m, self.detector.status, flipped(self.status))
-        m.d.comb += [self.wrong.eq(self.normaliser.wrong), self.blank.eq(self.normaliser.blank)]
-        m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
+        forward(m, self, self.normaliser, "o", "load", "mask", "wrong", "blank")
+        forward(m, self, self.detector, "i", "mask", "status")
         return m

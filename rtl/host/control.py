@@ -7,6 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import has_door
 from eskin.rtl.common.load_port import load_signature
 from eskin.rtl.common.register_check import parity_wrong
@@ -120,10 +121,10 @@ class HostControl(wiring.Component):
         m.submodules.state = state = self.state = RecordingState(config)
         m.submodules.loader = loader = self.loader = MemoryLoader(config)
         m.submodules.cycles = cycles = CycleCounter()
-        wiring.connect(m, loader.load, wiring.flipped(self.load))
-        wiring.connect(m, wiring.flipped(self.frames), cycles.frames)
-        wiring.connect(m, wiring.flipped(self.detector), state.detector)
-        wiring.connect(m, wiring.flipped(self.engine), state.engine, cycles.engine)
+        forward(m, self, loader, "load")
+        forward(m, self, cycles, "clear", "frames", "engine")
+        forward(m, self, state, "clear", "detector", "engine", "global_taken", "decider_idle")
+        forward(m, self, state, "finish", "busy", "due")
         # (Registered, as both reach every block.)
         arm = Signal()
         measured = Signal()
@@ -139,19 +140,12 @@ class HostControl(wiring.Component):
             m.d.sync += lingers.eq(state.busy)
         awake = bus.w_stb | bus.r_stb | state.busy | lingers | cycles.counts
         m.d.comb += [
-            state.clear.eq(self.clear),
-            state.global_taken.eq(self.global_taken),
-            state.decider_idle.eq(self.decider_idle),
             state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
             self.awake.eq(awake | self.teaching.look if config.readout_rule.taught else awake),
-            self.finish.eq(state.finish),
-            self.busy.eq(state.busy),
-            self.due.eq(state.due),
             loader.data.eq(bus.w_data),
             loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
             loader.locked.eq(touch | ~self.decider_idle if config.readout_rule.taught else touch),
             cycles.measure.eq(measure),
-            cycles.clear.eq(self.clear),
             cycles.anew.eq(measured),
             cycles.forget.eq(measured | forgotten),
         ]

@@ -8,6 +8,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames, settings_layout
@@ -72,14 +73,12 @@ class Stimulation(wiring.Component):
         m.submodules.frames = frames = StimulatorFrames(self._config.interface, self._on)
         m.submodules.transmitter = transmitter = UartTransmitter(self._divisor)
         wiring.connect(m, frames.byte, transmitter.i)
+        forward(m, self, stimulus, self._name)
+        forward(m, self, frames, "fault", "settings", "on")
+        forward(m, self, transmitter, "tx")
         m.d.comb += [
-            getattr(stimulus, self._name).eq(getattr(self, self._name)),
             stimulus.clear.eq(self.fault),
             frames.request.eq(stimulus.request),
             frames.electrode.eq(stimulus.electrode),
-            frames.fault.eq(self.fault),
-            frames.settings.eq(self.settings),
-            self.tx.eq(transmitter.tx),
-            self.on.eq(frames.on),
         ]
         return m

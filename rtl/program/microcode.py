@@ -488,8 +488,6 @@ class Microcode:
                 for name, places in free.items():
                     if not any(name in self.slots[t] for t in inside):
                         places.append(word)
-        plan = self.plan
-        addends = [*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])]
         used = {fields["addend"] for fields in self.slots[self.again : self.judged - 1] if "addend" in fields}
         # The check word must count once, so its word is not repeated. It is chosen by the window's length and
         # therefore read after the window was released, when that length is in a register.
@@ -503,7 +501,7 @@ class Microcode:
             for word in free["gate"]
             if word is not single and not (word["repeat"] and "gate" in self.counted)
         ]
-        missing = [address for address in addends if address not in used]
+        missing = [address for address in self.plan.constant_addends if address not in used]
         if single is None or len(places) < 2 or len(free["addend"]) < len(missing):
             raise RuntimeError("the step has too few free reads for the checksum's constants")
         for word, address in zip(free["addend"], missing, strict=False):

@@ -104,6 +104,11 @@ class Schedule:
         return self.half_address + int(self.shared)
 
     @property
+    def constant_addends(self) -> list[int]:
+        """Addresses of addends that no step writes."""
+        return [*range(len(self.bias_rows)), *([self.half_address] if self.shared else [])]
+
+    @property
     def addend_words(self) -> int:
         """Words of the addend memory: biases, partial sums, the half of a shared lane, a 0 where there are T
         values."""
@@ -205,10 +210,9 @@ class Scheduler:
 
     NEVER, AHEAD, LONGEST = 10**9, 4, 10**6
 
-    def __init__(self, config, program, groups, bias_rows, partial_rows, yields: bool = False) -> None:
-        self.yields = yields
-        self.config, self.program, self.groups = config, program, groups
-        self.bias_rows, self.partial_rows = bias_rows, partial_rows
+    def __init__(self, config: AcceleratorConfig, program: CellProgram, yields: bool = False) -> None:
+        self.config, self.program, self.yields = config, program, yields
+        self.groups, self.bias_rows, self.partial_rows = groups_of(config, program)
         self.shared = shares_lane(config)
         self.timing = Timing(config)
         self.element_gap = element_gap(config, program, self.shared)

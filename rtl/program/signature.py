@@ -42,12 +42,6 @@ def fold(word: int, bits: int) -> int:
     return total
 
 
-def constant_addends(code: Microcode) -> set[int]:
-    """Addresses of addends that no step writes."""
-    plan = code.plan
-    return {*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])}
-
-
 def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
     """(slots before the judged one, source) of every constant that a step adds to its signature.
 
@@ -57,7 +51,7 @@ def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
         Number of the step's check word (`eskin.rtl.program.microcode.Layout.checks`): of its window's length,
         or of its set of weights.
     """
-    layout, constant = code.layout, constant_addends(code)
+    layout, constant = code.layout, code.plan.constant_addends
     length, weight_set = layout.checks[check]
     weight = weight_set * len(code.plan.weight_words)
     for slot, word in enumerate(code.unrolled()):
