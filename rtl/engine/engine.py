@@ -35,26 +35,6 @@ from eskin.rtl.program.scheduler import Schedule
 from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS, logit_to_decision
 
 
-def engine_signature(config: AcceleratorConfig) -> wiring.Signature:
-    """Ports of an engine, seen from it: see `Engine`."""
-    return wiring.Signature(
-        {
-            "i": In(stream.Signature(centred_layout(config))),
-            "load": In(load_signature(config)),
-            "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})),
-            "decider_idle": In(1),
-            "blank": In(1),
-            "started": Out(1),
-            "busy": Out(1),
-            "status": Out(ENGINE),
-            "check_failed": Out(1),
-            "feature": Out(probe()),
-            "state": Out(probe()),
-            "step": Out(probe()),
-        }
-    )
-
-
 def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
     """Lane for rows, for element-wise operations too where they share it."""
     if plan.shared:
@@ -130,7 +110,24 @@ class Engine(wiring.Component):
     ) -> None:
         self._config, self._images = config, images or {}
         self.plan: Schedule = schedule(config, program)
-        super().__init__(engine_signature(config))
+        super().__init__(
+            {
+                "i": In(stream.Signature(centred_layout(config))),
+                "load": In(load_signature(config)),
+                "logit": Out(
+                    data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})
+                ),
+                "decider_idle": In(1),
+                "blank": In(1),
+                "started": Out(1),
+                "busy": Out(1),
+                "status": Out(ENGINE),
+                "check_failed": Out(1),
+                "feature": Out(probe()),
+                "state": Out(probe()),
+                "step": Out(probe()),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()

@@ -10,11 +10,10 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import decision_layout
-from eskin.rtl.host.uart import uart_divisor
+from eskin.rtl.host.uart import UartTransmitter, uart_divisor
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames, settings_layout
 from eskin.rtl.interface.stimulus import Stimulus
 from eskin.rtl.interface.touch_position import position_layout
-from eskin.rtl.interface.uart_transmitter import UartTransmitter
 
 STIMULATOR_BAUD = 115200
 

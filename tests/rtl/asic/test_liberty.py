@@ -9,12 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core import InputError
-from eskin.rtl.asic.blocks import blocks_of
 from eskin.rtl.asic.buffers import buffer_of, insert
 from eskin.rtl.asic.liberty import WireLoad, corners, read
-from eskin.rtl.asic.models import expression, model
-from eskin.rtl.asic.nets import Nets
-from eskin.rtl.asic.synthesis import process_of, without_initial
+from eskin.rtl.asic.nets import Nets, blocks_of
+from eskin.rtl.asic.synthesis import expression, model, process_of, without_initial
 from tests.support.strategies import examples
 
 HEAD = """library (made) {{ /* a
