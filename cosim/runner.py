@@ -27,7 +27,7 @@ import cocotb_tools.config
 import cocotb_tools.runner as cocotb_runner
 
 from eskin.golden.core import InputError, SimulationError, replacing_folder
-from eskin.golden.core.memo import locked
+from eskin.golden.core.files import locked
 
 WRAPPER = Path(__file__).with_name("wrapper.sv")
 SIMULATORS = ("verilator", "icarus")

@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike
 
 from eskin.choose.cost import Prefer
 from eskin.data import load_recordings
+from eskin.data.fit import check_fit, for_model
 from eskin.estimator import Estimator, probabilities
 from eskin.golden.core import AcceleratorConfig, InputError, Record, array_of
-from eskin.golden.data import Recordings, check_fit, for_model
+from eskin.golden.data import Recordings
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import (
     FloatModel,
@@ -242,7 +243,7 @@ class Model(Estimator):
             The recordings break a rule, or do not fit the configuration that was asked for.
         """
         from eskin.choose.choice import train_chosen
-        from eskin.training.quantise import quantise
+        from eskin.training.integers import quantise
         from eskin.verbs.cost import market
 
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":

@@ -19,7 +19,8 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from eskin.golden.core import InputError, Memo, Progress, Record
+from eskin.golden.core import InputError, Progress, Record
+from eskin.memo import Memo
 
 Function = Callable[[Any, Any], Any]
 """(shared, piece) -> result; a worker finds it by its module and name."""

@@ -1,7 +1,7 @@
-"""Requests: what each verb is asked, a dataclass a verb. Command line, Python and jobs are made of it; a field's
-annotation says what it means and, on the command line, how it is written.
+"""Requests: one dataclass per verb holds its options. Command line, Python and jobs use the same class; the
+annotation of a field holds its help text and its spelling on the command line.
 
-What several verbs share is a base class. ``option`` and ``argument`` are typer's.
+Options that several verbs share are in a base class. ``option`` and ``argument`` are typer's.
 """
 
 import sys
@@ -23,7 +23,7 @@ CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four",
 FORMATS = ("feature_bits", "gate_bits", "table_entries")
 """Values that ``quantise --formats`` sets."""
 SEED_MAX = 2**31 - 1
-STRESS = "off"
+STRESS = "on"
 """Default of --stress for `train` and `run`."""
 DATA = "Recordings: .npz, a folder by class, a table, .mat, .h5, a log, or synthetic."
 CONFIG = "Preset (thesis, synthetic, pvdf, fabric) or JSON file. Default: derived."
@@ -39,13 +39,13 @@ def argument(help: str, **settings: Any) -> Any:
     return typer.Argument(help=help, **settings)
 
 
-Seed = Annotated[int, option("First seed; the written model has it.", min=0, max=SEED_MAX)]
+Seed = Annotated[int, option("First seed; the written model uses it.", min=0, max=SEED_MAX)]
 Lanes = Annotated[
     str | None,
     option("Parallel multipliers, such as 4 or 4:dsp (iCE40 DSP blocks). Default: 4.", metavar="P[:TYPE]"),
 ]
 Liberty = Annotated[
-    list[Path], option("A Liberty file of the process, .gz too; may be repeated.", metavar="FILE")
+    list[Path], option("Liberty file of the process (.lib, .lib.gz); may be repeated.", metavar="FILE")
 ]
 
 
@@ -74,7 +74,7 @@ def lanes_of(text: str | None) -> tuple[int | None, Any]:
         return None, None
     if not (number.isdecimal() and len(number) < 4) or (colon and kind not in ("plain", "dsp")):
         raise InputError(
-            f"--lanes {text[:20]}: are no lanes; give how many, 1 or more, and maybe their type, plain or dsp: 4:dsp"
+            f"--lanes {text[:20]}: is not of the form P[:TYPE]; give a number and maybe plain or dsp, such as 4:dsp"
         )
     return int(number), kind or None
 
@@ -131,7 +131,7 @@ class Judged(Grouped, OnFrontEnd):
     """Recordings to judge networks on, by what is left out."""
 
     group: Annotated[
-        str | None, option("Group arrays A[,B..] of one split. Default: the configuration's splits.")
+        str | None, option("Groups A[,B..] to leave out together. Default: the configuration's splits.")
     ] = None
 
 
@@ -155,7 +155,8 @@ class Chosen(Grouped, OnFrontEnd):
     stress: Annotated[
         str,
         option(
-            "Also judge candidates on disturbed recordings: on, off, or a JSON file.", metavar="on|off|FILE"
+            "Judge candidates on disturbed recordings, too: on, off, or a JSON file of weights.",
+            metavar="on|off|FILE",
         ),
     ] = STRESS
 
@@ -165,7 +166,7 @@ class Chosen(Grouped, OnFrontEnd):
 class InspectRequest(InJson):
     data: Annotated[str, argument(DATA)]
     config: Annotated[str | None, option(CONFIG)] = None
-    out: Annotated[Path | None, option("Picture. Default: build/inspect/NAME.png.")] = None
+    out: Annotated[Path | None, option("Picture to write. Default: build/inspect/NAME.png.")] = None
     card: Annotated[
         bool, option("Also write a data card, README.md, in a folder named like the picture.", "--card")
     ] = False
@@ -176,7 +177,7 @@ class ConvertRequest:
     source: Annotated[
         Path,
         argument(
-            "A folder by class of .csv, .parquet, .lvm or .png files or logs, one long .csv or .parquet table, a "
+            "A folder by class of .csv, .parquet or .lvm files or logs, one long .csv or .parquet table, a "
             ".mat or .h5 file, a log (.mcap, a ROS bag), an archive of images."
         ),
     ]
@@ -191,7 +192,8 @@ class ConvertRequest:
         str | None, option("Long table: column that names a row's recording.", metavar="COLUMN")
     ] = None
     class_: Annotated[
-        str | None, option("Column, attribute, array or topic of the class.", "--class", metavar="NAME")
+        str | None,
+        option("Column, attribute, array or topic that names the class.", "--class", metavar="NAME"),
     ] = None
     delimiter: Annotated[str | None, option("Separator of cells: a character, tab or blank.")] = None
     samples: Annotated[
@@ -203,7 +205,7 @@ class ConvertRequest:
     ] = None
     clock: Annotated[Literal["log", "header"], option("Log: clock of frames and labels.")] = "log"
     scale: Annotated[
-        float | None, option("Value of one code. Default: integers are codes, others get a scale.")
+        float | None, option("Value of one code. Default: 1 for integers, else from the data.")
     ] = None
     like: Annotated[
         Path | None,
@@ -217,11 +219,11 @@ class ConvertRequest:
 @dataclass(frozen=True, kw_only=True)
 class WatchRequest(OfModel):
     data: Annotated[str | None, option(f"Recordings to play. {DATA}")] = None
-    port: Annotated[str | None, option("Serial port of a board; without --data its own sensor is shown.")] = (
-        None
+    port: Annotated[str | None, option("Serial port of a board. Without --data: show its own sensor.")] = None
+    simulate: Annotated[bool, option("Also simulate the RTL and compare it in lock step.", "--simulate")] = (
+        False
     )
-    simulate: Annotated[bool, option("Also run the RTL in Verilator in lock step.", "--simulate")] = False
-    host_port: Annotated[int, option("Port of the page; 0: any free one.", min=0, max=65535)] = 8765
+    host_port: Annotated[int, option("TCP port of the page; 0: any free one.", min=0, max=65535)] = 8765
 
 
 # ---------------------------------------------------------------------- networks
@@ -233,7 +235,7 @@ class RunRequest(Chosen):
     ] = None
     out: Annotated[Path, option("Result folder: new, or an earlier result to replace.")] = Path("build/run")
     test: Annotated[
-        str | None, option("Recordings held back: judged once, reported separately.", metavar="HELD")
+        str | None, option("Recordings held back, used once for a separate accuracy.", metavar="HELD")
     ] = None
     name: Annotated[str | None, option("Title of the report. Default: name of the data.")] = None
 
@@ -255,7 +257,7 @@ class TrainRequest(Chosen):
     folds: Annotated[int, option("Folds of the cross-validation; 0: none.")] = 5
     seed: Seed = 0
     protocol: Annotated[
-        Literal["default", "robust", "thesis"], option("Training recipe; robust: taxels may fail.")
+        Literal["default", "robust", "thesis"], option("Training recipe; robust trains with failing taxels.")
     ] = "default"
 
 
@@ -269,7 +271,7 @@ ENROL_MODES = {
 
 @dataclass(frozen=True, kw_only=True)
 class EnrolRequest(Grouped, InJson):
-    model: Annotated[Path | None, argument("A quantised model folder; it stays as it is.")] = None
+    model: Annotated[Path | None, argument("A quantised model folder; it is not changed.")] = None
     data: Annotated[
         str | None, option(f"Touches to train on, 1 to 5 per class; with --evaluate all. {DATA}")
     ] = None
@@ -278,21 +280,21 @@ class EnrolRequest(Grouped, InJson):
     ] = None
     with_: Annotated[
         str | None,
-        option("Recordings of the first training, to keep what the model knows.", "--with", metavar="D"),
+        option("Recordings of the first training, so that they are not forgotten.", "--with", metavar="D"),
     ] = None
     teach: Annotated[
         str | None, option("Touches to store as prototypes; nothing is trained.", "--teach", metavar="FEW")
     ] = None
     evaluate: Annotated[
-        bool, option("Report the gain for each value of --group, left out of the training.", "--evaluate")
+        bool, option("Report the gain for each value of --group left out of the training.", "--evaluate")
     ] = False
-    readout: Annotated[Readout, option("With --evaluate: train the network on, or teach prototypes.")] = (
-        "dense"
-    )
+    readout: Annotated[
+        Readout, option("With --evaluate: dense trains further, prototypes stores touches.")
+    ] = "dense"
     group: Annotated[
         str | None, option("With --evaluate: group arrays A[,B..], such as mounting or person.")
     ] = None
-    k: Annotated[str, option("With --evaluate: touches to enrol of each class.", "-k", metavar="K[,K..]")] = (
+    k: Annotated[str, option("With --evaluate: touches to enrol per class.", "-k", metavar="K[,K..]")] = (
         "1,2,5"
     )
     config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None
@@ -317,7 +319,7 @@ class EnrolRequest(Grouped, InJson):
         counts = [word.strip() for word in self.k.split(",")]
         if not all(word.isdecimal() and len(word) < 4 and 1 <= int(word) <= 100 for word in counts):
             raise InputError(
-                f"-k {self.k[:40]}: is no list of touches a class; give numbers from 1 to 100, such as 1,2,5"
+                f"-k {self.k[:40]}: is no list of touches per class; give numbers from 1 to 100, such as 1,2,5"
             )
         return [int(word) for word in counts]
 
@@ -345,7 +347,9 @@ class QuantiseRequest(Grouped):
     group: Annotated[
         str | None, option("Prototypes: group arrays A,B.. to leave out. Default: the training's.")
     ] = None
-    prototypes: Annotated[int | None, option("Prototypes: most per class. Default: 8.", min=1, max=16)] = None
+    prototypes: Annotated[int | None, option("Prototypes: maximum per class. Default: 8.", min=1, max=16)] = (
+        None
+    )
     taught: Annotated[
         int | None, option("Prototypes: slots per class for taught touches. Default: 3.", min=0, max=16)
     ] = None
@@ -389,8 +393,7 @@ class EvaluateRequest(ModelOnData, InJson):
 
 @dataclass(frozen=True, kw_only=True)
 class CompareRequest(OfModel, InJson):
-    data: Annotated[str | None, option(f"{DATA} Default: synthetic touches that reach every rule.")] = None
-    out: Annotated[Path, option("Folder of compare.html.")] = Path("build/compare")
+    data: Annotated[str | None, option(f"{DATA} Default: random touches.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -398,20 +401,18 @@ class ImportRequest:
     file: Annotated[
         Path,
         argument(
-            "A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order, an .onnx file; "
+            "A torch state_dict (.pt, .pth), or an .onnx file; "
             "linear cell: an .npz with coef_ and intercept_, columns window by window."
         ),
     ]
     out: ModelOut
-    config: Annotated[
-        str | None, option("Preset or JSON file with array, windows and classes of the training.")
-    ] = None
+    config: Annotated[str | None, option("Configuration of the training: a preset or a JSON file.")] = None
     cell: Annotated[
         Cell | None, option("Cell. Default: the .onnx file's, otherwise the configuration's.")
     ] = None
     reset: GateOfReset = None
     mean: Annotated[float | None, option("Codes subtracted from every window mean in its training.")] = None
-    std: Annotated[float | None, option("Codes that became 1 in its training.")] = None
+    std: Annotated[float | None, option("Codes by which its training divided.")] = None
     data: Annotated[str | None, option("Measure mean and std on these recordings.")] = None
     check: Annotated[
         Path | None, option("Reference inputs and outputs (.npz) that the model must reproduce.")
@@ -428,23 +429,23 @@ class ExportRequest(OfModel):
 # ---------------------------------------------------------------------- studies
 @dataclass(frozen=True, kw_only=True)
 class SweepRequest(Judged, OnCluster):
-    out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the charts.")] = Path("build/sweep")
-    grid: Annotated[str, option("default (84 points), bits (8, 6, 4 bits), or JSON: {field: [values]}.")] = (
-        "default"
-    )
+    out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the chart.")] = Path("build/sweep")
+    grid: Annotated[str, option("default (84 points), or JSON: {field: [values]}.")] = "default"
     accuracy_floor: Annotated[float | None, option("Required accuracy on new recordings, 0 to 1.")] = None
-    latency_budget: Annotated[float | None, option("Longest time from features to decision, seconds.")] = None
+    latency_budget: Annotated[float | None, option("Maximum time from features to decision, in seconds.")] = (
+        None
+    )
     seeds: Annotated[int | None, option("Seeds per point. Default: 3; images 1.", min=1, max=100)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class BaselinesRequest(Judged, OnCluster):
-    out: Annotated[Path, option("Folder of baselines.json.")] = Path("build/baselines")
+    out: Annotated[Path, option("Folder for baselines.json.")] = Path("build/baselines")
 
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityRequest(ModelOnData, OnCluster):
-    out: Annotated[Path, option("Folder of stability.html, stability.json, recommended.json.")] = Path(
+    out: Annotated[Path, option("Folder for stability.html, stability.json and recommended.json.")] = Path(
         "build/stability"
     )
     mode: Annotated[list[str] | None, option("Only this mode; may be repeated.")] = None
@@ -480,15 +481,15 @@ class EnergyRequest(ModelOnData):
         list[str] | None,
         option("Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"),
     ] = None
-    recordings: Annotated[int, option("Number of recordings to count.", min=1)] = 2
-    out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy")
+    recordings: Annotated[int, option("Number of recordings to simulate.", min=1)] = 2
+    out: Annotated[Path, option("Folder for energy.json and energy.html.")] = Path("build/energy")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScheduleRequest:
     model: Annotated[str, argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")]
     lanes: Lanes = None
-    out: Annotated[Path, option("Folder of the files.")] = Path("build/schedule")
+    out: Annotated[Path, option("Folder for the files.")] = Path("build/schedule")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -498,10 +499,10 @@ class GenerateRequest(OnLanes):
         str | None, option("The bench plays the first of these recordings. Default: a synthetic one.")
     ] = None
     bus: Annotated[
-        Literal["wishbone", "axi4lite"] | None, option("Bus shell for a CPU, with a C driver.")
+        Literal["wishbone", "axi4lite"] | None, option("Add a bus shell for a CPU, with a C driver.")
     ] = None
     streams: Annotated[
-        Literal["axis"] | None, option("Frames as an AXI-Stream; without --bus decisions too.")
+        Literal["axis"] | None, option("Take frames from an AXI-Stream; without --bus send decisions on one.")
     ] = None
     top: Annotated[
         str | None, option("Name of the top module, and prefix of all other names.", metavar="NAME")
@@ -518,27 +519,26 @@ class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
         option("Simulator; compiled is for chips. Default: compiled for chips, else verilator."),
     ] = None
     level: Annotated[Literal["rtl", "netlist"], option("Generated Verilog, or its netlist.")] = "rtl"
-    target: Annotated[str | None, option("Netlist: a board such as icebreaker, or asic.")] = None
+    target: Annotated[str | None, option("Part of the netlist: a board such as icebreaker, or asic.")] = None
     pdk: Annotated[str | None, option("Chip: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None
     liberty: Annotated[
         list[Path] | None, option("Chip: a Liberty file of the process; may be repeated.", metavar="FILE")
     ] = None
-    rom: Annotated[bool, option("Chip: weights and constants are fixed.", "--rom")] = False
+    rom: Annotated[bool, option("Chip: weights and constants are in ROM.", "--rom")] = False
     converter: Annotated[
-        str | None,
-        option("Start at the pins of this converter (docs/interface.md), or none.", metavar="NAME"),
+        str | None, option("Play frames to the pins of this converter; none: to the core.", metavar="NAME")
     ] = None
     pace: Annotated[
         Literal["full", "declared"], option("full: as fast as possible; declared: at the recordings' rate.")
     ] = "full"
     clock: Annotated[
-        str | None, option("Clock at --pace declared; lowest: search for it.", metavar="HZ|lowest")
+        str | None, option("Clock for --pace declared; lowest searches for the lowest.", metavar="HZ|lowest")
     ] = None
-    stalls: Annotated[bool, option("Insert random stalls on both sides.", "--stalls")] = False
+    stalls: Annotated[bool, option("Insert random stalls at input and output.", "--stalls")] = False
     bench: Annotated[
-        Literal["sample", "cocotb"], option("Under cocotb: one recording per class (others in bulk), or all.")
+        Literal["sample", "cocotb"],
+        option("Recordings under cocotb: one per class (others in bulk), or all."),
     ] = "sample"
-    jobs: Annotated[int | None, option("Parallel processes. Default: one per core.", min=1)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -548,23 +548,27 @@ class BoardRequest(OfModel):
         str | None,
         option("Parallel multipliers. Default: the model's, or as many as fit.", metavar="P[:TYPE]"),
     ] = None
-    link: Annotated[bool, option("With the serial link, or onset to decision alone.")] = True
+    link: Annotated[bool, option("Include the serial link, or build onset to decision only.")] = True
     converter: Annotated[
         str | None,
-        option("Frames from this converter's pins. Default with --standalone: the model's.", metavar="NAME"),
+        option("Read frames from this converter. Default with --standalone: the model's.", metavar="NAME"),
     ] = None
     stimulator: Annotated[
-        bool, option("With a converter: drive the stimulator by decisions.", "--stimulator")
+        bool, option("With a converter: decisions drive the stimulator.", "--stimulator")
     ] = False
     standalone: Annotated[
-        bool, option("No host: the model is in the bitstream, a converter gives frames.", "--standalone")
+        bool, option("Build without a host: model in the bitstream, frames from a converter.", "--standalone")
     ] = False
-    flash: Annotated[bool, option("With --standalone: the model is in the board's flash.", "--flash")] = False
+    flash: Annotated[bool, option("With --standalone: load the model from the board's flash.", "--flash")] = (
+        False
+    )
     clock: Annotated[
-        float | None, option("Clock to reach. Default: the board's oscillator.", min=1e3, metavar="HZ")
+        float | None, option("Target clock. Default: the board's oscillator.", min=1e3, metavar="HZ")
     ] = None
-    seeds: Annotated[int, option("Number of placements; the fastest is kept.", min=1, max=1000)] = 1
-    out: Annotated[Path | None, option("New folder or an earlier build. Default: build/board/NAME.")] = None
+    seeds: Annotated[int, option("Number of placements to try; the fastest is kept.", min=1, max=1000)] = 1
+    out: Annotated[
+        Path | None, option("Folder to write: new, or an earlier build. Default: build/board/NAME.")
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -573,11 +577,12 @@ class AsicRequest(OfModel):
     liberty: Liberty
     lanes: Annotated[int | None, option("Parallel multipliers. Default: the model's.")] = None
     rom: Annotated[
-        bool, option("Weights and constants are fixed; otherwise the host loads them.", "--rom")
+        bool, option("Put weights and constants in ROM; otherwise the host loads them.", "--rom")
     ] = False
     data: Annotated[
-        str | None, option("Play one of these recordings and count its energy; many minutes.", metavar="D")
+        str | None,
+        option("Simulate one of these recordings for its energy; takes many minutes.", metavar="D"),
     ] = None
-    out: Annotated[Path, option("Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path(
+    out: Annotated[Path, option("Folder for asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path(
         "build/asic"
     )

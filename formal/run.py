@@ -25,8 +25,9 @@ from unittest import mock
 
 from rich.console import Console
 
-from eskin.golden.core import Memo, content_key, write_json
+from eskin.golden.core import content_key, write_json
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.pages.views import terminal_table
 from eskin.rtl.fpga.tools import run_tool
 from formal.proof import PROOFS, Bug, Proof

@@ -9,31 +9,29 @@ Weights and signals are random: the model is of shapes, not of what was learnt.
 """
 
 import argparse
-import dataclasses
-import json
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
 
-from eskin.cosim import flow
-from eskin.cosim.activity import instrument, read_count
-from eskin.golden.core import AcceleratorConfig, Memo, Record, code_version, content_key
+from eskin.golden.core import AcceleratorConfig, Record, content_key
 from eskin.golden.data import Recordings
-from eskin.golden.model import random_integer_model, with_network
-from eskin.rtl.fpga.blocks import block_of
+from eskin.memo import Memo, code_version
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
-from eskin.rtl.program.timing import logit_to_decision
-from eskin.study.energy import PARTS, counted_activity, estimate
+from eskin.study.energy import PARTS, estimate
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model
+from eskin.verbs import energy_job
 from eskin.verbs.build_job import suited
 from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
-from eskin.verbs.flow import BUILD, expected_of, netlist_of
+from eskin.verbs.flow import BUILD, expected_of
 
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
 AT_ONCE: Record = dict(rest="none", rest_frames=0, onset="immediate")
@@ -125,32 +123,17 @@ def counted(name: str, config: AcceleratorConfig) -> Record:
     """
     model = random_integer_model(suited(config, target(BOARD)), 1)
     config = model.config
-    numbers, recordings = with_touches(model, played(config), 1)
-    hardware, cells = netlist_of(config, model.arrays, BOARD, probes=False)
+    recordings = with_touches(model, played(config), 1)[1]
+    touch, _ = mean_frame_cycles(config)
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         design = generate(config, model.arrays, work / "design")
-        vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
-        (work / "counted.v").write_text(instrument(hardware.sources[0].read_text(), block_of))
-        hardware = dataclasses.replace(hardware, sources=(work / "counted.v", *hardware.sources[1:]))
-        result = flow.cosim(
-            design, vectors, hardware=hardware, work=work / "full", builds=BUILD / "simulators"
+        vectors = expected_of(model, recordings, work / "vectors.npz", [0])
+        activity, cells, exact = energy_job.counted(
+            config, model, design, vectors, BOARD, 1, work=work, slower=False
         )
-        count = dataclasses.asdict(read_count(work / "full"))
-    if not result["bit_exact"]:
+    if not exact:
         raise RuntimeError(f"{name}: the netlist differs from the model")
-    touch, quiet = mean_frame_cycles(config)
-    activity = counted_activity(
-        config,
-        count,
-        None,
-        frames=result["frames"],
-        steps=result["steps"],
-        recordings=1,
-        step_cycles=result["registers"]["LONGEST"] + logit_to_decision(config) - 1,
-        frame_cycles=touch,
-        quiet_frame_cycles=quiet,
-    )
     energy = estimate(config, target(BOARD).device, activity, config.hardware.clock_hz)
     joule = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
     figures = (
@@ -170,19 +153,12 @@ def counted(name: str, config: AcceleratorConfig) -> Record:
 
 def rows(names: Sequence[str]) -> dict[str, Record]:
     """The rows of those designs, printed as soon as they are known, from the memo where they are in it."""
-    keep = Memo(BUILD / "cost_rows")
+    keep, made = Memo(BUILD / "cost_rows"), {}
     print("| design | " + " | ".join(COLUMNS) + " |\n|---|" + "--:|" * len(COLUMNS), flush=True)
-    made = {}
     for name in names:
         key = content_key(DESIGNS[name].to_dict(), code_version("golden", "rtl", "cosim"))
-
-        def make(folder: Path, name: str = name) -> None:
-            (folder / "row.json").write_text(json.dumps(counted(name, DESIGNS[name])))
-
-        made[name] = json.loads((keep.folder(key, make) / "row.json").read_text())
-        print(
-            f"| {name} | " + " | ".join(f"{made[name][column]:.4g}" for column in COLUMNS) + " |", flush=True
-        )
+        made[name] = row = keep.remembered(key, partial(counted, name, DESIGNS[name]))
+        print(f"| {name} | " + " | ".join(f"{row[column]:.4g}" for column in COLUMNS) + " |", flush=True)
     return made
 
 

@@ -5,10 +5,9 @@ figures [TABLE ...]
     Replace these tables of docs/figures.md (default: all that this program makes) and the commit beside each.
 
 designs [PRESET ...]
-    Of each preset a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3;
-    with ``--liberty`` a GRU with 4 lanes and ROMs on a chip.
+    Of each preset a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3.
     Energy and power are the estimate of ``eskin build``: a touch with all its frames; waiting with a clock
-    that stops between samples, of a chip its leakage.
+    that stops between samples.
 buses [SHELL ...]
     Bus shells: cells of the whole design (preset ``thesis``, one lane) less those of the bare one; the
     highest clock of one placement (seed 1) with registers around all ports; cycles of a frame of 16 taxels
@@ -24,9 +23,7 @@ checks
     Checksum and watchdog, placed once, with the link, which tells the faults.
 readouts
     Prototypes in place of the dense layer's decision, preset ``pvdf`` on one lane, placed once; three places to be
-    taught. Teaching: cycles of one touch's pass
-    over the memory, and as many cycles of a step in joules. With ``--liberty`` chips with 4 lanes, loadable, that a
-    recording made up was played into: teaching as it was counted there.
+    taught. Teaching: cycles of one touch's pass over the memory, and as many cycles of a step in joules.
 
 Cells are Yosys' counts on an iCE40 UP5K before placement where nothing else is said, onset to decision
 without the serial link.
@@ -47,8 +44,6 @@ import numpy as np
 
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
-from eskin.golden.data import Recordings
-from eskin.golden.model import random_integer_model, random_recordings
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
 from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, synthesise
@@ -64,7 +59,8 @@ from eskin.rtl.program.schedule import (
 )
 from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.study.energy import estimate, scheduled_activity
-from eskin.verbs import asic_job, build_job, defence_cost
+from eskin.training.made_up import random_integer_model
+from eskin.verbs import build_job
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "figures.md"
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
@@ -156,28 +152,6 @@ def placed(config: AcceleratorConfig, seeds: int = 3) -> Row:
     )
 
 
-def on_a_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) -> Row:
-    """The same of a chip: kGE, latches, MHz of the slow and the typical corner; no energy without
-    recordings."""
-    model = random_integer_model(asic_job.chip_config(config, LANES, True), 1)
-    made = asic_job.asic(model, pdk, liberty)[0]
-    return (
-        f"{made['kge']:.1f} kGE",
-        f"{made['latches']} latches",
-        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in made["fmax_hz"].values()),
-        *(f"{cycles:.1f}" for cycles in mean_frame_cycles(model.config)),
-        step_cycles(model.config),
-        "-",
-        f"{1e6 * made['energy']['leakage_w']:.2f} uW",
-    )
-
-
-def made_up(config: AcceleratorConfig) -> Recordings:
-    """A recording with a whole touch, which costs what others do."""
-    settling, again = config.rest_level.rest_frames, config.onset_rule.rearm_frames
-    return random_recordings(config, [settling + 2 * config.last_frame + 2 * again], 1)
-
-
 def design_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """Every design of every scene."""
     for name in asked.rows or SCENES:
@@ -185,8 +159,6 @@ def design_rows(asked: argparse.Namespace) -> Iterator[Row]:
         gru = network(front, "gru", 12)
         for config, lanes in ((gru, 1), (gru, LANES), (network(front, "linear", None), LANES)):
             yield f"{name}, {config.network.cell}, P = {lanes}", *placed(config.with_lanes(lanes, "dsp"))
-        if asked.liberty:
-            yield f"{name}, gru, chip", *on_a_chip(gru, asked.pdk, asked.liberty)
 
 
 # ---------------------------------------------------------------------- buses
@@ -246,9 +218,11 @@ def check_rows(asked: argparse.Namespace) -> Iterator[Row]:
     base = PRESETS["thesis"].with_lanes(LANES, "dsp")
     for name, fields in CHECKS.items():
         model = random_integer_model(base.replace(**dict.fromkeys(fields, True)), 1)
-        cells = defence_cost.placed(model.config, model.arrays, BOARD, build_job.CACHE, link=True)
-        cycles = schedule(model.config).step_cycles
-        yield name, *(cells.get(kind) for kind in ("logic_cells", "ff", "bram")), cycles
+        request = build_job.BuildRequest(
+            lanes_asked=True, config=model.config, arrays=model.arrays, target=target(BOARD)
+        )
+        cells = build_job.build(request)[0]
+        yield name, *(cells[kind] for kind in ("logic_cells", "ff", "bram")), step_cycles(model.config)
 
 
 def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
@@ -271,25 +245,6 @@ def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
         )
         decision = decision_cycles(config)
         yield name, cells, memories, mhz, f"{step}, {decision}", touch, teaching, waiting
-        if asked.liberty:
-            yield f"{name}, chip", *taught_chip(base, asked.pdk, asked.liberty)
-
-
-def taught_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) -> Row:
-    """The same columns of a chip."""
-    model = random_integer_model(asic_job.chip_config(config, LANES, rom=False), 1)
-    made = asic_job.asic(model, pdk, liberty, recordings=made_up(model.config))[0]
-    energy, area = made["energy"], made["area_by_kind_um2"]
-    assert energy["bit_exact"]
-    return (
-        f"{1e-6 * made['area_um2']:.3f} mm2",
-        f"{made['latches']} latches, {1e-6 * area.get('memory', 0.0):.3f} mm2 of macros",
-        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in made["fmax_hz"].values()),
-        f"{step_cycles(model.config)}, {decision_cycles(model.config)}",
-        f"{1e6 * energy['touch_j']:.2f} uJ",
-        f"{energy['teach_cycles']} cycles, {1e6 * energy['teach_j']:.3f} uJ" if "teach_j" in energy else "-",
-        f"{1e6 * energy['idle_w']:.2f} uW, leakage {1e6 * energy['leakage_w']:.2f}",
-    )
 
 
 def run_rows(asked: argparse.Namespace) -> Iterator[Row]:
@@ -397,10 +352,6 @@ def parser() -> argparse.ArgumentParser:
     )
     found.add_argument("table", choices=[*TABLES, "figures"])
     found.add_argument("rows", nargs="*", metavar="ROW")
-    found.add_argument("--pdk", default="ihp-sg13g2", help="of designs, readouts")
-    found.add_argument(
-        "--liberty", nargs="*", type=Path, default=(), help="of designs, readouts: the chip's process"
-    )
     return found
 
 

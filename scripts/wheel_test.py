@@ -19,7 +19,7 @@ PREDICT = """
 import sys
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings
+from eskin.training.made_up import random_recordings
 model = IntegerModel.load("model")
 assert len(run(model, random_recordings(model.config, [3000], 1)).decision) > 0
 assert "torch" not in sys.modules
@@ -52,7 +52,7 @@ def must(*command: str | Path, status: int = 0, words: str = "") -> None:
 def main() -> None:
     """Build, install, try."""
     from eskin.golden.core import PRESETS
-    from eskin.golden.model import random_integer_model
+    from eskin.training.made_up import random_integer_model
 
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)

@@ -16,6 +16,8 @@ from eskin.rtl.fpga.tools import run_tool
 # Before torch is loaded: its operations here are small, and a second thread on a busy machine costs a factor
 # of ten.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Before a test imports onnxruntime, as eskin.exchange sets it.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 # Where no profile is named (--hypothesis-profile): tests/support/strategies.py says what they are.
 # On a busy machine an example may take long.

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import QFormat, write_json
-from eskin.golden.model import IntegerModel, network_formats, random_integer_model
+from eskin.golden.model import IntegerModel, network_formats
 from eskin.rtl.common.layouts import frame_layout
 from eskin.rtl.engine.sequencer import control_layout
 from eskin.rtl.frontend.window_averager import Operation
@@ -26,6 +26,7 @@ from eskin.rtl.host.control import HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Measure, Memory, Register
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
+from eskin.training.made_up import random_integer_model
 from tests.rtl.top import test_accelerator as chain
 from tests.support.stream_bench import Bench, simulate, unpack
 

@@ -152,39 +152,8 @@ def breaches(name: str, used: frozenset[str] | None = None) -> list[str]:
     return broken
 
 
-def circles(graph: dict[str, set[str]]) -> list[list[str]]:
-    """Circles of imports, each once."""
-    found, done = [], set()
-
-    def visit(name: str, path: list[str]) -> None:
-        if name in path:
-            found.append([*path[path.index(name) :], name])
-        elif name not in done:
-            for other in sorted(graph.get(name, ())):
-                visit(other, [*path, name])
-            done.add(name)
-
-    for name in sorted(graph):
-        visit(name, [])
-    return found
-
-
 def test_imports_go_one_way():
     assert len(modules()) > 200 and not {name: broken for name in modules() if (broken := breaches(name))}
-
-
-def test_there_is_no_circle():
-    assert not circles({name: set(imports(name)) & set(modules()) for name in modules()})
-    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c", "a"]]
-
-
-def test_nothing_of_formal_and_tests_imports_past_the_package():
-    for folder in ("formal", "tests"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            tops = {
-                name.partition(".")[0] for name in imports_of(ast.parse(path.read_text()), set(modules()))
-            }
-            assert not tops & set(FOLDERS), path
 
 
 def test_no_module_has_two_names():

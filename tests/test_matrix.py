@@ -27,9 +27,10 @@ import pytest
 
 from eskin.cli import main as command_line
 from eskin.data import load_recordings, turns
+from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig, QFormat
-from eskin.golden.core.memo import locked
-from eskin.golden.data import Recordings, save_archive
+from eskin.golden.core.files import locked
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
 from eskin.training import recipe
 from eskin.verbs import baselines_job, energy_job, sweep_job
@@ -95,7 +96,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("linear", "lstm", "image"),
     ),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
-    "compare": ("compare {model} --out {out}", ("gru-after", "image")),
+    "compare": ("compare {model}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
     "generate --streams": ("generate {model} --bus wishbone --streams axis --out {out}/design", ()),
@@ -127,7 +128,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1", ("image",)),
     "stability": (
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
-        ("chosen-kinds",),
+        ("chosen-kinds", "image"),
     ),
     "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --seeds 1 --out {out}", ("linear",)),
     "baselines": (
@@ -144,6 +145,11 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
 it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
+    (
+        ("import",),
+        tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", *CHOSEN)),
+        "whose reset gate stands after the product: use --reset after",
+    ),
     (("train --fits",), ("image",), "--fits: networks for images have none"),
     (
         ("generate --streams",),
@@ -153,7 +159,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("quantise --readout", "enrol --evaluate --readout"),
         ("rom",),
-        "field loadable: is false, and the memory of prototypes is one that the host fills",
+        "field loadable: is false, but the host must fill the memory of prototypes",
     ),
     (
         ("cosim netlist",),
@@ -168,7 +174,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("enrol --teach",),
         tuple(kind for kind in KINDS if kind not in ("prototypes", "image", *CHOSEN)),
-        "field readout: is 'dense', which is trained and not taught",
+        "field readout: is 'dense', which cannot be taught",
     ),
     (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
     (("export --to onnx",), ("prototypes",), "field readout: is 'prototypes', which ONNX does not have"),
@@ -181,9 +187,9 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     ),
     (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
-    (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
+    (("quantise --readout",), ("image",), "--readout: models for images have none"),
     (
-        ("enrol", "enrol --teach", "asic"),
+        ("enrol", "enrol --teach", "asic", "stability", "import"),
         ("image",),
         "is a network for images, which this verb does not take",
     ),
@@ -244,7 +250,7 @@ def pushed_or_shaken() -> Recordings:
 
 
 def weights_of(config: AcceleratorConfig, path: Path) -> Path:
-    """A network as another tool saves it: torch, or Keras and scikit-learn for cells that torch has not."""
+    """A network as another tool saves it: torch, or scikit-learn for a cell that torch has not."""
     import torch
 
     inputs, classes, units, rng = (
@@ -259,9 +265,6 @@ def weights_of(config: AcceleratorConfig, path: Path) -> Path:
             coef_=rng.normal(size=(classes, config.windows.steps * inputs)),
             intercept_=np.zeros(classes),
         )
-    elif config.network.cell == "gru" and config.network.reset == "before":
-        shapes = ((inputs, 3 * units), (units, 3 * units), (3 * units,), (units, classes), (classes,))
-        np.savez(path.with_suffix(".npz"), *(rng.normal(size=shape) for shape in shapes))
     elif config.is_image:
         torch.save(
             torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3), torch.nn.Linear(64, classes)).state_dict(),

@@ -1,18 +1,21 @@
 """Candidates, how they were judged, and the one rule by which one of them is taken.
 
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
-by its decisions on recordings that it has not seen, sound ones and, where there is a `Stress`, disturbed ones:
-its score is the mean of both accuracies. **The rule** (`choose`): of those that are level with the most
-accurate, and of them with the best score, the cheapest. Level is what `eskin.training.level` says;
-what is cheap says `eskin.choose.cost.Market`. The rule serves front ends alone, which are judged with a
-linear network that is solved in closed form (`eskin.choose.front_ends`), whole networks
-(`eskin.choose.networks`), and both again inside the training part of every fold.
+by its decisions on recordings that it has not seen. **The rule** (`choose`): of those that are level with the
+most accurate, the cheapest. Level is what `eskin.training.level` says; what is cheap says
+`eskin.choose.cost.Market`. The rule serves front ends alone, which are judged with a linear network that is
+solved in closed form (`eskin.choose.front_ends`), whole networks (`eskin.choose.networks`), and both again
+inside the training part of every fold.
+
+Where there is a `Stress`, networks decide disturbed recordings too; the score is the mean of both accuracies.
+Of those that lose at most CLEAN_LOSS of accuracy and cost at most DEARER times as much as the one that the rule
+takes, and are level with the best score, the cheapest is taken (`choose_stable`).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -22,10 +25,14 @@ import numpy as np
 from eskin.choose.choice_table import beyond
 from eskin.choose.cost import Market
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model import IntegerModel, with_network
+from eskin.golden.model import IntegerModel
 from eskin.training.crossval import FoldDecisions
+from eskin.training.formats import with_network
 from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import Recipe
+
+CLEAN_LOSS, DEARER = 0.007, 4 / 3
+"""Accuracy on sound recordings that disturbances may cost, and how many times the price."""
 
 SCREENED = Recipe(name="ridge regression", squares=True)
 """Recipe by which front ends alone are judged: closed form, float."""
@@ -88,8 +95,8 @@ class Judged:
     """A candidate and its decisions on recordings that it has not seen.
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
-    recordings without a touch or a completed window. runs: what each network decided, seed by seed. stress,
-    wrong (cases, recordings): the disturbances, and the share of networks that were wrong under each.
+    recordings without a touch or a completed window. runs: what each network decided, seed by seed. stress: the
+    disturbances. disturbed: gives the share of networks that were wrong under each (cases, recordings).
     """
 
     candidate: Candidate
@@ -97,7 +104,12 @@ class Judged:
     missed: int = 0
     runs: tuple[FoldDecisions, ...] = ()
     stress: Stress | None = None
-    wrong: np.ndarray | None = None
+    disturbed: Callable[[], np.ndarray] | None = None
+
+    @cached_property
+    def wrong(self) -> np.ndarray | None:
+        """Result of ``disturbed``, found where it is first asked for."""
+        return self.disturbed() if self.disturbed else None
 
     @property
     def config(self) -> AcceleratorConfig:
@@ -169,7 +181,7 @@ class Judged:
     @property
     def settled(self) -> bool:
         """So near 100 % that no other can be better by more than TIE standard errors."""
-        return self.score >= 1.0 - TIE * least_error(len(self.correct))
+        return self.accuracy >= 1.0 - TIE * least_error(len(self.correct))
 
     def joined(self, other: Judged) -> Judged:
         """With the networks of other seeds."""
@@ -178,19 +190,24 @@ class Judged:
         def mean(one: np.ndarray, another: np.ndarray) -> np.ndarray:
             return (first * one + more * another) / (first + more)
 
-        wrong = None if self.wrong is None or other.wrong is None else mean(self.wrong, other.wrong)
+        def wrong() -> np.ndarray:
+            assert self.wrong is not None and other.wrong is not None
+            return mean(self.wrong, other.wrong)
+
         correct = mean(self.correct, other.correct)
-        return dataclasses.replace(self, correct=correct, runs=self.runs + other.runs, wrong=wrong)
+        return dataclasses.replace(
+            self, correct=correct, runs=self.runs + other.runs, disturbed=self.disturbed and wrong
+        )
 
 
 def best_of(judged: Sequence[Judged]) -> Judged:
-    """The first of those with the highest score."""
-    return max(judged, key=lambda one: one.score)
+    """The first of those with the highest accuracy."""
+    return max(judged, key=lambda one: one.accuracy)
 
 
 def choose(judged: Sequence[Judged], market: Market) -> Judged:
-    """The cheapest of the candidates that are tied in accuracy with the most accurate and in score with the
-    best; at equal price the first. A board decides between tied ones; a named board must also hold the best.
+    """The cheapest of the candidates that are level with the most accurate; at equal price the first. A board
+    decides between level ones; a named board must also hold the best.
 
     Raises
     ------
@@ -203,13 +220,38 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
             f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
             "larger board"
         )
-    accurate = max(usable, key=lambda one: one.accuracy)
-    sound = [one for one in judged if is_level(accurate.correct, one.correct)]
-    best = best_of([one for one in sound if market.is_candidate(one.config)])
-    level = sorted(
-        (one for one in sound if is_level(best.scores, one.scores)), key=lambda one: market.price(one.config)
-    )
+    best = best_of(usable)
+    return _cheapest([one for one in usable if is_level(best.correct, one.correct)], market)
+
+
+def _cheapest(level: Sequence[Judged], market: Market) -> Judged:
+    """Of candidates that are level."""
+    level = sorted(level, key=lambda one: market.price(one.config))
     return next((one for one in level if market.fits(one.config)), level[0])
+
+
+def affordable(config: AcceleratorConfig, calm: Judged, market: Market) -> bool:
+    """It costs at most DEARER times as much as ``calm``, which `choose` took."""
+    dearest = DEARER * market.price(calm.config)[0]
+    return market.is_candidate(config) and market.price(config)[0] <= dearest * (1 + 1e-9)
+
+
+def in_reach(judged: Sequence[Judged], calm: Judged, market: Market) -> list[Judged]:
+    """Those that `choose_stable` may take in place of ``calm``, and itself."""
+    return [
+        one
+        for one in judged
+        if one.candidate == calm.candidate
+        or (one.accuracy >= calm.accuracy - CLEAN_LOSS and affordable(one.config, calm, market))
+    ]
+
+
+def choose_stable(judged: Sequence[Judged], calm: Judged, market: Market) -> Judged:
+    """The cheapest of the candidates that are level with the best score; at equal price the one with the higher
+    score. Left out are those that lose more than CLEAN_LOSS of accuracy on sound recordings, or cost more than
+    DEARER times as much, against ``calm``, which `choose` took."""
+    ranked = sorted(in_reach(judged, calm, market), key=lambda one: -one.score)
+    return _cheapest([one for one in ranked if is_level(ranked[0].scores, one.scores)], market)
 
 
 def front_end_fields(config: AcceleratorConfig) -> Record:

@@ -26,11 +26,13 @@ from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
 from eskin.choose.networks import AUTO, INSIDE, Effort, Part, Wish, check_units, network_choice, side_by_side
+from eskin.choose.sturdy import Hardening
 from eskin.choose.yardsticks import linear_yardsticks
+from eskin.data.fit import check_fit
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.training.crossval import (
     Piece,
@@ -81,11 +83,14 @@ class Plan:
     guessed: bool = False
     doubts: tuple[Record, ...] = ()
 
-    def listed(self, stress: Stress | None) -> Listed:
+    @property
+    def listed(self) -> Listed:
         """Front ends that networks are tried on."""
-        if not self.screened or self.front_ends is None:
-            return Listed.alone(self.config)
-        return listed(self.screened, self.market, self.front_ends.screen, stress)
+        return listed(self.screened, self.market) if self.screened else Listed.alone(self.config)
+
+    def hardening(self, stress: Stress | None) -> Hardening | None:
+        """What makes them sturdier, where networks are judged under disturbance."""
+        return Hardening(stress, self.front_ends.screen if self.front_ends else None) if stress else None
 
     def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
         """``front_end`` of training.json: chosen and rivals (best first), each as ``screened_row`` gives it;
@@ -266,30 +271,24 @@ def choose_inside(
 ) -> list[Candidate]:
     """Choices on each of ``parts`` (recordings) alone."""
     recordings, choices, held = terms.recordings, [], []
-    effort = effort.under_stress if terms.stress else effort
+    hardening = plan.hardening(terms.stress)
     for number, part in enumerate(parts):
         if terms.progress:
             terms.progress("front ends chosen again inside folds", number, len(parts))
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
-            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market, terms.stress)
-        choices.append(network_choice(front_ends, wish, plan.market, effort))
+            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
+        choices.append(network_choice(front_ends, wish, plan.market, effort, hardening))
         held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
     return [candidate for candidate, _ in side_by_side(choices, held, terms)]
 
 
-def search_inside(
-    front_ends: FrontEnds,
-    part: np.ndarray,
-    groups: Sequence[str],
-    market: Market,
-    stress: Stress | None = None,
-) -> Listed:
+def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
     """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
         judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market, brief=True), market, front_ends.screen, stress, brief=True)
+        return listed(search(judge, market, brief=True), market)
 
 
 def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:
@@ -462,9 +461,12 @@ def train_chosen(
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
     effort = Effort(seeds=len(terms.seeds))
-    effort = effort.under_stress if terms.stress else effort
     choice = network_choice(
-        plan.listed(terms.stress) if folds else Listed.alone(plan.config), wish, market, effort
+        plan.listed if folds else Listed.alone(plan.config),
+        wish,
+        market,
+        effort,
+        plan.hardening(terms.stress),
     )
     ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
     judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}

@@ -97,8 +97,8 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
     taken = next((row for row in candidates if row["chosen"] and row.get("stress")), None)
     if taken is None:
         return None
-    plain = min((row for row in candidates if not row["robust"]), key=lambda row: row["energy_touch_j"])
-
+    calm = [row for row in candidates if row["stress"] and not row["robust"]]
+    plain = min(calm or [taken], key=lambda row: row["energy_touch_j"])
     of_plain = {row["mode"]: row["figure"] for row in plain["stress"]}
     rows = [row | {"plain": of_plain.get(row["mode"])} for row in taken["stress"]]
     rows.sort(key=beyond, reverse=True)
@@ -127,11 +127,11 @@ def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str
     best = max(found, key=lambda one: one[:2])[2]
     (figure,) = (row["figure"] for row in best["stress"] if row["mode"] == weakest["mode"])
     if sign * (figure - weakest["figure"]) < 0.005:
-        return f"{name} No candidate does better there."
+        return f"{name} No candidate does better in this mode."
     joule = 1e6 * (best["energy_touch_j"] - taken["energy_touch_j"])
     points = 100 * (best["accuracy"] - taken["accuracy"])
     return (
-        f"{name} {network_name(best)} on {front_end_words(best['front_end'])} has {figure:.1%} there, for {joule:+.2f} uJ "
+        f"{name} {network_name(best)} on {front_end_words(best['front_end'])} reaches {figure:.1%} and costs {joule:+.2f} uJ "
         f"a touch, {best['cells'] - taken['cells']:+d} logic cells and {points:+.1f} points on undisturbed recordings."
     )
 

@@ -79,12 +79,12 @@ def below_baselines(
     if short <= best["standard_error"] * (1 if best["hardware"] else 2):
         return []
     larger = _larger(candidates or [])
-    fix = "try --cell auto" if candidates is None else larger or "no network that was judged does better"
+    fix = "try --cell auto" if candidates is None else larger or "no other candidate does better"
     if not best["hardware"]:
-        fix = f"no hardware for it here; {fix}"
+        fix = f"eskin has no hardware for it; {fix}"
     text = (
-        f"the {best['name']} decides {percent(best['accuracy'])} rightly and the network "
-        f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less{_by_which(best)}: {fix}"
+        f"the {best['name']} classifies {percent(best['accuracy'])} correctly, the network "
+        f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less: {fix}"
     )
     return [doubt("below_baselines", text, split)]
 
@@ -100,32 +100,22 @@ def _larger(candidates: Sequence[Mapping[str, Any]]) -> str:
     return f"try --cell {best['cell']} --hidden {larger[0]}"
 
 
-def _by_which(row: Mapping[str, Any]) -> str:
-    """By which of its statistics a baseline is better, where that was looked at."""
-    if "without" not in row:
-        return ""
-    most = min(row["without"], key=row["without"].get)
-    if row["accuracy"] - row["without"][most] <= row["standard_error"]:
-        return f" (by none of {', '.join(row['without'])} alone: it is as good without any one of them)"
-    return f" (most by {most}: without it {percent(row['without'][most])})"
-
-
 def by_choice(split: Mapping[str, Any]) -> list[Record]:
     """A doubt where the choice of front end and network flatters its own folds."""
     nested = split["nested"]
     if split["integer_accuracy"] - nested["integer_accuracy"] <= 2 * nested["standard_error"]:
         return []
     text = (
-        f"the network taken decides {percent(split['integer_accuracy'])} rightly on the folds it was chosen "
-        f"on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: quote the "
-        f"second for a new {' and '.join(split['groups']) or 'recording'}, or record more of them"
+        f"the chosen network classifies {percent(split['integer_accuracy'])} correctly on the folds that chose "
+        f"it, and nested cross-validation gives {percent(nested['integer_accuracy'])}: quote the second figure for "
+        f"a new {' and '.join(split['groups']) or 'recording'}, or record more of them"
     )
     return [doubt("by_choice", text, split)]
 
 
 def no_unseen_figure(split: Mapping[str, Any], why: str) -> Record:
     """The choice could not be made again inside the folds of a split."""
-    return doubt("no_unseen_figure", f"there is no figure of folds that chose nothing: {why}", split)
+    return doubt("no_unseen_figure", f"there is no nested cross-validation: {why}", split)
 
 
 def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[Record]:
@@ -151,8 +141,8 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
         lost, own = (one["float_accuracy"] - one["integer_accuracy"] for one in (judged, split))
         if lost > LOST and stage and not (alike and own <= LOST):
             text = (
-                f"the integer network decides {percent(judged['integer_accuracy'])} rightly and the float one "
-                f"{percent(judged['float_accuracy'])}: most is lost in the {stage}; try 'eskin quantise MODEL {fix}'"
+                f"the integer network classifies {percent(judged['integer_accuracy'])} correctly, the float one "
+                f"{percent(judged['float_accuracy'])}, and the {stage} lose most of it: try 'eskin quantise MODEL {fix}'"
             )
             found.append(doubt("lost_in_integers", text, judged))
     return found
@@ -165,15 +155,15 @@ def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> li
         return []
     if frames:
         text = (
-            f"the network decides {percent(accuracy)} of {recordings} recordings rightly by their first "
-            f"{frames} frames, repeated: where each class was recorded in a session of its own, this is the "
-            f"session and not the touch; {SESSIONS}"
+            f"the network classifies {percent(accuracy)} of {recordings} recordings correctly from their first "
+            f"{frames} frames, repeated: if each class has its own session, the network recognises the session "
+            f"and not the touch; {SESSIONS}"
         )
         return [doubt("leaks", text)]
     text = (
-        f"the network decides {percent(accuracy)} of {recordings} recordings rightly whose touch was taken out: "
-        "it knows the class from the rest level, the onset's time or the length, so record the classes in turn, "
-        "under one condition"
+        f"the network classifies {percent(accuracy)} of {recordings} recordings correctly after their touch was "
+        "removed: the rest level, the time of the onset or the length reveals the class; record the classes in "
+        "mixed order under the same conditions"
     )
     return [doubt("leaks", text)]
 
@@ -190,16 +180,16 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
     """
     group = " and ".join(groups)
     left = f"leaving out {group}, " if groups else ""
-    text = f"{left}the level of the first {frames} frames alone tells the class of {percent(share)}"
+    text = f"{left}the level of the first {frames} frames alone reveals the class of {percent(share)}"
     if without is not None:
-        text += f" (a front end that takes this level off decides {percent(without)} rightly)"
-    text += ": where each class was recorded in a session of its own, this is the session and not the touch; "
+        text += f" (a front end that removes this level classifies {percent(without)} correctly)"
+    text += ": if each class has its own session, this is the session and not the touch; "
     return [
         doubt(
             "level_tells",
             text
             + (
-                f"record every class at every {group}, or take it as part of the touch where that was done"
+                f"record every class at every {group}; if you did, the level is part of the touch"
                 if groups
                 else SESSIONS
             ),
@@ -225,8 +215,8 @@ def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> 
         return []
     long_s, short_s = (config.touch_s for config in (best, shorter))
     text = (
-        f"accuracy still climbs where recordings end: {percent(correct.mean())} on {long_s:.3g} s of the touch, "
-        f"{percent(most.mean())} on {short_s:.3g} s; record longer touches"
+        f"accuracy still rises at the end of the recordings ({percent(most.mean())} after {short_s:.3g} s, "
+        f"{percent(correct.mean())} after {long_s:.3g} s): record longer touches"
     )
     return [doubt("still_climbing", text)]
 
@@ -235,7 +225,7 @@ def missed_onsets(touched: int, count: int) -> list[Record]:
     """A doubt where more than MOST_MISSED of the recordings show no onset."""
     if count - touched <= MOST_MISSED * count:
         return []
-    text = f"{count - touched} of {count} recordings show no touch, and count as wrong: look at them with "
+    text = f"no touch was found in {count - touched} of {count} recordings, which count as wrong: run "
     return [doubt("missed_onsets", f"{text}'eskin inspect'")]
 
 
@@ -255,8 +245,8 @@ def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[R
         int(np.argmax(np.where(np.arange(table.shape[1]) == worst, -1, table[worst])))
     ]
     text = (
-        f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} found no more often than by guessing ({lost[0]} "
-        f"is mostly taken for {decided_as}): record more of {'it' if len(lost) == 1 else 'them'}, or join the "
+        f"{', '.join(lost)} {'is' if len(lost) == 1 else 'are'} recognised no more often than by chance ({lost[0]} "
+        f"is mostly classified as {decided_as}): record more of {'it' if len(lost) == 1 else 'them'}, or merge the "
         "classes"
     )
     return [doubt("lost_classes", text, split)]
@@ -275,8 +265,8 @@ def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> lis
         else "an array in the archive that names the session of each"
     )
     text = (
-        f"no group was given and neighbouring recordings look alike ({percent(single)} of whole recordings are "
-        f"decided rightly when their neighbours are known, {percent(blocked)} when not), so the accuracy may be "
-        f"that of known sessions: give {fix}"
+        f"no group was given and neighbouring recordings look alike (with their neighbours in training, "
+        f"{percent(single)} are classified correctly; without, {percent(blocked)}), so the accuracy may hold for known "
+        f"sessions only: give {fix}"
     )
     return [doubt("look_alike", text)]

@@ -28,14 +28,14 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.choose.candidate import Candidate, Judged, Stress, best_of, choose
+from eskin.choose.candidate import Candidate, Judged, best_of, choose
 from eskin.choose.cost import Market
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.groups import Features
 from eskin.golden.data import Recordings
 from eskin.golden.data.codes import UNEVEN
-from eskin.golden.model import normalise, normaliser_constants, real_features
+from eskin.golden.model import normalise, real_features
 from eskin.training.datasets import scaling
 from eskin.training.derive import (
     CONVERTERS,
@@ -46,6 +46,7 @@ from eskin.training.derive import (
     sensor_sizes,
     settling_frames,
 )
+from eskin.training.formats import normaliser_constants
 from eskin.training.level import is_level
 from eskin.training.linear_fit import cut_short, discriminants
 
@@ -433,14 +434,12 @@ class Listed:
     """Front ends that networks are tried on.
 
     taken: the one that the rule takes. smaller: it, the most accurate one, and those that the rule takes of
-    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates. sturdier: of the
-    others what `sturdier` makes of them, where networks are judged under disturbance.
+    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates.
     """
 
     taken: AcceleratorConfig
     smaller: tuple[AcceleratorConfig, ...]
     rivals: tuple[AcceleratorConfig, ...] = ()
-    sturdier: tuple[AcceleratorConfig, ...] = ()
 
     @classmethod
     def alone(cls, config: AcceleratorConfig) -> Listed:
@@ -450,19 +449,12 @@ class Listed:
     @property
     def for_recurrent(self) -> list[AcceleratorConfig]:
         """TRIED_RECURRENT at most, the one taken first."""
-        order = self.sturdier or (self.taken, self.smaller[0], *self.rivals, *self.smaller)
+        order = (self.taken, self.smaller[0], *self.rivals, *self.smaller)
         return list(dict.fromkeys(order))[:TRIED_RECURRENT]
 
 
-def listed(
-    judged: Sequence[Judged],
-    market: Market,
-    screen: Screen | None = None,
-    stress: Stress | None = None,
-    brief: bool = False,
-) -> Listed:
-    """The front ends to try networks on; none is HOPELESS. screen, stress: what sturdier ones take; brief: of
-    two of them.
+def listed(judged: Sequence[Judged], market: Market) -> Listed:
+    """The front ends to try networks on; none is HOPELESS.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
@@ -478,12 +470,7 @@ def listed(
         if _kind_of_gate(one) != _kind_of_gate(taken):
             rivals.setdefault(_kind_of_gate(one), one.candidate.front_end)
     unique = dict.fromkeys(one.candidate.front_end for one in smaller)
-    found = Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
-    if screen is None or stress is None:
-        return found
-    ends = found.for_recurrent[: 2 if brief else TRIED_RECURRENT]
-    hard = [sturdier(one, screen, stress.false_onsets) or one for one in ends]
-    return dataclasses.replace(found, sturdier=tuple(dict.fromkeys(hard)))
+    return Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
 
 
 def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:
@@ -496,62 +483,6 @@ def _longer(configs: Sequence[AcceleratorConfig]) -> list[AcceleratorConfig]:
     return [one for one in configs if one.windows.steps == STEPS and one.last_frame > configs[0].last_frame]
 
 
-GATES = ((3, 4, 1.0), (5, 6, 1.0), (3, 4, 1.5), (5, 6, 1.5), (5, 6, 2.0), (5, 6, 3.0))
-"""Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
-the rule's mean for four judged frames."""
-
-SELDOM = 0.1
-"""Share of recordings, summed over disturbances, that a gate may open in too early without a sturdier one."""
-
-CLIPPED, CLIP_OVER = 0.01, 1.5
-"""A sturdier clip is so many times what this share of a touch's samples is beyond."""
-
-
-def sturdier(
-    config: AcceleratorConfig, screen: Screen, false_onsets: Callable[[AcceleratorConfig], float]
-) -> AcceleratorConfig | None:
-    """``config`` with a tracked rest level, the first of GATES that a disturbance before the touch does not open
-    (else the one that it opens least), and a clip near the largest deviations; where it opens at once with the
-    clip alone. None: it is that already, or no accelerator has it. No label is looked at."""
-    if config.onset_rule.onset == "band":
-        return None
-    at_once = config.opens_at_once
-    level = config if at_once else _valid(config, rest="tracked")
-    if level is None or not len(touches := screen.touches(level)):
-        return None
-    touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
-    # what is not taken off is no deviation, so less of it may be cut
-    share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
-    clip = int(np.ceil(CLIP_OVER * np.quantile(np.concatenate(touched), 1 - share)))
-    clip = min(max(clip, 1), config.rest_level.clip or 65535)
-    rule = config.onset_rule
-    gates: list[Record] = [{}]
-    if not at_once:
-        gates += [
-            dict(onset_hits=hits, onset_span=span, onset_threshold=max(1, round(over * rule.onset_threshold)))
-            for hits, span, over in GATES
-        ]
-    tried = [
-        one
-        for gate in gates
-        if (
-            one := _valid(
-                level,
-                clip=max(clip, 2 * gate.get("onset_threshold", rule.onset_threshold * (not at_once))),
-                **gate,
-            )
-        )
-    ]
-    best, least = None, np.inf
-    for one in tried:
-        opened = 0.0 if at_once else false_onsets(one)
-        if opened < least:
-            best, least = one, opened
-        if least <= SELDOM:
-            break
-    return None if best is None or best == config.replace(name=best.name) else best
-
-
 def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> Iterator[AcceleratorConfig]:
     """The best with all windows of its gate, and with other thresholds."""
     tried: list[AcceleratorConfig | None] = []
@@ -559,28 +490,28 @@ def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> 
         for config in (config for configs in by_gate if _same_gate(configs[0], best) for config in configs):
             block = 1 if best.features.activity_block == 1 else block_of(config.windows.hop)
             windows = {name: getattr(config.windows, name) for name in ("hop", "window", "steps")}
-            tried.append(_valid(best, **windows, activity_block=block))
+            tried.append(valid(best, **windows, activity_block=block))
     if best.onset_rule.onset == "baseline":
         threshold = best.onset_rule.onset_threshold
-        tried += [_valid(best, onset_threshold=max(1, round(threshold * factor))) for factor in (0.7, 1.4)]
+        tried += [valid(best, onset_threshold=max(1, round(threshold * factor))) for factor in (0.7, 1.4)]
     return filter(None, tried)
 
 
 def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
     """Neighbours with half the scans, fewer kinds, two thirds of the windows, windows of two thirds the length."""
     windows, kinds = at.windows, at.features.feature_kinds
-    tried = [_scanning_half(at)]
+    tried = [scanning_half(at)]
     if len(kinds) > 1:
-        tried += [_valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
+        tried += [valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
     if windows.window_mode == "free":
         shorter = max(2 * windows.hop // 3 // 8 * 8, 4)
         block = block_of(shorter) if at.features.activity_block > 1 else 1
-        tried.append(_valid(at, steps=max(2 * windows.steps // 3, 1)))
-        tried.append(_valid(at, hop=shorter, window=2 * shorter, activity_block=block))
+        tried.append(valid(at, steps=max(2 * windows.steps // 3, 1)))
+        tried.append(valid(at, hop=shorter, window=2 * shorter, activity_block=block))
     return filter(None, tried)
 
 
-def _scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
+def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
     """``at`` with half the scans: what counts frames keeps its time. A rest level for an onset is the mean of as many
     frames as before, since their noise stays. None where a hop or a block does not divide, or windows do not run on
     from hop to hop."""
@@ -590,7 +521,7 @@ def _scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
     hop, block = windows.hop // 2, features.activity_block
     if block > 1:
         block = block_of(hop) if block % 2 else block // 2
-    return _valid(
+    return valid(
         at,
         scan_every=2 * at.sensor.scan_every,
         rest_frames=-(-rest.rest_frames // 2) if at.opens_at_once else rest.rest_frames,
@@ -630,8 +561,8 @@ def _fewer_scans(
         block = block_of(whole) if best.features.activity_block > 1 else 1
         windows = dict(hop=whole, window=2 * whole, activity_block=block) if whole != hop else {}
         for threshold, clip in rules:
-            at = _valid(best, onset_threshold=threshold, clip=min(clip, 65535), **windows)
-            while at and (at := _scanning_half(at)):
+            at = valid(best, onset_threshold=threshold, clip=min(clip, 65535), **windows)
+            while at and (at := scanning_half(at)):
                 yield at
 
 
@@ -713,14 +644,14 @@ def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
         if "integral" in kind:
             changes["integral_knee"] = knee
         for scale in ("array", "taxel"):
-            candidate = _valid(config, feature_scale=scale, **changes)
+            candidate = valid(config, feature_scale=scale, **changes)
             if candidate is not None:
                 same = candidate == config.replace(name="derived")
                 candidates.append(config if same else candidate)
     return candidates
 
 
-def _valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | None:
+def valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | None:
     """``config`` with ``changes`` and the name derived; None where no accelerator has these sizes (too many
     inputs, say)."""
     try:

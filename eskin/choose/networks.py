@@ -13,6 +13,10 @@ reach. Logistic regressions, whose margins are logarithms of odds, come first.
 
 Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
+Where networks are judged under disturbance, the one that the rule takes by sound recordings is then tried on
+sturdier front ends (`eskin.choose.sturdy`), and beside it linear cells fitted to disturbed touches and GRUs
+trained with failing taxels, as far as they are within the rule's reach of it.
+
 `network_choice` is a choice on one set of recordings. The main choice is one of them, and so is each choice
 inside the training part of a fold: these go `side_by_side`, so that their networks train together.
 """
@@ -22,17 +26,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from eskin.choose.candidate import Candidate, Judged, best_of, choose
+from eskin.choose.candidate import Candidate, Judged, affordable, best_of, choose, choose_stable, in_reach
 from eskin.choose.choice_table import network_name
 from eskin.choose.cost import Market
 from eskin.choose.front_ends import Listed
+from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
-from eskin.golden.model import with_network
 from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
+from eskin.training.formats import with_network
 from eskin.training.level import is_level
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 
@@ -49,9 +55,15 @@ WEAK_PENALTY = 10.0
 where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving forces out; 0.1 is behind on
 both, 100 level."""
 
-STURDY, ROBUST = "sturdy", "robust"
-"""Fits that are tried where candidates are judged under disturbance: of linear cells, and of recurrent ones."""
-ROBUST_UPDATES = 400
+STURDY: dict[str, Record] = {
+    "sturdy" if strength == 1 else f"sturdy {strength:g}": {"squares": True, "sturdy": strength}
+    for strength in (1.0, 0.3, 0.1)
+}
+"""Fits of a linear cell that are tried where it is judged under disturbance."""
+ROBUST, ROBUST_UPDATES = "robust", 400
+"""Recipe of recurrent cells that are, and its updates."""
+AGAIN = 4
+"""Of these so many are judged with other seeds at most."""
 
 RIDGES = (0.1, 0.01, 0.001)
 """Penalties of least squares beside the one that each training part chooses by leaving touches out, which are
@@ -69,7 +81,7 @@ FITS: dict[str, Record] = {
         f"ridge {share:g}": {**SQUARES, "name": f"ridge {share:g}", "ridge": share, **AS_RECORDED}
         for share in RIDGES
     },
-    STURDY: {**SQUARES, "name": STURDY, "sturdy": 1.0, **AS_RECORDED},
+    **{fit: {"name": fit, **changes, **AS_RECORDED} for fit, changes in STURDY.items()},
 }
 """Fits of a linear cell, as changes of the configuration's recipe, in the order of preference."""
 ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squares"}
@@ -80,26 +92,23 @@ ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squar
 class Effort:
     """Amount of work for the choice.
 
-    fits, units: of linear cells and of GRUs. robust: units of GRUs that are trained with failing taxels.
-    share: of a recurrent network's updates one part in so many.
+    fits, units: of linear cells and of GRUs. share: of a recurrent network's updates one part in so many.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
     candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
-    standard error.
+    standard error. sturdy: fits of linear cells under disturbance. ends: front ends that are made sturdier.
+    rounds: of longer windows.
     """
 
-    fits: tuple[str, ...] = tuple(fit for fit in FITS if fit != STURDY)
+    fits: tuple[str, ...] = tuple(fit for fit in FITS if fit not in STURDY)
     units: tuple[int, ...] = GRU_UNITS
-    robust: tuple[int, ...] = ()
     share: int = 1
     probe: int = 12
     probe_share: int = 2
     seeds: int = 1
     brief: bool = False
-
-    @property
-    def under_stress(self) -> Effort:
-        """With what is judged under disturbance only."""
-        return dataclasses.replace(self, fits=(*self.fits, STURDY), robust=self.units[1:])
+    sturdy: tuple[str, ...] = tuple(STURDY)
+    ends: int = 3
+    rounds: int = 2
 
 
 INSIDE = Effort(
@@ -109,6 +118,9 @@ INSIDE = Effort(
     probe=8,
     probe_share=4,
     brief=True,
+    sturdy=("sturdy 0.3",),
+    ends=1,
+    rounds=0,
 )
 """Inside folds, where choices are many."""
 
@@ -192,8 +204,10 @@ NetworkChoice = Generator[Round, list[Judged], tuple[Candidate, list[Judged]]]
 candidate taken and all that it was taken from, none where nothing was open."""
 
 
-def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effort) -> NetworkChoice:
-    """Choose a network on one of the front ends listed.
+def network_choice(
+    front_ends: Listed, wish: Wish, market: Market, effort: Effort, hardening: Hardening | None = None
+) -> NetworkChoice:
+    """Choose a network on one of the front ends listed. hardening: they are judged under disturbance, too.
 
     Raises
     ------
@@ -253,33 +267,81 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
         ]
         taken = [best_of(kind).candidate for kind in kinds if kind]
         kept = [fit for fit, candidate in fits.items() if candidate in taken]
-        places = (*others, *front_ends.sturdier)
-        yield from judged(wish.possible(on, "linear", None, fit) for on in places for fit in kept)
+        yield from judged(wish.possible(on, "linear", None, fit) for on in others for fit in kept)
     on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
         on = (yield from best_probe(probes)).front_end
     units = yield from judged(wish.possible(on, "gru", count) for count in effort.units)
-    robust = yield from judged(wish.possible(on, "gru", count, ROBUST) for count in effort.robust)
-    if len(units) > 1 and goes_on(tried if not robust else [*tried[: -len(robust)], *robust]):
-        fit = ROBUST if robust and best_of(robust).score > best_of(units).score else ""
-        yield from judged([wish.possible(on, "gru", LARGER_UNITS, fit)])
+    if len(units) > 1 and goes_on(tried):
+        yield from judged([wish.possible(on, "gru", LARGER_UNITS)])
     if not tried:
         board = f" and the board {market.board}" if market.named else ""
         raise InputError(
             f"configuration '{front_ends.taken.name}': no network of the candidates fits it{board}; name one "
             "with --cell and --hidden"
         )
-    if effort.seeds > 1:
-        most = best_of(tried).score
-        near = [
+
+    def with_other_seeds(near: Sequence[Judged]) -> Generator[Round, list[Judged], None]:
+        if effort.seeds > 1 and near:
+            more = yield Round([one.candidate for one in near], effort.share, other_seeds=True)
+            further = {one.candidate: one for one in more}
+            tried[:] = [
+                one.joined(further[one.candidate]) if one.candidate in further else one for one in tried
+            ]
+
+    most = best_of(tried).accuracy
+    yield from with_other_seeds(
+        [
             one
             for one in tried
-            if most - one.score <= OUT_OF_REACH * one.score_standard_error and not beaten(one.candidate)
+            if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not beaten(one.candidate)
         ]
-        more = yield Round([one.candidate for one in near], effort.share, other_seeds=True)
-        further = {one.candidate: one for one in more}
-        tried = [one.joined(further[one.candidate]) if one.candidate in further else one for one in tried]
-    return choose(tried, market).candidate, tried
+    )
+    calm = choose(tried, market)
+    if hardening is None:
+        return calm.candidate, tried
+    # under disturbance: the same network, fitted to it, and more units, as far as they are in reach
+    cell, hidden = calm.config.network.cell, calm.config.network.hidden if calm.config.recurrent else None
+    fits = dict.fromkeys((fit_of(calm), *effort.sturdy) if hidden is None else ("", ROBUST))
+
+    def stable(candidates: Iterable[Candidate | None]) -> Generator[Round, list[Judged], int]:
+        known_ones = {one.candidate for one in tried}
+        fresh = [one for one in dict.fromkeys(candidates) if one and affordable(one.config, calm, market)]
+        outcomes = yield from asked([one for one in fresh if one not in known_ones], effort.share)
+        tried.extend(outcomes)
+        return len(outcomes)
+
+    every = dict.fromkeys([calm.candidate.front_end, *front_ends.smaller, *front_ends.rivals])
+    on_each = {on: wish.possible(on, cell, hidden) for on in every}
+    ends = [on for on, one in on_each.items() if one and affordable(one.config, calm, market)]
+    ends = ends[: effort.ends if hidden is None else 1]
+    ends += [one for on in ends for one in hardening.sturdier(on)]
+    yield from stable(wish.possible(on, cell, hidden, fit) for on in ends for fit in fits)
+    for _ in range(effort.rounds):
+        ahead = max(in_reach(tried, calm, market), key=lambda one: one.score)
+        on, fit = ahead.candidate.front_end, fit_of(ahead)
+        larger = [wish.possible(on, cell, hidden + 4, fit)] if hidden else []
+        longer = hardening.longer(on)
+        if not (yield from stable([*(wish.possible(on, cell, hidden, fit) for on in longer), *larger])):
+            break
+    ranked = sorted(in_reach(tried, calm, market), key=lambda one: -one.score)
+    behind = [one for one in ranked if len(one.runs) < len(calm.runs)]
+    yield from with_other_seeds([one for one in behind if is_level(ranked[0].scores, one.scores)][:AGAIN])
+    stablest = choose_stable(tried, calm, market)
+    # what is out of reach is not judged under disturbance, but the most accurate one, which tells what more would buy
+    told = {one.candidate for one in (*in_reach(tried, calm, market), best_of(tried))}
+    return stablest.candidate, [
+        one if one.candidate in told else dataclasses.replace(one, stress=None, disturbed=None)
+        for one in tried
+    ]
+
+
+def fit_of(one: Judged) -> str:
+    """What `Wish.candidate` calls the fit of a candidate."""
+    name = one.candidate.recipe.name
+    if one.config.recurrent:
+        return ROBUST if name == ROBUST else ""
+    return name if name in FITS else "linear"
 
 
 def goes_on(tried: Sequence[Judged]) -> bool:
@@ -287,8 +349,8 @@ def goes_on(tried: Sequence[Judged]) -> bool:
     standard error."""
     *_, eight, twelve = tried
     best = best_of(tried)
-    below = best.score - twelve.score > best.score_standard_error
-    rising = twelve.score - eight.score > max(eight.score_standard_error, twelve.score_standard_error)
+    below = best.accuracy - twelve.accuracy > best.standard_error
+    rising = twelve.accuracy - eight.accuracy > max(eight.standard_error, twelve.standard_error)
     return below or rising
 
 
@@ -341,17 +403,22 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
         for number, places in of_number.items():
             own, rows = [runs[at] for at in places], parts[number].rows
             right = share_right(terms.recordings.labels, [pieces[at].test for at in places], own)
-            wrong = _wrong(candidate, [trained[at] for at in places], terms)
-            one = Judged(candidate, right[rows], runs=tuple(own), stress=terms.stress)
-            answers[number].append(dataclasses.replace(one, wrong=None if wrong is None else wrong[:, rows]))
+            disturbed = partial(_wrong, candidate, [trained[at] for at in places], terms, rows)
+            answers[number].append(
+                Judged(
+                    candidate,
+                    right[rows],
+                    runs=tuple(own),
+                    stress=terms.stress,
+                    disturbed=disturbed if terms.stress else None,
+                )
+            )
     return answers
 
 
-def _wrong(candidate: Candidate, networks: Sequence[Trained], terms: Terms) -> np.ndarray | None:
-    """(cases, recordings) the share of the networks that were wrong under each disturbance, of those that had
-    not seen the recording."""
-    if terms.stress is None:
-        return None
+def _wrong(candidate: Candidate, networks: Sequence[Trained], terms: Terms, rows: np.ndarray) -> np.ndarray:
+    """(cases, rows) the share of the networks that were wrong under each disturbance, of those that had not seen
+    the recording."""
     tests = [network.piece.test for network in networks]
     told = [
         terms.stress.wrong(candidate.config, network.integer, test)
@@ -361,7 +428,7 @@ def _wrong(candidate: Candidate, networks: Sequence[Trained], terms: Terms) -> n
     for wrong, test in zip(told, tests, strict=True):
         total[:, test] += wrong
         judged[test] += 1
-    return total / np.maximum(judged, 1)
+    return (total / np.maximum(judged, 1))[:, rows]
 
 
 def shortened(candidate: Candidate, share: int) -> Recipe:

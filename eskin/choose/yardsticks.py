@@ -138,22 +138,15 @@ def yardsticks(
     config: AcceleratorConfig,
     groups: Sequence[str],
     folds: int,
-    accuracy: float = 1.0,
     progress: Callable[[str, int, int], None] = lambda task, done, total: None,
 ) -> list[Record]:
     """Accuracies of other classifiers when ``groups`` are left out: support vectors on the network's
     features, and on whole recordings a linear classifier, support vectors and a random forest.
 
-    Parameters
-    ----------
-    accuracy:
-        The network's. Where the best of the last two is more than two standard errors better, it is fitted
-        again without each of STATISTICS.
-
     Returns
     -------
     {name, groups, accuracy, standard_error (over recordings), multiplies (of a touch; 0: compares), hardware
-    (False), whole (it sees whole recordings)} each; without: {statistic: accuracy}, where it was fitted again.
+    (False), whole (it sees whole recordings)} each.
     """
     parts, classes = split_folds(recordings, groups, folds, None), len(recordings.class_names)
     name = "RBF-SVM on the same features"
@@ -166,21 +159,15 @@ def yardsticks(
     progress(name, 2, 4)
 
     few = recordings.subset(recordings.evenly(JUDGED_ON))
-    tables, parts = statistics(few), [part for part in split_folds(few, groups, folds, None) if len(part)]
+    parts = [part for part in split_folds(few, groups, folds, None) if len(part)]
 
-    def judged(decide: Decide, names: Sequence[str]) -> np.ndarray:
-        x = scaled(np.concatenate([tables[name] for name in names], axis=1))
-        return decide(x, few.labels, parts, classes, np.arange(len(x))) == few.labels
-
+    x = scaled(np.concatenate(list(statistics(few).values()), axis=1))
     kinds = {"RBF-SVM": by_folds(support_vectors), "random forest": by_folds(forest)}
     for number, (name, decide) in enumerate(kinds.items()):
         name = f"{name} on statistics of whole recordings"
-        rows.append(_row(name, groups, judged(decide, STATISTICS)) | {"whole": True})
+        correct = decide(x, few.labels, parts, classes, np.arange(len(x))) == few.labels
+        rows.append(_row(name, groups, correct) | {"whole": True})
         progress(name, 3 + number, 4)
-    best, decide = max(zip(rows[2:], kinds.values(), strict=True), key=lambda pair: pair[0]["accuracy"])
-    if best["accuracy"] - accuracy > 2 * best["standard_error"]:
-        rest = {left: [name for name in STATISTICS if name != left] for left in STATISTICS}
-        best["without"] = {left: float(judged(decide, names).mean()) for left, names in rest.items()}
     return rows
 
 

@@ -80,7 +80,7 @@ def check_outputs(verb: str, options: Record) -> None:
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
     outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
-    words = (*PRESETS, "synthetic", "default", "bits")
+    words = (*PRESETS, "synthetic", "default")
     inputs: list[Path] = []
     for name, value in options.items():
         if name not in OUTPUTS:
@@ -102,22 +102,21 @@ def check_outputs(verb: str, options: Record) -> None:
             None,
         )
         if twin:
-            raise InputError(f"{option} {path}: is what {twin} names, too; give each a name of its own")
+            raise InputError(f"{option} {path}: {twin} names the same path; give another one")
         for given_path, source in places:
             if source == place or (path.exists() and path.samefile(source)):
                 raise InputError(
-                    f"{option} {path}: is the input {given_path}, which would be lost; give another name"
+                    f"{option} {path}: would overwrite the input {given_path}; give another name"
                 )
             if verb in REPLACING and place in source.parents and option == "--out":
                 raise InputError(
-                    f"{option} {path}: is replaced as a whole and holds the input {given_path}; name "
+                    f"{option} {path}: would be replaced together with the input {given_path} in it; name "
                     "another folder"
                 )
             result = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
             if path.is_file() and source in place.parents and not result:
                 raise InputError(
-                    f"{option} {path}: is a file of the input {given_path}, which would be lost; give "
-                    "another name"
+                    f"{option} {path}: would overwrite a file of the input {given_path}; give another name"
                 )
 
 
@@ -222,6 +221,6 @@ def integer_model(folder: Path):
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said."""
     from eskin.data import load_recordings
-    from eskin.golden.data import for_model
+    from eskin.data.fit import for_model
 
     return for_model(load_recordings(data, config=config), config, warn)

@@ -21,7 +21,7 @@ def inspect(asked: InspectRequest) -> Record:
     check_target(picture)
     readme = picture.with_suffix("") / "README.md"
     if asked.card and readme.exists():
-        raise InputError(f"{readme}: is there already, maybe filled in; move it away, or give another --out")
+        raise InputError(f"{readme}: exists already and may be filled in; move it, or give another --out")
     recordings, chosen = load_data(asked.data, asked.config)
     figures = look(recordings, chosen)
     draw(recordings, figures.get("onset_frames"), picture)
@@ -29,7 +29,7 @@ def inspect(asked: InspectRequest) -> Record:
     show("inspect", **figures, **more, picture=picture)
     if asked.card:
         write_text(readme, words("card", held=recordings, name=short_name(asked.data), **figures))
-        show_text(f"data card: {readme}; fill in what stands as TO FILL IN")
+        show_text(f"data card: {readme}; replace each TO FILL IN")
     return figures
 
 
@@ -37,12 +37,13 @@ def inspect(asked: InspectRequest) -> Record:
     epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz"
 )
 def convert(asked: ConvertRequest) -> None:
-    """Convert recordings to an archive, and print how they were understood."""
+    """Convert recordings to an archive, and print how eskin interpreted them."""
     from eskin.data import Reading, load_recordings
-    from eskin.golden.data import for_model, save_archive
+    from eskin.data.archive import save_archive
+    from eskin.data.fit import for_model
 
     if asked.out.suffix != ".npz":
-        raise InputError(f"--out {asked.out}: is no archive's name; end it in .npz")
+        raise InputError(f"--out {asked.out}: must end in .npz; give such a name")
     for name, value in (("--rate", asked.rate), ("--scale", asked.scale)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} {value}: is out of range; give a number above 0")
@@ -62,7 +63,9 @@ def convert(asked: ConvertRequest) -> None:
         model, columns_of, unit = _sensor_of(asked.like)
         reading = replace(reading, columns=reading.columns or columns_of)
         if asked.columns is None and not columns_of:
-            warn(f"--like {asked.like}: does not name its columns, so they are found out; or give --columns")
+            warn(
+                f"--like {asked.like}: does not name its columns, so eskin finds them; --columns overrides this"
+            )
         if model.sensor.volt_per_code and asked.scale is None:
             reading = replace(reading, scale=model.sensor.volt_per_code)
         reading = replace(reading, rate_hz=asked.rate or model.sensor.sample_rate_hz)
@@ -70,8 +73,8 @@ def convert(asked: ConvertRequest) -> None:
     if asked.like is not None:
         if unit and recordings.unit and unit != recordings.unit:
             raise InputError(
-                f"--like {asked.like}: its samples are in {unit}, those of '{asked.source}' in {recordings.unit}; bring them to one "
-                "unit"
+                f"--like {asked.like}: its samples are in {unit}, those of '{asked.source}' in {recordings.unit}; convert them to "
+                "one unit"
             )
         recordings = for_model(recordings, model)
     if asked.size is not None:

@@ -57,7 +57,7 @@ def export(asked: ExportRequest) -> Record:
         prefix = PREFIX if asked.prefix is None else asked.prefix
         result: Record = export_c(exported, asked.out, prefix=prefix)
     elif asked.prefix is not None:
-        raise InputError("--prefix: is for --to c; an ONNX file declares no names")
+        raise InputError("--prefix: belongs to --to c; leave it out")
     else:
         result = export_onnx(exported, asked.out)
     show("export", to=asked.to, **result)
@@ -81,9 +81,7 @@ def cosim(asked: CosimRequest) -> Record:
     hertz = _clock(asked.clock)
     lowest, (lanes, lane_type) = asked.clock == "lowest", lanes_of(asked.lanes)
     if lowest and asked.pace != "declared":
-        raise InputError(
-            "--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared"
-        )
+        raise InputError("--clock lowest: needs the pace of the sensor; add --pace declared")
     if lowest and asked.dask:
         raise InputError(
             "--dask: the lowest clock is looked for in one run after the other, here; leave --dask out"
@@ -115,7 +113,7 @@ def cosim(asked: CosimRequest) -> Record:
         if lowest:
             result = cosimulate(integer, played, numbers=numbers, work=work, **options)
         else:
-            where = Jobs(workers=asked.jobs, dask=asked.dask, progress=report, version=cosim_job.CODE)
+            where = Jobs(dask=asked.dask, progress=report, version=cosim_job.CODE)
             options["bench"] = asked.bench
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
@@ -148,7 +146,7 @@ def _clock(text: str | None) -> float | None:
     except ValueError:
         hertz = math.nan
     if not (math.isfinite(hertz) and hertz >= 1):
-        raise InputError(f"--clock {text}: is no clock; give hertz, 1 or more, or the word lowest")
+        raise InputError(f"--clock {text}: is no clock; give 1 Hz or more, or the word lowest")
     return hertz
 
 
@@ -166,11 +164,11 @@ def build(asked: BoardRequest) -> None:
             "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
         )
     if asked.converter and not (asked.standalone or asked.link):
-        raise InputError("--converter: goes with the link or --standalone; leave out --no-link")
+        raise InputError("--converter: needs the link or --standalone; leave out --no-link")
     if asked.flash and not asked.standalone:
         raise InputError("--flash: is for a board without a host; add --standalone")
     if asked.standalone and not asked.link:
-        raise InputError("--standalone: has no link; leave out --no-link")
+        raise InputError("--standalone: never has a link; leave out --no-link")
     target, (lanes, lane_type) = board(asked.target), lanes_of(asked.lanes)
     folder = asked.out or job.BOARDS / asked.target
     check_folder(folder, job.MARK)
@@ -231,7 +229,7 @@ def replay(asked: ReplayRequest) -> Record:
 
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(asked: ScheduleRequest) -> None:
-    """Draw the work of each unit in each cycle, from the hardware's own program."""
+    """Draw the work of each unit in each cycle, from the program of the hardware."""
     from eskin.golden.core import PRESETS
     from eskin.pages.views import terminal_table
     from eskin.rtl.views import schedule_view
@@ -282,7 +280,7 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
     "ulx3s:12"
 )
 def energy(asked: EnergyRequest) -> Record:
-    """Estimate the energy of a touch and the power of waiting from a simulated netlist. Takes minutes."""
+    """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
     from eskin.pages.energy_page import PAGE
     from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, show, warn
-from eskin.golden.core import InputError, Record, check_target
+from eskin.golden.core import InputError, Record
 from eskin.requests import (
     CompareRequest,
     EnrolRequest,
@@ -30,8 +30,8 @@ def train(asked: TrainRequest) -> None:
     from eskin.choose.choice import train_chosen
     from eskin.choose.choice_table import network_name, windows_brief
     from eskin.choose.networks import check_units
-    from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
+    from eskin.memo import Memo
     from eskin.study.stability.panel import panel_of
     from eskin.training.image_models import KEPT
     from eskin.training.splits import check_split
@@ -112,7 +112,7 @@ def enrol(asked: EnrolRequest) -> Record:
     "--std 40",
 )
 def import_(asked: ImportRequest) -> Record:
-    """Make a model folder from a network of another tool; then quantise it with --data."""
+    """Convert a network of another tool to a model folder. Quantise it with --data afterwards."""
     from eskin.exchange.import_network import import_network
     from eskin.golden.core import AcceleratorConfig
     from eskin.golden.model import check_model_target
@@ -123,14 +123,6 @@ def import_(asked: ImportRequest) -> Record:
         chosen = AcceleratorConfig.load(asked.config)
     else:
         chosen, recordings = _imported_config(asked.file, asked.data)
-    for name, value in (
-        (("--cell", asked.cell), ("--reset", asked.reset), ("--data", asked.data)) if chosen.is_image else ()
-    ):
-        if value is not None:
-            raise InputError(
-                f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for "
-                "images; leave it out"
-            )
     if asked.mean is not None or asked.std is not None:
         recordings = None
     elif asked.data is not None and recordings is None:
@@ -150,7 +142,7 @@ def import_(asked: ImportRequest) -> Record:
         name: ", ".join(f"{value:.6g}" for value in np.atleast_1d(record["normalisation"].get(name, ())))
         for name in ("mean", "std")
     }
-    show("import", **{"check": None, "passed": True} | record, **scale, out=asked.out, images=chosen.is_image)
+    show("import", **{"check": None, "passed": True} | record, **scale, out=asked.out)
     return record
 
 
@@ -160,7 +152,7 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
     from eskin.training.derive import derive_config
 
     if file.suffix != ONNX_SUFFIX:
-        raise InputError("--config: is missing; a file of weights does not say which array it is for")
+        raise InputError("--config: is missing; weights alone do not define the array, so give it")
     from eskin.exchange.import_onnx import configuration_of
 
     configuration = configuration_of(file)
@@ -168,7 +160,7 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
         return configuration, None
     if data is None:
         raise InputError(
-            f"network '{file}': does not say which array it is for; give --config, or --data to derive one from"
+            f"network '{file}': does not define the array; give --config, or --data to derive one"
         )
     recordings, _ = load_data(data)
     chosen, reasons = derive_config(recordings)
@@ -182,10 +174,10 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
     "--readout prototypes"
 )
 def quantise(asked: QuantiseRequest) -> None:
-    """Write the integer model into a model folder, a format for each signal."""
-    from eskin.golden.model import describe_formats, load_config
-    from eskin.training.aware import train_in_integers
-    from eskin.training.quantise import quantise as to_integers
+    """Choose a fixed-point format for each signal and write the integer model."""
+    from eskin.golden.model import load_config
+    from eskin.training.formats import describe_formats
+    from eskin.training.integers import quantise as to_integers
 
     of_readout = asked.of_readout
     if asked.readout != "prototypes":
@@ -194,24 +186,21 @@ def quantise(asked: QuantiseRequest) -> None:
                 f"--{name.removesuffix('s').replace('_', '-')}: needs --readout prototypes; give both"
             )
     elif asked.data is None:
-        raise InputError(
-            "--readout prototypes: is made of the recordings of the training; give --data with it"
-        )
+        raise InputError("--readout prototypes: needs the recordings of the training; give --data")
     widths = asked.widths
     recordings = None if asked.data is None else recordings_for(asked.data, load_config(asked.model))
     if asked.quantisation_aware:
         if recordings is None or "lean" in widths or asked.readout:
             raise InputError(
-                "--quantisation-aware: trains on with the recordings of the training; give --data with it, and "
-                "neither --formats lean nor --readout"
+                "--quantisation-aware: needs the recordings of the training; give --data, and neither "
+                "--formats lean nor --readout"
             )
         with progress_bars() as report:
-            integer = train_in_integers(
-                asked.model, recordings, partial(report, "training in integers"), **widths
-            )
+            aware = partial(report, "training in integers")
+            integer = to_integers(asked.model, recordings, aware=aware, **widths)
     else:
         if asked.readout and recordings is not None and recordings.image_shape:
-            raise InputError("--readout: is for models that read recordings; leave it out for one of images")
+            raise InputError("--readout: models for images have none; leave it out")
         decided_by = of_readout if asked.readout == "prototypes" else asked.readout
         integer = to_integers(asked.model, recordings, readout=decided_by, **widths)
     show("quantise", formats=describe_formats(integer.config))
@@ -230,19 +219,15 @@ def evaluate(asked: EvaluateRequest) -> Record:
 
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(asked: CompareRequest) -> Record:
-    """Compare float with integer stage by stage: errors, saturations, the range of every signal."""
-    from eskin.golden.model import load_config, random_images, random_recordings
-    from eskin.golden.model.image_network import image_recordings
-    from eskin.pages.compare_page import PAGE, render
-    from eskin.pages.views import write_text
+    """Compare float with integer stage by stage: errors, saturations, share of the range in use."""
+    from eskin.golden.model import load_config
     from eskin.training.evaluate import compare_stages
+    from eskin.training.made_up import image_recordings, random_images, random_recordings
 
-    page = asked.out / PAGE
-    check_target(page)
     config = load_config(asked.model)
     if asked.data is None:
         things = "images" if config.is_image else "touches"
-        warn(f"no --data: made-up {things}, which may use other parts of the ranges than real ones do")
+        warn(f"no --data: uses random {things}, whose ranges may differ from those of real ones")
     if asked.data is None and config.is_image:
         recordings = image_recordings(config, random_images(config, 64, 1))
     elif asked.data is None:
@@ -251,6 +236,5 @@ def compare(asked: CompareRequest) -> Record:
     else:
         recordings = recordings_for(asked.data, config)
     result = compare_stages(asked.model, recordings)
-    write_text(page, render(result))
-    show("compare", **result, page=page)
+    show("compare", **result)
     return result

@@ -16,9 +16,7 @@ def watch(asked: WatchRequest) -> Record:
     from eskin.verbs import build_job, watch_job
 
     if asked.port and asked.simulate:
-        raise InputError(
-            "--simulate: the simulated hardware or the board at --port is watched, not both; leave one out"
-        )
+        raise InputError("--simulate: cannot be combined with --port; leave one out")
     if not (asked.data or asked.port or asked.simulate):
         raise InputError(
             "--data: is missing; name recordings, or a board with --port, or add --simulate for a synthetic "
@@ -27,9 +25,7 @@ def watch(asked: WatchRequest) -> Record:
     baud, lanes, lane_type = build_job.board_of(asked.model) if asked.port else (None, None, None)
     integer = integer_model(asked.model).with_lanes(lanes, lane_type)
     if integer.config.is_image and not asked.data:
-        raise InputError(
-            "--data: is missing; a model of images has no synthetic scene and no converter: name images"
-        )
+        raise InputError("--data: is missing; a model for images has no synthetic scene, so name images")
     recordings = (
         None if asked.port and not asked.data else recordings_for(asked.data or "synthetic", integer.config)
     )

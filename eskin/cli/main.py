@@ -9,8 +9,8 @@ import typer
 
 from eskin.cli import INTERRUPTED, STOPPED, baselines, chip, data, hardware, job, learn, live, studies
 from eskin.cli.common import PANELS, app, stop
+from eskin.extras import without_extra
 from eskin.golden.core import InputError, SimulationError
-from eskin.golden.core.errors import without_extra
 
 
 def _version(show: bool) -> None:
@@ -21,15 +21,13 @@ def _version(show: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(
-    epilog="Exit status: 0 done and every check held, 1 a check did not hold, 2 bad usage or bad input."
-)
+@app.callback(epilog="Exit status: 0 every check held, 1 a check failed, 2 bad usage or bad input.")
 def eskin(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """From recorded tactile streams to a trained linear cell, GRU or LSTM in bit-exact hardware."""
+    """Turn recorded tactile streams into a linear cell, GRU or LSTM in bit-exact hardware."""
 
 
 def main() -> None:

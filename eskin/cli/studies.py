@@ -11,8 +11,8 @@ from eskin.requests import FORMATS, StabilityRequest, SweepRequest
     epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6"
 )
 def sweep(asked: SweepRequest) -> None:
-    """Train and quantise a grid of networks, plot accuracy against cost, and name the smallest that is
-    enough."""
+    """Train and quantise a grid of networks, plot accuracy against cost, and name the smallest that meets
+    the bounds."""
     bounds = (("--accuracy-floor", asked.accuracy_floor), ("--latency-budget", asked.latency_budget))
     for (name, value), most in zip(bounds, (1.0, math.inf), strict=True):
         if value is not None and not (0 < value <= most and math.isfinite(value)):

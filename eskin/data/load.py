@@ -8,18 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from eskin.data.archive import load_archive
 from eskin.data.array_files import ARRAYS
 from eskin.data.arrays import tables_of
 from eskin.data.logs import is_log, read_log
 from eskin.data.meaning import understand
-from eskin.data.pictures import load_pictures
 from eskin.data.scene import scene_of
 from eskin.data.table import Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
 from eskin.data.turns import turn_recordings
+from eskin.extras import without_extra
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.core.errors import without_extra
-from eskin.golden.data.archive import load_archive
+from eskin.golden.core.groups import MOST_CLASSES
 from eskin.golden.data.recordings import Recordings, natural
 
 if TYPE_CHECKING:
@@ -29,11 +29,10 @@ TEXT = (".csv", ".tsv", ".txt", ".lvm")
 KINDS = {
     **dict.fromkeys((*TEXT, ".parquet"), "text"),
     **dict.fromkeys((".mat", ".h5", ".hdf5", ".npy"), "arrays"),
-    ".png": "pictures",
 }
 """Endings of recording files, and their kinds; logs are of text's kind, since they are tables too."""
 FORMS = (
-    "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5, .npy or .png files or "
+    "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5 or .npy files or "
     "logs), a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"
 )
 
@@ -99,7 +98,7 @@ def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Rec
     if path.suffix == ".npz":
         worth = config.sensor.volt_per_code or None if config else None
         return load_archive(path, reading.scale or worth, asked=reading.scale is not None)
-    if _kind(path) in (None, "pictures"):
+    if _kind(path) is None:
         raise InputError(
             f"recordings '{path}': ends in '{path.suffix}', which is no format of recordings; give {FORMS}"
         )
@@ -195,20 +194,21 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
         counts = Counter(file.suffix.lower() or file.name for file in files)
         return ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common(6)) or "nothing"
 
-    files = _files(folder)
     class_folders = [entry for entry in _visible(folder) if entry.is_dir() and not is_log(entry)]
     if not class_folders:
-        refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
+        refuse(folder, f"has no sub-folder (it holds {found(_files(folder))}), so no classes")
+    if len(class_folders) > MOST_CLASSES and reading.label is None:
+        refuse(
+            folder, f"has {len(class_folders)} sub-folders, one a class; a classifier has 2 to {MOST_CLASSES}"
+        )
+    files = _files(folder)
     kept = [file for file in files if file.parent != folder and _kind(file)]
-    recordings = [file for file in kept if _kind(file) != "pictures"]
-    kept = recordings or kept  # pictures beside them are plots
+    holding = {file.relative_to(folder).parts[0] for file in kept}
     for each in class_folders:
-        if not any(each in file.parents for file in kept):
+        if each.name not in holding:
             refuse(each, f"has no file of recordings (it holds {found(_files(each))})")
     if len(set(map(_kind, kept))) > 1:
         refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")
-    if not recordings:
-        return load_pictures(folder, kept)
     tables = []
     for file in kept:
         tables_of_file, parts = open_file(file, reading), file.relative_to(folder).parts

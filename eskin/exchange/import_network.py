@@ -1,10 +1,9 @@
-"""A network trained elsewhere, from a file into a model folder: a torch state_dict, an ``.npz`` of Keras
-weights, or for a linear cell an ``.npz`` with ``coef_`` and ``intercept_`` of a logistic regression.
+"""A network trained elsewhere, from a file into a model folder: a torch state_dict, or for a linear cell an
+``.npz`` with ``coef_`` and ``intercept_`` of a logistic regression. ONNX is `eskin.exchange.import_onnx`.
 
-The file's shapes tell the cell and, for a GRU, where the reset gate stands: torch and Keras's
-``reset_after=True`` keep two bias rows, because the second stands inside the product with r; Keras's
-``reset_after=False`` keeps one. What the user asks for must agree with that. Nothing in a file is ever run:
-torch files are read with ``weights_only``, archives without pickles.
+Shapes of a state_dict tell the cell; torch's GRU has its reset gate after the recurrent product. What the user
+asks for must agree with that. Nothing in a file is ever run: torch files are read with ``weights_only``,
+archives without pickles.
 """
 
 import hashlib
@@ -17,27 +16,17 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from eskin.exchange.import_images import read_image_network
 from eskin.exchange.reference import NAMES, check_reference
 from eskin.exchange.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
 from eskin.golden.core import AcceleratorConfig, ArchiveError, Arrays, InputError, Record, read_arrays
 from eskin.golden.data import Recordings
-from eskin.golden.model import (
-    FloatModel,
-    check_model_target,
-    constants_shape,
-    find_touches,
-    real_features,
-    with_network,
-)
+from eskin.golden.model import FloatModel, check_model_target, constants_shape, find_touches, real_features
 from eskin.training.datasets import scaling
+from eskin.training.formats import with_network
 
-KERAS_SUFFIX, ONNX_SUFFIX = ".npz", ".onnx"
-ORDERS = {
-    "torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")},
-    "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")},
-}
-"""Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
+ONNX_SUFFIX = ".onnx"
+ORDERS = {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}
+"""Gates in the order in which torch stacks them, by their number."""
 
 BY_LAST_STEP = {
     "last": "the file gives the logits of the last step alone",
@@ -56,13 +45,11 @@ SHOWS = BY_LAST_STEP | {
 class Layers:
     """The arrays of one recurrent and one dense layer as a file holds them, rows = outputs, G gates stacked.
 
-    path: the file. kind: ``torch`` or ``keras``. names: of the five roles ``input`` (G H, D), ``recurrent``
-    (G H, H), ``bias`` (1 or 2 rows, G H), ``dense`` (C, H), ``dense bias`` (C), what the file calls them.
-    arrays: float64, by role.
+    path: the file. names: of the six roles ``input`` (G H, D), ``recurrent`` (G H, H), ``bias``, ``second bias``
+    (G H), ``dense`` (C, H), ``dense bias`` (C), what the file calls them. arrays: float64, by role.
     """
 
     path: Path
-    kind: str
     names: Mapping[str, str]
     arrays: Arrays
 
@@ -70,16 +57,10 @@ class Layers:
         """An InputError about the array of that role."""
         raise InputError(f"network '{self.path}', array {self.names[role]}: {why}")
 
-    def shape(self, role: str) -> tuple[int, ...]:
-        """The array's shape as it stands in the file: Keras keeps matrices the other way round."""
-        shape = self.arrays[role].shape
-        return shape[::-1] if self.kind == "keras" and role != "bias" else shape
-
 
 # ---------------------------------------------------------------------- reading files
 def read_layers(path: str | Path) -> Layers:
-    """The layers in a torch state_dict (``.pt``, ``.pth``) or an ``.npz`` of Keras weights in the order of
-    ``get_weights()``.
+    """The layers in a torch state_dict (``.pt``, ``.pth``).
 
     Raises
     ------
@@ -88,29 +69,16 @@ def read_layers(path: str | Path) -> Layers:
         layer.
     """
     path = Path(path)
-    if path.suffix not in (*TORCH_SUFFIXES, KERAS_SUFFIX):
+    if path.suffix not in TORCH_SUFFIXES or not path.is_file():
         raise InputError(
-            f"network '{path}': is neither .pt, .pth nor .npz; save a torch state_dict or an .npz of Keras "
-            "weights"
-        )
-    if not path.is_file():
-        raise InputError(
-            f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights"
+            f"network '{path}': is no torch state_dict (.pt, .pth); save one, or export the network as .onnx"
         )
     check_readable(path)
-    return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
-
-
-def _read_torch(path: Path) -> Layers:
     state = read_state(path)
     names = _torch_names(path, {name: tuple(tensor.shape) for name, tensor in state.items()})
-    arrays = {role: plain_array(path, name, state[name]) for role, name in names.items()}
-    first, second = arrays["bias"], arrays.pop("second bias")
-    names["bias"] = f"{names['bias']} and {names.pop('second bias')}"
-    if first.shape != second.shape or first.ndim != 1:
-        why = f"have shapes {first.shape} and {second.shape}; save the state_dict of one torch.nn.GRU or LSTM again"
-        raise InputError(f"network '{path}', arrays {names['bias']}: {why}")
-    return _checked(Layers(path, "torch", names, arrays | {"bias": np.stack([first, second])}))
+    layers = Layers(path, names, {role: plain_array(path, name, state[name]) for role, name in names.items()})
+    _check_shapes(layers)
+    return layers
 
 
 def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
@@ -160,8 +128,7 @@ def _read_npz(path: Path, names: Sequence[str], save: str) -> dict[str, np.ndarr
         if name not in raw:
             refuse("is missing", name)
         if name not in names:
-            other = "belongs to a logistic regression: use --cell linear"
-            refuse(other if name == COEFFICIENTS else "is one too many", name)
+            refuse("is one too many", name)
         array = raw[name]
         if array.size > MOST_VALUES:
             refuse(f"has shape {array.shape}, beyond any network that the accelerator takes", name)
@@ -170,14 +137,6 @@ def _read_npz(path: Path, names: Sequence[str], save: str) -> dict[str, np.ndarr
         if not np.isfinite(array).all():
             refuse("holds values that are no finite numbers", name)
     return {name: array.astype(np.float64) for name, array in raw.items()}
-
-
-def _read_keras(path: Path) -> Layers:
-    roles = ("input", "recurrent", "bias", "dense", "dense bias")
-    names = {role: f"arr_{index}" for index, role in enumerate(roles)}
-    raw = _read_npz(path, [*names.values()], _SAVE_KERAS)
-    arrays = {role: raw[name] if role == "bias" else raw[name].T for role, name in names.items()}
-    return _checked(Layers(path, "keras", names, arrays | {"bias": np.atleast_2d(arrays["bias"])}))
 
 
 COEFFICIENTS, INTERCEPTS = "coef_", "intercept_"
@@ -202,7 +161,7 @@ def read_linear(
         The file is missing, damaged, needs a pickle, holds other arrays, or numbers of another array or task.
     """
     path = Path(path)
-    if path.suffix != KERAS_SUFFIX or not path.is_file():
+    if path.suffix != ".npz" or not path.is_file():
         raise InputError(
             f"network '{path}': is no .npz file, as a linear cell needs it; save it with {_SAVE_LINEAR}"
         )
@@ -246,53 +205,33 @@ def read_linear(
     }
 
 
-_SAVE_KERAS = "numpy.savez(FILE, *model.get_weights())"
-
-
-def _checked(layers: Layers) -> Layers:
-    """``layers`` whose shapes belong together and whose values are finite numbers."""
+def _check_shapes(layers: Layers) -> None:
+    """Refuse shapes that do not belong together, and values that are no finite numbers."""
     shape = layers.arrays["recurrent"].shape
-    of = (
-        ("(3 x hidden, hidden)", "(4 x hidden, hidden)")
-        if layers.kind == "torch"
-        else ("(hidden, 3 x hidden)", "(hidden, 4 x hidden)")
-    )
     if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
         layers.refuse(
             "recurrent",
-            f"has shape {layers.shape('recurrent')}, neither {of[0]} of a GRU nor {of[1]} of an LSTM",
+            f"has shape {shape}, neither (3 x hidden, hidden) of a GRU nor (4 x hidden, hidden) of an LSTM",
         )
-    rows, hidden = shape
-    two_rows = layers.kind == "torch" or (rows == 3 * hidden and len(layers.arrays["bias"]) == 2)
+    (rows, hidden), dense = shape, layers.arrays["dense"].shape
     expected = {
-        "input": (rows, None),
-        "bias": (2 if two_rows else 1, rows),
-        "dense": (None, hidden),
-        "dense bias": (None,),
+        "input": (rows, *layers.arrays["input"].shape[1:2]),
+        "bias": (rows,),
+        "second bias": (rows,),
+        "dense": (dense[0], hidden),
+        "dense bias": (dense[0],),
     }
-    for role, want in expected.items():
-        shape_of_role = layers.arrays[role].shape
-        if (
-            len(shape_of_role) != len(want)
-            or any(size is not None and size != is_ for size, is_ in zip(want, shape_of_role, strict=True))
-            or 0 in shape_of_role
-        ):
+    for role, array in layers.arrays.items():
+        if array.shape != expected.get(role, shape) or not array.size:
             cell = "a GRU" if rows == 3 * hidden else "an LSTM"
             layers.refuse(
                 role,
-                f"has shape {layers.shape(role)}, which does not go with {cell} of {hidden} units "
-                f"({layers.names['recurrent']}); save the arrays of one network",
+                f"has shape {array.shape}, which does not go with {cell} of {hidden} units "
+                f"({layers.names['recurrent']}) and {dense[0]} classes ({layers.names['dense']}); save the arrays of "
+                "one network",
             )
-    if len(layers.arrays["dense bias"]) != len(layers.arrays["dense"]):
-        layers.refuse(
-            "dense bias",
-            f"has {len(layers.arrays['dense bias'])} values for {len(layers.arrays['dense'])} classes of "
-            f"{layers.names['dense']}; save the arrays of one network",
-        )
-    for role, array in layers.arrays.items():
         if not np.isfinite(array).all():
             layers.refuse(role, "holds values that are no finite numbers; train the network again")
-    return layers
 
 
 # ---------------------------------------------------------------------- into a model
@@ -312,20 +251,13 @@ def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfi
         The file holds another variant (the sentence names the right one) or other sizes.
     """
     rows, hidden = layers.arrays["recurrent"].shape
-    gates, bias_rows = rows // hidden, layers.arrays["bias"]
+    gates = rows // hidden
     if (gates == 4) != (config.network.cell == "lstm"):
-        right = (
-            "an LSTM: use --cell lstm" if gates == 4 else f"a GRU: use --cell gru --reset {_reset(layers)}"
-        )
+        right = "an LSTM: use --cell lstm" if gates == 4 else "a GRU: use --cell gru --reset after"
         layers.refuse("recurrent", f"has {gates} gates for each of {hidden} units, so the network is {right}")
-    if gates == 3 and config.network.reset != _reset(layers):
-        count = "two bias rows" if len(bias_rows) == 2 else "one bias row"
-        layers.refuse(
-            "bias",
-            f"has {count}, so its reset gate stands {_reset(layers)} the product: use --reset "
-            f"{_reset(layers)}",
-        )
-    if layers.kind == "torch" and config.network.gate_activation != "sigmoid":
+    if gates == 3 and config.network.reset != "after":
+        layers.refuse("bias", "is torch's, whose reset gate stands after the product: use --reset after")
+    if config.network.gate_activation != "sigmoid":
         raise InputError(
             f"network '{layers.path}': torch's gates are sigmoids; use a configuration whose field "
             "gate_activation is sigmoid"
@@ -349,18 +281,15 @@ def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfi
     except InputError as error:
         raise InputError(f"network '{layers.path}': {error}") from None
     arrays: dict[str, np.ndarray] = {"V": layers.arrays["dense"], "b_y": layers.arrays["dense bias"]}
-    for index, gate in enumerate(ORDERS[layers.kind][gates]):
+    first, second = layers.arrays["bias"], layers.arrays["second bias"]
+    for index, gate in enumerate(ORDERS[gates]):
         part = slice(index * hidden, (index + 1) * hidden)
         arrays |= {f"W_{gate}": layers.arrays["input"][part], f"U_{gate}": layers.arrays["recurrent"][part]}
-        if gates == 3 and len(bias_rows) == 2:
-            arrays |= {f"b_{gate}": bias_rows[0, part], f"bh_{gate}": bias_rows[1, part]}
+        if gates == 3:
+            arrays |= {f"b_{gate}": first[part], f"bh_{gate}": second[part]}
         else:  # nothing stands between an LSTM's two rows, so they are one
-            arrays[f"b_{gate}"] = bias_rows[:, part].sum(axis=0)
+            arrays[f"b_{gate}"] = first[part] + second[part]
     return config, arrays
-
-
-def _reset(layers: Layers) -> str:
-    return "after" if len(layers.arrays["bias"]) == 2 else "before"
 
 
 def measure_scaling(config: AcceleratorConfig, recordings: Recordings) -> tuple[float, float]:
@@ -401,12 +330,11 @@ def import_network(
     Parameters
     ----------
     file:
-        A torch state_dict or an ``.npz`` of Keras weights (``read_layers``); for a linear cell
+        A torch state_dict (``read_layers``); for a linear cell
         ``read_linear``; an ONNX file (`eskin.exchange.import_onnx`), whose cell and reset are its own.
     config:
         Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden
-        size follows the file. Of images: `eskin.exchange.import_images.read_image_network`, for which
-        cell, reset and recordings say nothing.
+        size follows the file.
     out:
         A new folder, or a model folder, which is replaced.
     cell, reset:
@@ -434,6 +362,11 @@ def import_network(
         folder that must not be replaced.
     """
     check_model_target(out)
+    if config.is_image:
+        raise InputError(
+            f"configuration '{config.name}': is a network for images, which this verb does not take; train it "
+            "here with 'eskin train'"
+        )
     scale: Record
     notes: list[str] = []
     shows, own = "weights" if config.recurrent else "regression", NAMES
@@ -441,41 +374,31 @@ def import_network(
         from eskin.exchange.import_onnx import convert_onnx, read_onnx
 
         network = read_onnx(file)
-        if config.is_image:
-            raise InputError(
-                f"network '{file}': ONNX is read for networks of recordings, and configuration "
-                f"'{config.name}' is for images; give a torch state_dict"
-            )
         _check_scale(mean, std)
         config, arrays, shows, notes = convert_onnx(network, config, cell, reset)
         kind, names, own = "ONNX", network.names, network.graph.ends
         held = network.scale(config) if mean is None and recordings is None else None
         scale = held or _normalisation(file, config, mean, std, recordings)
-    elif config.is_image:
-        config, arrays, names = read_image_network(Path(file), config, mean, std)
-        kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}
     else:
         config, arrays, names, kind = _read_network(
             file, with_network(config, cell=cell, reset=reset), mean, std
         )
         scale = _normalisation(file, config, mean, std, recordings)
         if config.recurrent and config.network.cell == "gru":
-            notes = [f"reset gate {config.network.reset} the recurrent product, as the file's bias rows say"]
-    if not config.is_image:
-        arrays |= {
-            name: np.broadcast_to(scale[key], constants_shape(config))
-            for name, key in (("mu", "mean"), ("sigma", "std"))
-        }
-        scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
+            notes = ["reset gate after the recurrent product, as torch has it"]
+    arrays |= {
+        name: np.broadcast_to(scale[key], constants_shape(config))
+        for name, key in (("mu", "mean"), ("sigma", "std"))
+    }
+    scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
     checked: Record = {}
     if check is not None:
-        found = check_reference(check, FloatModel(config, arrays, str(file)), std or 1.0, own)
+        found = check_reference(check, FloatModel(config, arrays, str(file)), own)
         checked = {"check": found, "passed": found["passed"]}
         if found["shows"] == "last" and shows in ("every", "weights"):
             shows = "reference"
-    if not config.is_image:
-        config, decided = _decide(config, shows)
-        notes = [decided, *notes]
+    config, decided = _decide(config, shows)
+    notes = [decided, *notes]
     record = {
         "imported": {
             "file": str(file),
@@ -511,8 +434,7 @@ def _read_network(
     _check_scale(mean, std)
     if config.recurrent:
         layers = read_layers(file)
-        kind = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind]
-        return *convert(layers, config), dict(layers.names), kind
+        return *convert(layers, config), dict(layers.names), "torch state_dict"
     return *read_linear(file, config), {"weights": COEFFICIENTS, "bias": INTERCEPTS}, "logistic regression"
 
 

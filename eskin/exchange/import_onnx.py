@@ -7,20 +7,20 @@ of another step, a transposed layout or an offset is found. Nothing of a file is
 
 import json
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 import onnx
+import onnxruntime
 from onnx import numpy_helper
-from onnx.reference import ReferenceEvaluator
 
 from eskin.exchange.reference import TOLERANCE, differences
 from eskin.exchange.torch_files import MOST_VALUES, check_readable
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model import Float, constants_shape, network_shapes, run_cell, with_network
+from eskin.golden.model import Float, constants_shape, network_shapes, run_cell
+from eskin.training.formats import with_network
 
 SUFFIX = ".onnx"
 METADATA = "eskin_model"
@@ -35,33 +35,38 @@ ACTIVATIONS = {
     ("HardSigmoid", "Tanh"): "hard_sigmoid",
     ("HardSigmoid", "Tanh", "Tanh"): "hard_sigmoid",
 }
+OPERATORS = (
+    *GATES,
+    *("Gemm", "MatMul", "Add", "ConstantOfShape", "Expand", "Gather", "Concat", "Constant", "Identity"),
+    *("Cast", "Shape", "Transpose", "Squeeze", "Unsqueeze", "Reshape", "Flatten", "Slice"),
+)
+"""All that may stand in a file; everything else is refused by its name."""
 TAKEN = (
     "one GRU or LSTM in one direction and one Gemm, or MatMul and Add, behind its last step or all of its steps, "
     "or a dense layer alone"
 )
 ATTRIBUTES = {
-    "GRU": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "layout", "linear_before_reset"),
-    "LSTM": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "layout"),
+    "GRU": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "linear_before_reset"),
+    "LSTM": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size"),
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Node:
-    """A node: as the file has it; type, name (of its first output where it has none), domain, inputs and
-    outputs, attributes."""
-
-    made: onnx.NodeProto
-    op_type: str
-    name: str
-    domain: str
-    input: list[str]
-    output: list[str]
-    attributes: Record
 
 
 def _text(value: Any) -> Any:
     """Letters of a file, which need not be UTF-8."""
     return value.decode(errors="replace") if isinstance(value, bytes) else value
+
+
+def _first_line(error: Exception) -> str:
+    return f"{str(error).strip().partition(chr(10))[0]:.160}"
+
+
+def attributes_of(node: onnx.NodeProto) -> Record:
+    """A node's attributes by name."""
+    values = {entry.name: onnx.helper.get_attribute_value(entry) for entry in node.attribute}
+    return {
+        name: [_text(entry) for entry in value] if isinstance(value, list) else _text(value)
+        for name, value in values.items()
+    }
 
 
 class Graph:
@@ -79,8 +84,7 @@ class Graph:
             versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
         except Exception:  # protobuf's errors have no common class of their own
             raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None
-        self.producer = _text(model.producer_name)
-        self.graph, self.metadata = model.graph, {entry.key: entry.value for entry in model.metadata_props}
+        self.model, self.graph, self.producer = model, model.graph, _text(model.producer_name)
         if not self.graph.node:
             raise InputError(f"network '{path}': has no nodes; save {TAKEN}")
         if len(versions) != 1 or not OPSETS[0] <= versions[0] <= OPSETS[1]:
@@ -88,31 +92,37 @@ class Graph:
             raise InputError(
                 f"network '{path}': has opset {shown}; save it with one of {OPSETS[0]} to {OPSETS[1]}"
             )
-        self.opset = versions[0]
-        self.constants = {_text(tensor.name): self._array(tensor) for tensor in self.graph.initializer}
-        inputs = [value for value in self.graph.input if _text(value.name) not in self.constants]
+        for node in self.graph.node:
+            if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
+                self.refuse(node, f"is none of those that are taken: {TAKEN}")
+        self.constants = {tensor.name: self._array(tensor) for tensor in self.graph.initializer}
+        try:
+            onnx.checker.check_model(model)
+            inferred = onnx.shape_inference.infer_shapes(model, data_prop=True).graph.value_info
+        except Exception as error:
+            raise InputError(
+                f"network '{path}': is no valid ONNX ({_first_line(error)}); save it again"
+            ) from None
+        for value in inferred:
+            if math.prod(dim.dim_value or 1 for dim in value.type.tensor_type.shape.dim) > MOST_VALUES:
+                raise InputError(
+                    f"network '{path}', value '{value.name:.60}': is beyond any that the accelerator takes"
+                )
+        self.metadata = {entry.key: entry.value for entry in model.metadata_props}
+        inputs = [value for value in self.graph.input if value.name not in self.constants]
         if len(inputs) != 1:
-            names = ", ".join(_text(value.name) for value in inputs[:4]) or "none"
+            names = ", ".join(value.name for value in inputs[:4]) or "none"
             raise InputError(
                 f"network '{path}': has {len(inputs)} inputs ({names:.80}); save one that takes features alone"
             )
-        self.input = _text(inputs[0].name)
-        self.ends = self.input, *[_text(value.name) for value in self.graph.output][:1]
+        self.input, self.outputs = inputs[0].name, [value.name for value in self.graph.output]
+        self.ends = self.input, *self.outputs[:1]
         self.dims = [dim.dim_value for dim in inputs[0].type.tensor_type.shape.dim]
-        self.all: list[Node] = []
-        for entry in self.graph.node:
-            inputs_of, outputs_of = ([_text(name) for name in names] for names in (entry.input, entry.output))
-            name = _text(entry.name) or (outputs_of[0] if outputs_of else "")
-            node = Node(entry, _text(entry.op_type), name, _text(entry.domain), inputs_of, outputs_of, {})
-            if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
-                self.refuse(node, f"is none of those that are taken: {TAKEN}")
-            self._check_form(node, entry, versions[0])
-            node.attributes.update(self._attributes(node, entry))
-            self.all.append(node)
 
-    def refuse(self, node: Node, why: str) -> NoReturn:
-        """An InputError that names the node."""
-        raise InputError(f"network '{self.path}', node '{node.name:.60}' of type {node.op_type:.40}: {why}")
+    def refuse(self, node: onnx.NodeProto, why: str) -> NoReturn:
+        """An InputError that names the node, or its first output where it has no name."""
+        name, kind = (_text(word) for word in (node.name or next(iter(node.output), ""), node.op_type))
+        raise InputError(f"network '{self.path}', node '{name:.60}' of type {kind:.40}: {why}")
 
     def _array(self, tensor: Any) -> np.ndarray:
         where = f"network '{self.path}', tensor '{_text(tensor.name):.60}'"
@@ -130,154 +140,33 @@ class Graph:
             raise InputError(f"{where}: holds values that are no finite numbers; train the network again")
         return array.astype(np.float64) if array.dtype.kind == "f" else array
 
-    def _check_form(self, node: Node, made: Any, opset: int) -> None:
-        """Refuse a node that has not the inputs, or the types of attributes, that ONNX gives its type."""
-        try:
-            schema = onnx.defs.get_schema(node.op_type, opset)
-        except onnx.defs.SchemaError:
-            self.refuse(node, f"is not in opset {opset}; save the network again")
-        if not schema.min_input <= len(node.input) <= schema.max_input or not node.output:
-            self.refuse(
-                node, f"has {len(node.input)} inputs and {len(node.output)} outputs; save the network again"
-            )
-        for entry in made.attribute:
-            attribute: Any = schema.attributes.get(_text(entry.name))
-            if attribute is not None and entry.type != int(attribute.type):
-                self.refuse(
-                    node, f"has {_text(entry.name):.40} of another type than ONNX's; save the network again"
-                )
+    def nodes(self, *kinds: str) -> list[onnx.NodeProto]:
+        return [node for node in self.graph.node if node.op_type in kinds]
 
-    def _attributes(self, node: Node, made: Any) -> Record:
-        try:
-            values = {_text(entry.name): onnx.helper.get_attribute_value(entry) for entry in made.attribute}
-        except Exception:
-            self.refuse(node, "is damaged; save the network again")
-        values = {
-            name: self._array(value) if isinstance(value, onnx.TensorProto) else value
-            for name, value in values.items()
-        }
-        return {
-            name: [_text(entry) for entry in value] if isinstance(value, list) else _text(value)
-            for name, value in values.items()
-        }
-
-    def nodes(self, *kinds: str) -> list[Node]:
-        return [node for node in self.all if node.op_type in kinds]
-
-    def constant(self, node: Node, place: int, role: str) -> np.ndarray:
+    def constant(self, node: onnx.NodeProto, place: int, role: str) -> np.ndarray:
         """The weights that a node takes as its input number ``place``."""
         name = node.input[place] if place < len(node.input) else ""
         by_node = {output: entry for entry in self.nodes("Constant") for output in entry.output}
         if name in by_node:
-            return np.asarray(by_node[name].attributes.get("value", 0.0))
+            value = attributes_of(by_node[name]).get("value")
+            return self._array(value) if isinstance(value, onnx.TensorProto) else np.asarray(value)
         if name not in self.constants:
             self.refuse(node, f"computes its {role}; save trained weights")
         return self.constants[name]
 
     def compute(self, values: np.ndarray) -> list[np.ndarray]:
-        """The outputs for one input."""
-        named: dict[str, np.ndarray] = dict(self.constants) | {self.input: values, "": np.zeros(0)}
-        for node in self.all:
-            try:
-                outputs = self._outputs(node, [named[name] for name in node.input])
-            except InputError:
-                raise
-            except Exception:  # shapes that do not fit fail anywhere inside numpy
-                self.refuse(
-                    node,
-                    f"cannot be computed on an input of shape {values.shape}; save a network that takes one touch at a time",
-                )
-            for name, output in zip(node.output, outputs, strict=False):
-                named[name] = np.asarray(output)
-        return [
-            named[name] for name in map(_text, (value.name for value in self.graph.output)) if name in named
-        ]
-
-    def _outputs(self, node: Node, inputs: list[np.ndarray]) -> list[np.ndarray]:
-        if node.op_type in GATES:
-            return _recurrent(self, node, inputs)
-        if BOUNDS.get(node.op_type, lambda a, i: 0)(node.attributes, inputs) > MOST_VALUES:
-            raise ValueError("beyond any network")
-        proto = node.made
-        proto.ClearField("domain")  # ai.onnx is the default one's other name
-        operands = {name: array for name, array in zip(proto.input, inputs, strict=True) if name}
-        opset = onnx.helper.make_opsetid("", self.opset)
-        function = onnx.helper.make_function("eskin", "node", [*operands], proto.output, [proto], [opset])
-        return [*ReferenceEvaluator(function).run(None, operands, {})]
-
-
-# ---------------------------------------------------------------------- operators
-BOUNDS: dict[str, Callable[[Mapping[str, Any], list[np.ndarray]], int]] = {
-    "Gemm": lambda a, i: i[0].shape[a.get("transA", 0)] * i[1].shape[1 - a.get("transB", 0)],
-    "MatMul": lambda a, i: (
-        math.prod(np.broadcast_shapes(i[0].shape[:-2], i[1].shape[:-2]))
-        * math.prod(i[0].shape[-2:-1])
-        * i[1].shape[-1]
-    ),
-    "Add": lambda a, i: math.prod(np.broadcast_shapes(i[0].shape, i[1].shape)),
-    "ConstantOfShape": lambda a, i: math.prod(i[0].tolist()),
-    "Expand": lambda a, i: math.prod(np.broadcast_shapes(i[0].shape, tuple(i[1].tolist()))),
-    "Gather": lambda a, i: i[0].size // max(i[0].shape[a.get("axis", 0)], 1) * i[1].size,
-    "Concat": lambda a, i: sum(part.size for part in i),
-}
-"""Number of output values of an operator that may give more than it takes."""
-OPERATORS = (
-    *GATES,
-    *BOUNDS,
-    *(
-        "Constant",
-        "Identity",
-        "Cast",
-        "Shape",
-        "Transpose",
-        "Squeeze",
-        "Unsqueeze",
-        "Reshape",
-        "Flatten",
-        "Slice",
-    ),
-)
-"""All that may stand in a file; everything else is refused by its name. GRU and LSTM are computed here, the
-rest by onnx's own reference."""
-
-
-def _recurrent(g: Graph, node: Node, i: list[np.ndarray]) -> list[np.ndarray]:
-    """GRU and LSTM as ONNX's operators define them."""
-    a = node.attributes
-    x, w, r = i[0], i[1][0], i[2][0]
-    units, batch_first = r.shape[1], a.get("layout", 0)
-    x = x.swapaxes(0, 1) if batch_first else x
-    kinds = len(GATES[node.op_type])
-    bias = i[3].reshape(2, kinds, units) if len(i) > 3 and i[3].size else np.zeros((2, kinds, units))
-    for start in i[5:7]:
-        if start.any():
-            g.refuse(
-                node, "starts from a state that is not 0, and a touch always does; leave initial states out"
+        """The outputs for one input, as onnxruntime computes them."""
+        try:
+            session = onnxruntime.InferenceSession(
+                self.model.SerializeToString(), providers=["CPUExecutionProvider"]
             )
-    w, r = w.reshape(kinds, units, -1), r.reshape(kinds, units, units)
-    hard = a.get("activations", ["Sigmoid"])[0] == "HardSigmoid"
-    gate = lambda v: np.clip(0.2 * v + 0.5, 0, 1) if hard else 0.5 * (1 + np.tanh(0.5 * v))
-    h = c = np.zeros((x.shape[1], units))
-    states = []
-    for step in x:
-        rows = [step @ w[k].T + bias[0, k] for k in range(kinds)]
-        if node.op_type == "LSTM":
-            gi, go, gf, gc = (row + h @ r[k].T + bias[1, k] for k, row in enumerate(rows))
-            c = gate(gf) * c + gate(gi) * np.tanh(gc)
-            h = gate(go) * np.tanh(c)
-        else:
-            z, reset = (gate(rows[k] + h @ r[k].T + bias[1, k]) for k in (0, 1))
-            if a.get("linear_before_reset", 0):
-                inner = reset * (h @ r[2].T + bias[1, 2])
-            else:
-                inner = (reset * h) @ r[2].T + bias[1, 2]
-            h = (1 - z) * np.tanh(rows[2] + inner) + z * h
-        states.append(h)
-    every, last = np.stack(states)[:, None], h[None]
-    ends = [last, c[None]]
-    if batch_first:
-        every, ends = every.transpose(2, 0, 1, 3), [end.swapaxes(0, 1) for end in ends]
-    return [every, *ends]
+            outputs = session.run(None, {self.input: values.astype(np.float32)})
+        except Exception as error:  # onnxruntime's errors have no common class of their own
+            raise InputError(
+                f"network '{self.path}': cannot be computed on an input of shape {values.shape} ({_first_line(error)}); "
+                "save a network that takes one touch at a time"
+            ) from None
+        return [np.asarray(output, dtype=np.float64) for output in outputs]
 
 
 # ---------------------------------------------------------------------- what the nodes say
@@ -342,12 +231,12 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
         classes, columns = weights.shape
         return OnnxNetwork(graph, "linear", "before", "sigmoid", 0, classes, columns, arrays, names, metadata)
     node = layers[0]
-    attributes, order = node.attributes, GATES[node.op_type]
+    attributes, order = attributes_of(node), GATES[node.op_type]
     if (direction := attributes.get("direction", "forward")) != "forward":
         graph.refuse(node, f"runs {direction!s:.20}; the accelerator has one direction, forward")
     for name, value in attributes.items():
         if name not in ATTRIBUTES[node.op_type] and value:
-            graph.refuse(node, f"has {_text(name):.40}, which the accelerator does not; save it without")
+            graph.refuse(node, f"has {name:.40}, which the accelerator does not; save it without")
     activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
     slopes = (attributes.get("activation_alpha") or [0.2])[:1] + (attributes.get("activation_beta") or [0.5])[
         :1
@@ -397,10 +286,10 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     """Weights (C, columns) and bias (C) of the one dense layer."""
     layers = graph.nodes("Gemm", "MatMul")
     if len(layers) != 1:
-        node = layers[1] if layers else graph.all[-1]
+        node = layers[1] if layers else graph.graph.node[-1]
         graph.refuse(node, f"is where a dense layer is wanted, and there are {len(layers)}; save {TAKEN}")
     node, additions = layers[0], graph.nodes("Add")
-    weights, attributes = graph.constant(node, 1, "weights"), node.attributes
+    weights, attributes = graph.constant(node, 1, "weights"), attributes_of(node)
     names = {"dense": node.input[1]}
     if node.op_type == "Gemm":
         if additions or attributes.get("alpha", 1.0) != 1.0 or attributes.get("beta", 1.0) != 1.0:
@@ -565,9 +454,8 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
             return str(found[0]), taken
     if len(failed) == len(fitting):
         raise failed[0]
-    output = _text(graph.graph.output[0].name) if graph.graph.output else ""
     raise InputError(
-        f"network '{graph.path}', output '{output:.60}': is not the dense layer behind the last step, or behind every "
+        f"network '{graph.path}', output '{graph.ends[-1]:.60}': is not the dense layer behind the last step, or behind every "
         f"step, of a network that begins at 0; save {TAKEN}"
     )
 

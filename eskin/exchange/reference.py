@@ -1,12 +1,11 @@
 """Reference inputs and outputs of a network trained elsewhere: does what was read compute the same?"""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from eskin.golden.core import ArchiveError, InputError, Record, read_arrays
-from eskin.golden.model import FloatModel, float_images
+from eskin.golden.model import FloatModel
 
 NAMES = ("inputs", "outputs")
 TOLERANCE = 1e-4
@@ -47,17 +46,14 @@ def _read(path: Path, own: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
     return inputs, outputs
 
 
-def check_reference(path: Path, model: FloatModel, std: float, own: tuple[str, str] = NAMES) -> Record:
+def check_reference(path: Path, model: FloatModel, own: tuple[str, str] = NAMES) -> Record:
     """Compare outputs that another tool computed with the model's logits of the same inputs.
 
     Parameters
     ----------
     path:
         An ``.npz`` with ``inputs`` as the network takes them, so normalised: (touches, steps, inputs), steps first,
-        or of a linear cell its columns; of images (images, height, width) or (images, 1, height, width). And
-        ``outputs``: logits of the last step (touches, classes) or of every step.
-    std:
-        Of images: codes that are 1 in the inputs.
+        or of a linear cell its columns. And ``outputs``: logits of the last step (touches, classes) or of every step.
     own:
         Other names of the two arrays.
 
@@ -75,23 +71,15 @@ def check_reference(path: Path, model: FloatModel, std: float, own: tuple[str, s
     inputs, outputs = _read(path, own)
     config, wide, steps = model.config, model.config.inputs, model.config.windows.steps
     readings: list[np.ndarray] = []
-    logits: Callable[[np.ndarray], np.ndarray] = lambda features: model.forward(features)[1]
-    if config.is_image:
-        size = (config.image.height, config.image.width)
-        wanted = f"(images, {size[0]}, {size[1]})"
-        logits = lambda images: float_images(model, images * std, maps=False).logits[:, None]
-        if inputs.shape[1:] in (size, (1, *size)):
-            readings = [inputs.reshape(-1, *size)]
-    else:
-        wanted = f"(touches, {steps} steps, {wide})"
-        if inputs.ndim == 3 and inputs.shape[2] == wide:
-            readings = [inputs, inputs.swapaxes(0, 1)]
-        elif not config.recurrent and inputs.ndim == 2 and inputs.shape[1] % wide == 0:
-            readings = [inputs.reshape(len(inputs), -1, wide)]
-        readings = [features for features in readings if config.sets == 1 or features.shape[1] == steps]
+    wanted = f"(touches, {steps} steps, {wide})"
+    if inputs.ndim == 3 and inputs.shape[2] == wide:
+        readings = [inputs, inputs.swapaxes(0, 1)]
+    elif not config.recurrent and inputs.ndim == 2 and inputs.shape[1] % wide == 0:
+        readings = [inputs.reshape(len(inputs), -1, wide)]
+    readings = [features for features in readings if config.sets == 1 or features.shape[1] == steps]
     if not readings:
         raise InputError(f"--check {path}: its inputs have shape {inputs.shape}; they must be {wanted}")
-    found = [(differences(outputs, logits(features)), len(features)) for features in readings]
+    found = [(differences(outputs, model.forward(features)[1]), len(features)) for features in readings]
     each = [(far, shows, count) for of_reading, count in found for shows, far in of_reading.items()]
     if not each:
         raise InputError(

@@ -19,11 +19,11 @@ from eskin.cosim.link import Link, LinkError
 from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS, offered_row, unpack_decision
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream
-from eskin.golden.model.image_stream import ImageStream
 from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.prototypes import taught_in_use
 from eskin.golden.model.stream import Decision
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Taught, Where
+from eskin.live.image_stream import ImageStream
 from eskin.rtl.program.memory_map import TeachRegister
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without

@@ -83,33 +83,13 @@ def draw_power(rows: list[Record], thing: str = "touch") -> Figure:
     return figure
 
 
-def draw_waiting(rows: list[Record]) -> Figure:
-    """Power of waiting against the latency budget, a line a configuration, over the part's static power."""
-    figure = Figure(figsize=(10.4, 3.6), layout="constrained")
-    axes = figure.subplots()
-    for index, row in enumerate(rows):
-        colour = CLASS_COLOURS[index % len(CLASS_COLOURS)]
-        budgets = [1e3 * point["decide_within_s"] for point in row["waiting"]]
-        powers = [1e6 * point["idle_w"] for point in row["waiting"]]
-        axes.plot(budgets, powers, marker="o", markersize=4, color=colour, label=row["name"])
-        axes.axhline(1e6 * row["static_w"], color=colour, linewidth=0.8, linestyle=":")
-    cost_axis(axes)
-    axes.set_xlabel("a decision within (ms)")
-    axes.set_ylabel("waiting, clock always on (µW), estimate")
-    axes.grid(color="#DDDDDD", linewidth=0.7)
-    axes.legend(loc="best")
-    return figure
-
-
 def render(result: Record) -> str:
     """The page of a result of eskin.study.energy.compare."""
     rows, thing = result["configurations"], result["what"]
-    curves = [row for row in rows if row.get("waiting")]
     with rc_context(STYLE):
         charts = {
             "touch": svg(draw_touch(rows, result["least_touch"], thing)),
             "power": svg(draw_power(rows, thing)),
-            "waiting": svg(draw_waiting(curves)) if curves else None,
         }
     parts = {row["part"]: (row["rests_on"], row["band"]) for row in rows}
     return page(

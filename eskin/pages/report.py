@@ -27,11 +27,8 @@ from typing import Any
 import jinja2
 import numpy as np
 from matplotlib import colormaps, rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator, PercentFormatter
-from matplotlib.transforms import Bbox
 
 from eskin.choose.choice_table import (
     front_end_brief,
@@ -53,9 +50,10 @@ from eskin.golden.core import (
     replacing,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.model import Trace, describe_formats
+from eskin.golden.model import Trace
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
 from eskin.pages.views import GAP, page, percent, short_name, tables, words, write_text
+from eskin.training.formats import describe_formats
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
@@ -347,28 +345,6 @@ def draw_step_accuracy(splits: Sequence[Record], opens_at_once: bool) -> Figure:
     return figure
 
 
-def draw_training(splits: Sequence[Record]) -> Figure | None:
-    """Loss of the float networks while they are trained, on what they train on and on recordings left out, a
-    panel for each split; None where no network was trained step by step."""
-    trained = [split for split in splits if split.get("training_curve")]
-    if not trained:
-        return None
-    figure, panels = panel_row(len(trained), 10.4, 2.7)
-    for axes, split in zip(panels, trained, strict=True):
-        curve = split["training_curve"]
-        axes.plot(curve["updates"], curve["training_loss"], label="trained on, augmented", **FLOAT_LINE)
-        if curve["held_out_loss"]:
-            axes.plot(
-                curve["updates"], curve["held_out_loss"], label="left out, not augmented", **INTEGER_LINE
-            )
-        axes.set(title=_split_name(split), xlabel="updates of the weights")
-        axes.set_xlim(left=0)
-        axes.set_ylim(bottom=0)
-    panels[0].set_ylabel("cross-entropy of a step (nat)")
-    panels[0].legend(loc="upper right")
-    return figure
-
-
 def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig, unit: str = "V") -> Figure:
     """One recording from raw taxels through features, hidden state and logits to local decisions and the
     global one."""
@@ -486,22 +462,16 @@ COSTS = {
 
 def draw_candidates(rows: Sequence[Record]) -> Figure:
     """Accuracy of every candidate against energy of a touch and against the time to the decision, with the
-    front of those that none beats in both; the taken one is named, and those of the front. What fits the
-    board is filled."""
+    front of those that none beats in both; the taken one is named. What fits the board is filled."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
     figure, panels = panel_row(len(COSTS), 10.4, 3.6)
-    labelled: list[tuple[Axes, list[Annotation], list[tuple[float, Record]]]] = []
     for axes, (key, (label, factor)) in zip(panels, COSTS.items(), strict=True):
         # rounded, so that costs that are equal but for their last bits are one
         shown = [row | {key: float(f"{factor * row[key]:.6g}")} for row in rows if row[key] is not None]
         front = pareto(shown, key)
         line = [(shown[index][key], shown[index]["accuracy"]) for index in front]
         axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
-        named: set[tuple[float, float]] = set()
-        names: list[Annotation] = []
-        for index, row in sorted(
-            enumerate(shown), key=lambda item: (not item[1]["chosen"], item[0] not in front)
-        ):
+        for row in shown:
             place = row[key], row["accuracy"]
             colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
             if row.get("stress"):
@@ -523,39 +493,27 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 markerfacecolor=colour if row["fits"] else "white",
                 zorder=3 if row["chosen"] else 2,
             )
-            if (row["chosen"] or index in front) and place not in named:
-                kinds = row["front_end"]["feature_kinds"]  # the table below has the recipe and every kind
+            if row["chosen"]:  # the table below has the recipe and every kind
+                kinds = row["front_end"]["feature_kinds"]
                 brief = f"{len(kinds)} kinds" if len(kinds) > 1 else kinds[0]
-                text = network_name(row).partition(" (")[0] + f", {brief}" + ": taken" * row["chosen"]
-                weight = "bold" if row["chosen"] else "normal"
-                names.append(
-                    axes.annotate(text, place, (0, 0), textcoords="offset points", fontsize=8, weight=weight)
-                )
-                named.add(place)
+                text = f"{network_name(row).partition(' (')[0]}, {brief}: chosen"
+                style: Record = {
+                    "textcoords": "offset points",
+                    "fontsize": 8,
+                    "weight": "bold",
+                    "ha": "center",
+                }
+                axes.annotate(text, place, (0, 9), zorder=4, **style)
         axes.margins(x=0.15, y=0.15)
         if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
             axes.set_ylim(min(stressed) - 0.05, 1.03)  # a gate that always opens leaves by the bottom
         cost_axis(axes)
         axes.set_xlabel(label)
-        labelled.append((axes, names, [(row[key], row) for row in shown]))
     axes = panels[0]
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
     axes.set(title=f"grey: the best at each cost; {filled}", ylabel="accuracy, integer, cross-validated")
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    figure.draw_without_rendering()  # from here on it is known where everything lies
-    for axes, names, points in labelled:
-        places = []
-        for cost, row in points:
-            around = row["accuracy"] + np.array([-1, 1]) * row["standard_error"]
-            low, high = axes.transData.transform([(cost, share) for share in np.clip(around, 0, 1)])
-            places.append(Bbox([low - POINT, high + POINT]))
-        at = [axes.transData.transform(name.xy) for name in names]
-        for name, point in zip(names, at, strict=True):
-            if 0 < np.hypot(*(point - at[0])) < POINT:  # behind the taken one: a name would seem another's
-                name.remove()
-            else:
-                places.append(_placed(name, axes.get_window_extent(), places))
     return figure
 
 
@@ -580,28 +538,6 @@ def draw_scans(rows: Sequence[Record]) -> Figure | None:
     axes.margins(x=0.2)
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     return figure
-
-
-POINT = 6
-"""Half the width of a point of a candidate, pixels."""
-
-
-def _placed(name: Annotation, inside: Bbox, taken: Sequence[Bbox]) -> Bbox:
-    """Put a point's name where it covers least of what is ``taken`` and stays ``inside``; where it lies."""
-    first = 1 if name.get_fontweight() == "bold" else -1  # the taken one's above its point, the others' below
-    places = [(x, first * y) for far in (6, 20, 34) for y in (far, -far) for x in (8, -8, 0)]
-
-    def put(place: tuple[int, int]) -> Bbox:
-        x, y = place
-        aside = "center" if x == 0 else "left" if x > 0 else "right"
-        name.set(position=place, ha=aside, va="bottom" if y > 0 else "top")
-        return name.get_window_extent()
-
-    def covered(place: tuple[int, int]) -> int:
-        box = put(place)
-        return box.count_overlaps(taken) + sum(not inside.contains(*corner) for corner in box.corners())
-
-    return put(min(places, key=covered))
 
 
 # ---------------------------------------------------------------------- the page
@@ -657,7 +593,6 @@ def _render(result: Result) -> str:
             drawn |= {
                 "trace": draw_trace(result.trace, config, run["data"].get("unit", "V")),
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
-                "training": draw_training(splits),
                 "candidates": draw_candidates(candidates) if candidates else None,
                 "scans": draw_scans([front_end["chosen"], *front_end["rivals"]]) if front_end else None,
             }

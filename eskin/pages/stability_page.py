@@ -88,37 +88,6 @@ def draw_mode(record: Record) -> Figure:
     return figure
 
 
-def draw_margins(record: Record) -> Figure:
-    """Accuracy of the confident decisions against their share, a line for each split."""
-    figure = Figure(figsize=(5.6, 3.0), layout="constrained")
-    axes = figure.subplots()
-    for k, split in enumerate(record["margin"]):
-        name = "unseen " + (" + ".join(split["groups"]) or "recordings")
-        axes.plot(
-            [100 * p["coverage"] for p in split["curve"]],
-            [100 * p["accuracy"] for p in split["curve"]],
-            marker="o",
-            markersize=3,
-            color=COLOURS[k % len(COLOURS)],
-            label=name,
-        )
-        axes.plot(
-            [100 * split["coverage"]],
-            [100 * split["accuracy"]],
-            marker="o",
-            markersize=9,
-            markerfacecolor="none",
-            markeredgecolor=COLOURS[k % len(COLOURS)],
-            linestyle="",
-        )
-    axes.invert_xaxis()
-    axes.set_xlabel("share of decisions that are confident (%)")
-    axes.set_ylabel("accuracy of these (%)")
-    axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
-    axes.legend(fontsize=8)
-    return figure
-
-
 def write_page(folder: str | Path, result: Record) -> Path:
     """Make ``stability.html`` in ``folder`` of the content of stability.json; one file, nothing outside it is
     needed to show it."""
@@ -128,7 +97,6 @@ def write_page(folder: str | Path, result: Record) -> Path:
             records = [record for record in result["modes"] if record["group"] == group]
             charts = [None if flat(record["curve"]) else svg(draw_mode(record)) for record in records]
             groups.append({"title": GROUP_TITLES[group], "modes": list(zip(records, charts, strict=True))})
-        margins = svg(draw_margins(result["defences"][-1])) if result["defences"] else None
     text = page(
         "stability.html.j2",
         result=result,
@@ -136,7 +104,6 @@ def write_page(folder: str | Path, result: Record) -> Path:
         weakest=weakest(result["modes"]),
         first=weakest(result["modes"], FIRST),
         words=figure_in_words,
-        margins=margins,
         failed=[record for record in result["modes"] if not record["passed"]],
         wrong=[record for record in result["modes"] if record["rtl"] and not record["rtl"]["bit_exact"]],
         confirmed=[record for record in result["modes"] if record["rtl"]],

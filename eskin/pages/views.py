@@ -106,13 +106,13 @@ def compared(played: Record, things: str = "recordings") -> str:
         case "GAVE UP":
             where = played["gave_up"]
             return (
-                f"nothing moved any more at recording {where['recording']}, frame {where['frame']}, so the bench "
-                f"stopped there; {values} until then"
+                f"the hardware stopped responding at recording {where['recording']}, frame {where['frame']}, so the bench "
+                f"ended the run; {values} until then"
             )
         case "no decision":
             return (
-                f"no touch was long enough for a decision, so nothing of the network was compared ({values}); "
-                "take other recordings"
+                f"no touch was long enough for a decision, so the network was not compared ({values}); "
+                "use other recordings"
             )
         case "DIFFERS":
             return f"{count(played['mismatches'])} of {values} differ"

@@ -17,20 +17,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, InputError, Memo, Record, content_key
+from eskin.golden.core import AcceleratorConfig, InputError, Record, content_key
 from eskin.golden.data import Recordings
-from eskin.golden.model import (
-    FloatModel,
-    Touches,
-    decide_touches,
-    find_touches,
-    real_by_input,
-    real_features,
-    with_network,
-)
+from eskin.golden.model import FloatModel, Touches, decide_touches, find_touches, real_by_input, real_features
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
+from eskin.training.formats import with_network
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import split_folds
 
@@ -279,8 +273,6 @@ METHODS: dict[str, Method] = {
     )
 }
 """Methods of `eskin baselines`, by name."""
-SWEPT = ("logistic", "svm", "neighbours")
-"""The baselines that a sweep shows beside its points."""
 
 
 # ---------------------------------------------------------------------- judging
@@ -452,45 +444,4 @@ def results(
         "config": config.to_dict(),
         "seeds": list(every),
         "folds": folds,
-    }
-
-
-def judge_baseline(
-    name: str,
-    recordings: Recordings,
-    config: AcceleratorConfig,
-    splits: Sequence[Sequence[str]],
-    seeds: Sequence[int],
-    folds: int,
-) -> Record:
-    """One method on every split of a sweep.
-
-    Returns
-    -------
-    label; parameters and multiplies_decision (means over runs: support vectors differ); splits: {groups,
-    accuracy, by_seed, per_fold: {recordings, accuracy}} each.
-    """
-    rows = results(recordings, config, splits, methods=[METHODS[name]], folds=folds, seeds=seeds)["rows"]
-    split_rows = []
-    for row in rows:
-        by_seed = [[run for run in row["runs"] if run["seed"] == seed] for seed in seeds]
-        shares = np.array([[run["accuracy"] for run in runs] for runs in by_seed])
-        sizes = [run["recordings"] for run in by_seed[0]]
-        split_rows.append(
-            {
-                "groups": row["groups"],
-                "accuracy": row["accuracy"],
-                "by_seed": np.average(shares, axis=1, weights=sizes).tolist(),
-                "per_fold": [
-                    {"recordings": size, "accuracy": float(share)}
-                    for size, share in zip(sizes, shares.mean(axis=0), strict=True)
-                ],
-            }
-        )
-    means = {key: round(float(np.mean([row[key] for row in rows]))) for key in ("parameters", "multiplies")}
-    return {
-        "label": rows[0]["label"],
-        "parameters": means["parameters"],
-        "multiplies_decision": means["multiplies"],
-        "splits": split_rows,
     }

@@ -1,13 +1,13 @@
-"""Defences against a sensor that goes wrong: what they save and what they cost, cross-validated; and the
-margin of a confident decision.
+"""Defences against a sensor that goes wrong: what they save, cross-validated; and the margin of a confident
+decision.
 
-The defences: the fault detector and M-of-K onset of docs/specification.md, a mask bit, training with failing
-taxels (``robust``), a margin below which a decision is not confident. All is judged on recordings that a
-network has not seen, through the whole integer front end.
+The defences: the fault detector and M-of-K onset of docs/specification.md, training with failing taxels
+(``robust``), a margin below which a decision is not confident. All is judged on recordings that a network has
+not seen, through the whole integer front end.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +15,12 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, Touches, decide_touches, find_onsets, find_touches
+from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
 from eskin.golden.model.pipeline import by_recording
 from eskin.golden.model.preprocess import activity
+from eskin.study.stability.core import Scene
+from eskin.study.stability.sensor import stuck
+from eskin.study.stability.shapes import Experiment
 from eskin.training.crossval import pieces_of, train_pieces
 from eskin.training.datasets import Datasets
 from eskin.training.recipe import Recipe, choose_recipe
@@ -38,10 +41,13 @@ THRESHOLD_SHARE = 2 / 3
 must find the touch."""
 ONSET_HITS, ONSET_SPAN = 3, 4
 """With that lower threshold the rule must hold in 3 of 4 judged frames, or a noisy taxel opens the gate."""
-STUCK_AFTER = 0.25
-"""A taxel that sticks in a touch does so after this share of it."""
-
-Change = Callable[[np.ndarray, int], np.ndarray]
+FAILURES = {
+    "dead": Experiment(stuck("rest"), -10.0, (), "", over="taxels"),
+    "stuck": Experiment(stuck("high"), 0.25, (), "", over="taxels"),
+    "stuck, masked": Experiment(stuck("high"), 0.25, (), "", over="taxels", masked=True),
+}
+"""Failures of one taxel: at its rest level all along; at the highest code from a quarter of the touch on; the
+same with its mask bit set."""
 
 
 @dataclass(frozen=True)
@@ -114,58 +120,21 @@ def variants(recordings: Recordings, config: AcceleratorConfig) -> list[Variant]
 
 
 # ---------------------------------------------------------------------- failing taxels
-def _streams(recordings: Recordings, onsets: np.ndarray, change: Change) -> Recordings:
-    samples = [change(recordings.recording(i).copy(), max(int(onsets[i]), 1)) for i in range(len(recordings))]
-    return dataclasses.replace(recordings, samples=np.concatenate(samples))
-
-
-def failures(
-    recordings: Recordings, config: AcceleratorConfig, taxel: int
-) -> dict[str, tuple[AcceleratorConfig, Recordings]]:
-    """Failures of one taxel: name -> (configuration, recordings).
-
-    dead: at its rest level from the first frame on. stuck: at the highest code from STUCK_AFTER of the touch
-    on. stuck, masked: the same with the mask bit set.
-    """
-    top = config.sample_format.max_code
-    onsets = find_onsets(config, recordings)
-
-    def die(stream: np.ndarray, onset: int) -> np.ndarray:
-        stream[:, taxel] = round(float(np.median(stream[: max(config.rest_level.rest_frames, 5), taxel])))
-        return stream
-
-    def stick(stream: np.ndarray, onset: int) -> np.ndarray:
-        stream[onset - 1 + round(STUCK_AFTER * config.last_frame) :, taxel] = top
-        return stream
-
-    stuck = _streams(recordings, onsets, stick)
-    masked = config.replace(masked_taxels=tuple(sorted({*config.sensor.masked_taxels, taxel})))
-    return {
-        "dead": (config, _streams(recordings, onsets, die)),
-        "stuck": (config, stuck),
-        "stuck, masked": (masked, stuck),
-    }
-
-
 FrontEnd = dict[str, tuple[AcceleratorConfig, np.ndarray, Touches]]
 """Name of a disturbance -> (configuration, row of each recording's first touch or -1, touches). ``clean``,
-and ``NAME TAXEL`` of ``failures``."""
+and ``NAME, taxel T`` of ``FAILURES``."""
 
 
 def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     """The touches of sound recordings, and of those in which one taxel fails, for every failure and live
     taxel."""
-    recordings = recordings.scanned(config.sensor.scan_every)
-    clean = find_touches(config, recordings)
-    rows = clean.first_touch()
-    touches_of = {"clean": (config, rows, clean)}
-    # half a touch more than the first touch takes is all that a late onset can ask for
-    ends = np.where(rows >= 0, clean.start_frame[rows] - 1 + config.last_frame * 3 // 2, recordings.lengths)
-    short = recordings.until(ends)
-    for taxel in config.sensor.live:
-        for name, (changed, spoiled) in failures(short, config, taxel).items():
-            touches = find_touches(changed, spoiled)
-            touches_of[f"{name} {taxel}"] = (changed, touches.first_touch(), touches)
+    scene = Scene(config=config, recordings=recordings)
+    found = find_touches(config, scene.recordings)
+    touches_of = {"clean": (config, found.first_touch(), found)}
+    for name, failure in FAILURES.items():
+        for case, played in failure.cases(scene).items():
+            touches = find_touches(played.scene.config, played.recordings)
+            touches_of[f"{name}, {case}"] = (played.scene.config, touches.first_touch(), touches)
     return touches_of
 
 
@@ -183,57 +152,43 @@ def _decisions(
 
 
 # ---------------------------------------------------------------------- the comparison
-def compare_defences(
+def judge_defences(
     recordings: Recordings,
-    rows: Sequence[Variant],
+    variant: Variant,
     splits: Sequence[Sequence[str]],
     seeds: Sequence[int] = (0, 1, 2),
     *,
     folds: int = 5,
-    widths: Mapping[str, Any] | None = None,
     front_ends: dict[str, FrontEnd] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> list[Record]:
-    """Benefit and cost of each set of defences, on recordings that a network has not seen, in integers,
-    through the whole front end.
+) -> Record:
+    """Benefit of a set of defences, on recordings that a network has not seen, in integers, through the whole
+    front end.
 
     Parameters
     ----------
     splits:
         Group names of each split; failing taxels are judged on the first one.
-    seeds, folds, widths:
+    seeds, folds:
         As for ``eskin.training.crossval.cross_validate``.
     front_ends:
         Kept between calls: touches by configuration.
 
     Returns
     -------
-    A record for each variant: name, hidden, recipe, fault_frames, fault_activity, clean ([{groups, accuracy,
-    spread}] for each split), and for dead, stuck, ``stuck, masked``: {mean, worst, worst_taxel}; margin: the
-    figures of ``margin_record`` for each split.
+    name, hidden, recipe, fault_frames, fault_activity, clean ([{groups, accuracy, spread}] for each split), and
+    for dead, stuck, ``stuck, masked``: {mean, worst, worst_taxel}; margin: the figures of ``margin_record`` for
+    each split.
     """
-    records = []
     front_ends = {} if front_ends is None else front_ends
-    for number, variant in enumerate(rows):
-        key = variant.config.replace(hidden=4).to_json()  # the front end does not know the network
-        if key not in front_ends:
-            front_ends[key] = front_end(recordings, variant.config)
-        records.append(
-            _judged(recordings, variant, front_ends[key], splits, seeds, folds, dict(widths or {}))
-        )
-        if progress:
-            progress("defences", number + 1, len(rows))
-    return records
-
-
-def _judged(
-    recordings: Recordings, variant: Variant, found: FrontEnd, splits, seeds, folds: int, widths: Record
-) -> Record:
+    key = variant.config.replace(hidden=4).to_json()  # the front end does not know the network
+    if key not in front_ends:
+        front_ends[key] = front_end(recordings, variant.config)
+    found = front_ends[key]
     config = variant.config
     parts = [split_folds(recordings, groups, folds, None) for groups in splits]
     tests = [(number, test) for number, of_split in enumerate(parts) for test in of_split]
     pieces = pieces_of(config, variant.recipe, len(recordings), [test for _, test in tests], seeds)
-    trained = train_pieces(Datasets(recordings), pieces, int(seeds[0]), widths=widths)
+    trained = train_pieces(Datasets(recordings), pieces, int(seeds[0]))
     models, numbers = [network.integer for network in trained], [number for _ in seeds for number, _ in tests]
     _, clean_rows, clean = found["clean"]
     # split, test, decisions, margins; training margins
@@ -256,11 +211,11 @@ def _judged(
         right = [decisions == labels[test] for _, test, decisions, *_ in of_split]
         accuracy, spread = float(np.mean(np.concatenate(right))), float(np.std([np.mean(r) for r in right]))
         record["clean"].append({"groups": list(groups), "accuracy": accuracy, "spread": spread})
-        record["margin"].append(margin_record(list(groups), labels, of_split, COVERAGE))
-    for name in ("dead", "stuck", "stuck, masked"):
+        record["margin"].append(margin_record(list(groups), labels, of_split))
+    for name in FAILURES:
         by_taxel = {}
         for taxel in config.sensor.live:
-            changed, rows, touches = found[f"{name} {taxel}"]
+            changed, rows, touches = found[f"{name}, taxel {taxel}"]
             wrong = [
                 _decisions(model, changed, rows[test], touches)[0] != labels[test]
                 for model, number, test in zip(models, numbers, (piece.test for piece in pieces), strict=True)
@@ -280,40 +235,25 @@ def choose_margin(margins: np.ndarray, coverage: float = COVERAGE) -> int:
     return int(ordered[max(int(np.ceil(coverage * len(ordered))) - 1, 0)])
 
 
-def margin_record(groups: list[str], labels: np.ndarray, outcome, coverage: float) -> Record:
+def margin_record(groups: list[str], labels: np.ndarray, outcome: Any, coverage: float = COVERAGE) -> Record:
     """The threshold chosen on training margins, and what it does to unseen recordings.
 
     Returns
     -------
     groups, threshold (median over the networks), coverage and accuracy (share of unseen decisions that are
-    confident, and right among them, each network with its own threshold), without (accuracy of all), curve:
-    [{threshold, coverage, accuracy}] of the unseen recordings.
+    confident, and right among them, each network with its own threshold), without (accuracy of all).
     """
     thresholds, confident, right_confident, right, count = [], 0, 0, 0, 0
-    margins_of, correct_of = [], []
     for _, test, decisions, touches, training in outcome:
         threshold = choose_margin(training, coverage)
         thresholds.append(threshold)
         good, sure = decisions == labels[test], (decisions >= 0) & (touches >= threshold)
         confident, right_confident = confident + int(sure.sum()), right_confident + int((good & sure).sum())
         right, count = right + int(good.sum()), count + len(test)
-        margins_of.append(np.where(decisions >= 0, touches, -1))
-        correct_of.append(good)
-    margins, correct = np.concatenate(margins_of), np.concatenate(correct_of)
-    levels = np.unique(np.quantile(margins, np.linspace(0, 0.95, 20)).astype(np.int64))
-    curve = [
-        {
-            "threshold": int(level),
-            "coverage": float(np.mean(margins >= level)),
-            "accuracy": float(np.mean(correct[margins >= level])),
-        }
-        for level in levels
-    ]
     return {
         "groups": groups,
         "threshold": int(np.median(thresholds)),
         "coverage": confident / count,
         "accuracy": right_confident / max(confident, 1),
         "without": right / count,
-        "curve": curve,
     }

@@ -27,8 +27,6 @@ from eskin.study.converter_power import converter_power
 BATTERY_J = 1000e-3 * 5.0 * 3600
 """The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
 TOUCHES_PER_S = 1.0
-FLOOR_FACTOR_MAX, TOUCH_J_MAX, IMAGE_J_MAX = 1.5, 1.0e-6, 100e-6
-"""Goals on the UP5K: average power over the measured floor, joule of compute per touch, and per image."""
 RAM_READ_ASSUMED_J = 4.4e-12
 """A block RAM read. Not measured and in no total: a 256 x 16 macro of a 130 nm process (14.2 pJ), scaled by
 40 / 130."""
@@ -91,62 +89,6 @@ PARTS = {
 }
 """Parts by the device name of their boards."""
 
-PUBLISHED = tuple(
-    dict(zip(("system", "device", "energy_j", "latency_s", "power_w", "conditions"), row, strict=True))
-    for row in (
-        (
-            "tensor SVM, 3 classes",
-            "FPGA",
-            945e-3,
-            0.350,
-            2.7,
-            "touch modality, whole classification; power is energy over latency; thesis [106]",
-        ),
-        ("SVM, two classes", "custom hardware", 81e-3, 3.3, 24.5e-3, "whole classification; thesis [32]"),
-        (
-            "Inception-ResNet",
-            "GPU",
-            55.5e-3,
-            75e-3,
-            0.74,
-            "touch modality, dynamic power only; thesis chapter 2",
-        ),
-        (
-            "TactNet, 22 objects",
-            "Jetson TX2 / RPi 4 / NCS2",
-            0.81e-3,
-            5.29e-3,
-            153e-3,
-            "dynamic only, best of three (0.81 to 1.5 mJ); thesis table 4.5",
-        ),
-        (
-            "LSTM, 8 bit",
-            "XC7S15",
-            3.8e-6,
-            57e-6,
-            67e-3,
-            "traffic speed, one inference, no sensor interface; arXiv 2310.16842",
-        ),
-        (
-            "MLP 5 x 30, 8 bit",
-            "iCE40UP5K",
-            0.172e-6,
-            83.37e-6,
-            2.06e-3,
-            "fluid flow, one inference, no recurrence, no sensor interface; Sensors 25, 83",
-        ),
-        (
-            "DeltaKWS",
-            "65 nm chip",
-            36e-9,
-            None,
-            None,
-            "key words, one decision, a chip of its own; arXiv 2405.03905",
-        ),
-    )
-)
-"""Published figures for one decision, with what they include. None of them includes waiting for the touch."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Activity:
@@ -183,7 +125,7 @@ more with an onset detector, and of an idle cycle. All but the last are fitted t
 def counted_activity(
     config: AcceleratorConfig,
     full: Mapping[str, Any],
-    slow: Mapping[str, Any] | None,
+    slow: Mapping[str, Any] | None = None,
     *,
     frames: int,
     steps: int,
@@ -333,13 +275,12 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     }
 
 
-CHECK = ("name", "configuration", "value", "limit", "unit")
 """Keys of a check of `compare`, beside ``met``."""
 
 
 def compare(rows: list[Record], *, what: str = "touch") -> Record:
     """Configurations side by side: the one with the least energy a touch, the one with the least average
-    power, what was aimed at.
+    power.
 
     Parameters
     ----------
@@ -347,34 +288,19 @@ def compare(rows: list[Record], *, what: str = "touch") -> Record:
         Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one
         on a part without measured figures while there is another.
     what:
-        ``touch``, or ``image``: a touch of one step, which has an aim of its own.
+        ``touch``, or ``image``: a touch of one step.
     """
     exact = [row for row in rows if row["bit_exact"]]
     rivals = [row for row in exact if row["measured_part"]] or exact
     least_touch = min(rivals, key=lambda row: row["per_touch_j"], default=None)
     choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
     least_average = min(choices, key=lambda item: item[0], default=None)
-    checks = []
-    if measured := [row for row in exact if row["part"] == "iCE40UP5K"]:
-        cheapest = min(measured, key=lambda row: row["per_touch_j"])
-        name, limit = ("an image", IMAGE_J_MAX) if what == "image" else ("a touch", TOUCH_J_MAX)
-        checks.append(
-            (f"compute of {name} on the iCE40UP5K", cheapest["name"], cheapest["per_touch_j"], limit, "J")
-        )
-    if measured and what != "image":
-        best = min(measured, key=lambda row: row["choices"][0]["average_w"])
-        name = "average power at one touch a second over the measured floor, outside clock at its lowest, always on"
-        checks.append(
-            (name, best["name"], best["choices"][0]["average_w"] / best["static_w"], FLOOR_FACTOR_MAX, "")
-        )
     return {
         "what": what,
         "configurations": rows,
         "least_touch": least_touch and least_touch["name"],
         "least_average": least_average
         and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
-        "checks": [dict(zip(CHECK, check, strict=True), met=check[2] <= check[3]) for check in checks],
-        "published": [dict(row) for row in PUBLISHED],
         "battery_j": BATTERY_J,
         "passed": len(exact) == len(rows),
     }

@@ -14,21 +14,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eskin.golden.core import (
-    NETWORKS,
-    AcceleratorConfig,
-    Conv,
-    Dense,
-    InputError,
-    Memo,
-    Pool,
-    QFormat,
-    Record,
-)
+from eskin.golden.core import NETWORKS, AcceleratorConfig, Conv, Dense, InputError, Pool, QFormat, Record
 from eskin.golden.core.images import BIAS_BITS, SIZES, parse_layer
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.study.image_size import image_size, resized
 from eskin.study.sweep import Judging, Request, expand, lanes_name, split_figures
 from eskin.training.image_models import image_config, judged_pieces, pieces_of, split_of
@@ -198,20 +189,13 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
         raise InputError(f"field size: is {size!r}; give height x width as text, as in '26x47'")
     if bits not in (4, 8) or isinstance(bits, bool):
         raise InputError(f"field weight_bits: is {bits!r}; give 8 or 4")
-    if not isinstance(lanes, int) or isinstance(lanes, bool):
-        raise InputError(f"field lanes: is {lanes!r}; give a whole number")
-    if not isinstance(clock, (int, float)) or isinstance(clock, bool) or not 0 < clock < 1e10:
-        raise InputError(f"field clock_hz: is {clock!r}; give a clock in Hz, as in 36e6")
-    if isinstance(layers, str) and layers not in NETWORKS:
+    texts = NETWORKS.get(layers, ()) if isinstance(layers, str) else layers
+    if not texts or not isinstance(texts, (list, tuple)) or not all(isinstance(text, str) for text in texts):
         raise InputError(
             f"field layers: is {layers!r}; give {', '.join(NETWORKS)}, or a list of layers such as ['conv 3 "
             "8', 'pool']"
         )
-    if not isinstance(layers, str) and not (
-        isinstance(layers, list) and all(isinstance(layer, str) for layer in layers)
-    ):
-        raise InputError(f"field layers: is {layers!r}; give a list of layers such as ['conv 3 8', 'pool']")
-    texts = list(NETWORKS[layers]) if isinstance(layers, str) else [str(parse_layer(text)) for text in layers]
+    texts = [str(parse_layer(text)) for text in texts]
     height, width = image_size(size)
     name = network_name(texts)
     if name in NETWORKS:
@@ -227,9 +211,7 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
         "map_formats": (QFormat(3, 5, signed=False),) * (weights - 1),
         "logit_format": QFormat(8, 8),
     }  # widths count cycles and memories; where the points stand is only known after training
-    return ImagePoint(
-        name, trained, trained.replace(**formats, clock_hz=float(clock)).with_lanes(lanes, "plain")
-    )
+    return ImagePoint(name, trained, trained.replace(**formats, clock_hz=clock).with_lanes(lanes, "plain"))
 
 
 def _of_size(recordings: Recordings, height: int, width: int) -> Recordings:
@@ -254,8 +236,8 @@ class ImageSweepRequest(Request):
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[Record], Record]:
         """The outcome of each point, in the keys of `eskin.study.sweep.judge`, and what sweep.json
-        holds of images alone: judged_images (of a seed), judged_split, baselines (none). What is kept
-        is named by its images and code, not by ``version``."""
+        holds of images alone: judged_images (of a seed), judged_split. What is kept is named by its images
+        and code, not by ``version``."""
         group, seeds = list(self.group), list(map(int, self.seeds))
         tuned = {point.trained for point in self.points if point.aware}
         pieces = {
@@ -280,5 +262,5 @@ class ImageSweepRequest(Request):
             split["decision_time_s"] = split["per_step"][0]["time_s"]
             outcomes.append({"splits": [split]})
         judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
-        header = {"baselines": [], "judged_split": group, "judged_images": judged_images}
+        header = {"judged_split": group, "judged_images": judged_images}
         return outcomes, header | {"images": True, "classes": len(recordings.class_names)}

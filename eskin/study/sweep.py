@@ -18,13 +18,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eskin.choose.cost import pareto
-from eskin.golden.core import AcceleratorConfig, InputError, Memo, Record, content_key
+from eskin.golden.core import AcceleratorConfig, InputError, Record, content_key
 from eskin.golden.core.groups import Network
 from eskin.golden.data import Recordings
-from eskin.golden.model import with_network
 from eskin.jobs import Jobs
-from eskin.study.baselines import judge_baseline
+from eskin.memo import Memo
 from eskin.training.crossval import cross_validate
+from eskin.training.formats import with_network
 from eskin.training.quantise import COVERED_FEATURE, choose_formats
 
 PREPROCESSING = ("hop", "compand", "compand_knee")
@@ -47,22 +47,11 @@ DEFAULT_GRID: list[dict[str, list[Any]]] = [
 ]
 """84 points. Coarse weights need a coarser state: products of features and of states share one scale on
 16-bit operands."""
-BITS_GRID: list[dict[str, list[Any]]] = [
-    {"cell": [cell], "hidden": [hidden], "weight_bits": [8, 6, 4], AWARE: [False, True]}
-    for cell, hidden in (("gru", 12), ("lstm", 10))
-]
-GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
-"""Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in
-integers, GRU and LSTM."""
-
 NOT_BUILT = ("lut", "dsp", "bram")
 """Keys of a point that only a build fills."""
 
 SPREAD = ("accuracy", "spread", "standard_error")
-"""Keys of a split that a record and a baseline repeat."""
-
-FLOORS = (0.85, 0.90, 0.92, 0.94)
-"""Accuracies for each of which the smallest network is named."""
+"""Keys of a split that a record repeats."""
 
 Judging = Callable[[Any, Any], Record]
 """(what all pieces share, a piece of work) -> its outcome."""
@@ -264,14 +253,13 @@ def _point(base: AcceleratorConfig, fields: Record) -> Point:
 # ---------------------------------------------------------------------- judging
 @dataclass(frozen=True)
 class Job:
-    """A unit of training and judging, on every split: a network or a baseline."""
+    """A unit of training and judging, on every split."""
 
     config: AcceleratorConfig
     widths: Mapping[str, int]
     splits: tuple[tuple[str, ...], ...]
     seeds: tuple[int, ...]
     folds: int
-    baseline: str = ""
     aware: bool = False
 
     def key(self, version: str) -> str:
@@ -280,12 +268,8 @@ class Job:
 
 
 def judge(recordings: Recordings, job: Job) -> Record:
-    """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a
-    baseline; or ``{"refused": why}`` when the trained network has no formats of these widths."""
-    if job.baseline:
-        outcome = judge_baseline(job.baseline, recordings, job.config, job.splits, job.seeds, job.folds)
-        splits = [split | spread_of(split["by_seed"], len(recordings)) for split in outcome["splits"]]
-        return outcome | {"splits": splits}
+    """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), or ``{"refused": why}`` when the trained
+    network has no formats of these widths."""
     try:
         records = cross_validate(
             recordings,
@@ -375,28 +359,23 @@ class SweepRequest(Request):
     Parameters
     ----------
     base:
-        The configuration whose sensor, windows and clock the points share; the baselines see its windows.
+        The configuration whose sensor, windows and clock the points share.
     splits:
         Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its
         ``splits``.
-    baselines:
-        Names of baselines that are judged too.
     """
 
     base: AcceleratorConfig
     splits: Sequence[Sequence[str]]
-    baselines: Sequence[str] = ()
 
     def work(self) -> list[Job]:
-        """Pieces of work: the baselines, which take longest, then the points, whose lanes do not matter
-        here."""
+        """Pieces of work: the points, whose lanes do not matter here."""
         common = (
             tuple(tuple(split) for split in self.splits),
             tuple(int(seed) for seed in self.seeds),
             self.folds,
         )
-        baselines = [Job(self.base, {}, *common, baseline) for baseline in self.baselines]
-        return baselines + [
+        return [
             Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware)
             for point in self.points
         ]
@@ -404,19 +383,14 @@ class SweepRequest(Request):
     def judged(
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[Record], Record]:
-        """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines,
-        judged_split, base."""
+        """The outcome of each point (`judge`), and what sweep.json holds of this task alone: judged_split,
+        base."""
         work = self.work()
         keys = [job.key(version) for job in work]
         pieces = dict(zip(keys, work, strict=True))
         outcomes = jobs.results(judging or judge, pieces, recordings, keep=keep, what="trained and judged")
-        count = len(self.baselines)
-        baselines = [
-            {"name": name, **{key: outcomes[of]["splits"][0][key] for key in SPREAD}, **outcomes[of]}
-            for name, of in zip(self.baselines, keys, strict=False)
-        ]
-        own = {"baselines": baselines, "judged_split": list(self.splits[0]), "base": self.base.to_dict()}
-        return [outcomes[key] for key in keys[count:]], own
+        own = {"judged_split": list(self.splits[0]), "base": self.base.to_dict()}
+        return [outcomes[key] for key in keys], own
 
 
 def sweep(
@@ -429,7 +403,7 @@ def sweep(
     version: str = "",
     judging: Judging | None = None,
 ) -> Record:
-    """Judge every point, mark the front, recommend one point, and name the smallest at each of FLOORS.
+    """Judge every point, mark the front, and recommend one point.
 
     Parameters
     ----------
@@ -440,7 +414,7 @@ def sweep(
         decision), energy_j (of a touch, waiting included, or of an image's computation) and compute_j (of the
         steps alone); energies are estimates.
     jobs:
-        Where points and baselines are trained and judged.
+        Where points are trained and judged.
     keep, version:
         Finished trainings, and a word for data and code; see ``Job.key``.
     judging:
@@ -448,8 +422,8 @@ def sweep(
 
     Returns
     -------
-    As in sweep.json: points, recommended, recommendation, smallest (floor -> index or None), refused, seeds,
-    folds, and what ``request.judged`` adds.
+    As in sweep.json: points, recommended, recommendation, refused, seeds, folds, and what ``request.judged``
+    adds.
 
     Raises
     ------
@@ -476,19 +450,11 @@ def sweep(
         "points": records,
         "recommended": choice["point"],
         "recommendation": choice,
-        "smallest": [{"floor": floor, "point": smallest_at(records, floor)} for floor in FLOORS],
         "refused": refused,
         "seeds": [int(seed) for seed in request.seeds],
         "folds": request.folds,
         **own,
     }
-
-
-def smallest_at(records: Sequence[Mapping[str, Any]], floor: float) -> int | None:
-    """The record with the fewest multiplies, then weight bits, then lanes, that is right on a share of
-    ``floor``; None: none is."""
-    enough = [number for number, record in enumerate(records) if record["accuracy"] >= floor]
-    return min(enough, key=lambda number: size(records[number])[:3], default=None)
 
 
 def _record(point: Any, splits: list[Record], cost: Mapping[str, float]) -> Record:
@@ -523,86 +489,55 @@ def size(record: Mapping[str, Any]) -> tuple:
 
 
 def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None) -> Record:
-    """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how
-    much it misses.
+    """The smallest (``size``) record that meets the bounds; or the nearest, and by how much it misses.
 
-    A bound binds when without it a smaller record would do. Without a floor all records within one standard
-    error of the most accurate one count as equal, and the smallest of them is named. Where no record meets
-    the bounds, the nearest has the smallest sum of misses, each as a share of its bound; again the smallest
-    within one standard error is named.
+    Without a floor all records within one standard error of the most accurate one count as equal, and the
+    smallest of them is named. Where no record meets the bounds, the nearest has the smallest sum of misses, each
+    as a share of its bound; again the smallest within one standard error is named.
 
     Returns
     -------
-    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share or
-    seconds), sentence.
+    point (index), name, met, misses (bound -> how far beyond it, share or seconds), sentence.
     """
     bounds = asked.given() if asked else {}
 
-    def miss(record: Mapping[str, Any], names) -> dict[str, float]:
+    def misses(record: Mapping[str, Any]) -> dict[str, float]:
         over = {
             "accuracy floor": bounds.get("accuracy floor", 0.0) - record["accuracy"],
             "latency budget": record["latency_s"] - bounds.get("latency budget", math.inf),
         }
-        return {name: over[name] for name in names if over[name] > 0}
+        return {name: value for name, value in over.items() if value > 0}
 
-    def smallest(names) -> int | None:
-        meeting = [i for i, record in enumerate(records) if not miss(record, names)]
-        if not meeting:
-            return None
-        if "accuracy floor" not in names:
-            best = max(meeting, key=lambda i: records[i]["accuracy"])
-            least = records[best]["accuracy"] - records[best]["standard_error"]
-            meeting = [i for i in meeting if records[i]["accuracy"] >= least]
-        return min(meeting, key=lambda i: size(records[i]))
+    def distance(index: int) -> float:
+        return sum(over / bounds[name] for name, over in misses(records[index]).items())
 
-    chosen = smallest(bounds)
-    if chosen is not None:
-        binding = []
-        for name in bounds:
-            others = [axis for axis in bounds if axis != name]
-            free = [record for record in records if not miss(record, others)]
-            if (
-                name != "accuracy floor"
-                and "accuracy floor" not in bounds
-                and (least := smallest(others)) is not None
-            ):
-                free = [records[least]]
-            if min(map(size, free)) != size(records[chosen]):
-                binding.append(name)
-        record = records[chosen]
-        words = {name: f"{name} {_bound(name, value)}" for name, value in bounds.items()}
-        if not bounds:
-            why = "the smallest within one standard error of the most accurate"
-        elif not binding:
-            why = f"meets {' and '.join(words.values())}; no bound binds, nothing smaller was tried"
-        else:
-            why = f"the smallest that meets {' and '.join(words.values())}; the {' and the '.join(binding)} binds"
-        verdict = {"point": chosen, "name": record["name"], "met": True, "binding": binding, "misses": {}}
-        return verdict | {"sentence": f"{_says(record)}: {why}"}
-
-    def distance(record: Mapping[str, Any]) -> float:
-        return sum(over / bounds[name] for name, over in miss(record, bounds).items())
-
-    nearest = min(records, key=distance)
-    slack = (
-        nearest["standard_error"] / bounds["accuracy floor"]
-        if "accuracy floor" in miss(nearest, bounds)
-        else 0.0
-    )
-    close = [i for i, record in enumerate(records) if distance(record) <= distance(nearest) + slack]
-    chosen = min(close, key=lambda i: size(records[i]))
-    record = records[chosen]
-    misses = miss(record, bounds)
-    by = " and ".join(
-        f"the {name} {_bound(name, bounds[name])} by {_bound(name, over)}" for name, over in misses.items()
-    )
-    sentence = f"none meets the bounds; nearest is {_says(record)}: it misses {by}"
+    nearest = min(range(len(records)), key=distance)
+    slack = 0.0
+    if "accuracy floor" in misses(records[nearest]):
+        slack = records[nearest]["standard_error"] / bounds["accuracy floor"]
+    near = [index for index in range(len(records)) if distance(index) <= distance(nearest) + slack]
+    met = not misses(records[nearest])
+    if met and "accuracy floor" not in bounds:
+        best = max((records[index] for index in near), key=lambda record: record["accuracy"])
+        least = best["accuracy"] - best["standard_error"]
+        near = [index for index in near if records[index]["accuracy"] >= least]
+    chosen = min(near, key=lambda index: size(records[index]))
+    record, words = records[chosen], " and ".join(f"{name} {_bound(name, bounds[name])}" for name in bounds)
+    if not met:
+        by = " and ".join(
+            f"the {name} {_bound(name, bounds[name])} by {_bound(name, over)}"
+            for name, over in misses(record).items()
+        )
+        sentence = f"none meets the bounds; nearest is {_says(record)}: it misses {by}"
+    elif bounds:
+        sentence = f"{_says(record)}: the smallest that meets {words}"
+    else:
+        sentence = f"{_says(record)}: the smallest within one standard error of the most accurate"
     return {
         "point": chosen,
         "name": record["name"],
-        "met": False,
-        "binding": list(misses),
-        "misses": misses,
+        "met": met,
+        "misses": misses(record),
         "sentence": sentence,
     }
 

@@ -11,16 +11,16 @@ penalty on the distance to the old weights. A model whose readout is prototypes 
 import dataclasses
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 
+from eskin.data.fit import for_model
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
-from eskin.golden.data import Recordings, for_model
+from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
@@ -36,11 +36,11 @@ from eskin.golden.model.pipeline import by_recording
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.training.batches import Batches, TouchPool
 from eskin.training.datasets import Dataset, find_dataset, touch_rows
-from eskin.training.fit import one_thread
-from eskin.training.losses import Progress, class_loss, descend
+from eskin.training.fit import Loss, train_integers
+from eskin.training.losses import Progress, class_loss
 from eskin.training.prototypes import teach_recordings
-from eskin.training.quantise import IntegerNetwork, merged_parameters, profile, range_records
-from eskin.training.recipe import Recipe, choose_recipe
+from eskin.training.quantise import IntegerNetwork, profile, range_records
+from eskin.training.recipe import Recipe, noted_recipe
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,23 +75,12 @@ class Pair:
     integer: IntegerModel
 
 
-def _pair(before: Pair, weights: Arrays) -> Pair:
-    """The networks of other ``weights`` (real, by the integer network's names) that are else as
-    ``before``."""
-    shapes, old = network_shapes(before.real.config, real=True), before.integer
+def _of_weights(before: FloatModel, weights: Arrays) -> FloatModel:
+    """The float network of other ``weights`` (by the integer network's names) that is else as ``before``."""
     # a second bias row that the hardware adds to the first is 0: the first holds the sum
-    real = {
-        name: np.array(weights[name]) if name in weights else np.zeros(shape)
-        for name, shape in shapes.items()
-    }
-    constants = {name: array for name, array in before.real.arrays.items() if name not in shapes}
-    formats = network_formats(old.config)
-    codes = {name: formats[name].quantise(np.array(array)) for name, array in weights.items()}
-    loaded = {name: array for name, array in old.arrays.items() if name not in codes}
-    return Pair(
-        FloatModel(before.real.config, real | constants),
-        IntegerModel(old.config, codes | loaded, "enrolled model"),
-    )
+    shapes = network_shapes(before.config, real=True)
+    real = {name: weights[name] if name in weights else np.zeros(shape) for name, shape in shapes.items()}
+    return FloatModel(before.config, {**before.arrays, **real})
 
 
 def load_pair(folder: str | Path) -> Pair:
@@ -107,7 +96,7 @@ def load_pair(folder: str | Path) -> Pair:
     if load_training(folder).get("quantisation_aware"):
         formats = network_formats(integer.config)
         weights = {name: formats[name].to_real(integer.arrays[name]) for name in formats}
-        return _pair(Pair(real, integer), weights)
+        real = _of_weights(real, weights)
     return Pair(real, integer)
 
 
@@ -146,41 +135,39 @@ def fit(
     new, old:
         For each network the rows of ``data`` to enrol, and those of the old recordings; None: there are none.
     """
-    setting, enrolled = SETTINGS[old is not None], list(pairs)
-    alike: dict[AcceleratorConfig, list[int]] = {}
-    for number, pair in enumerate(pairs):
-        alike.setdefault(pair.integer.config, []).append(number)
+    setting = SETTINGS[old is not None]
     drawn = dataclasses.replace(recipe, epochs=0)  # a pass over so few touches means nothing
-    for part, members in enumerate(alike.values()):
-        here = [pairs[number] for number in members]
-        network = IntegerNetwork([pair.real for pair in here], [pair.integer for pair in here])
-        begin = {name: weight.detach().clone() for name, weight in network.weights.items()}
+
+    def batches_of(config: AcceleratorConfig, members: list[int]) -> Batches:
         generator, fresh = torch.Generator().manual_seed(seed), [new[number] for number in members]
         pool = TouchPool(fresh, generator)
         if old is not None:
             pool = _Mixed([old[number] for number in members], fresh, setting.share, generator)
-        scales = [(pair.real.arrays["mu"].tolist(), pair.real.arrays["sigma"].tolist()) for pair in here]
-        batches = Batches(data, network.config, drawn, fresh, generator, scales=scales, pool=pool)
+        real = [pairs[number].real.arrays for number in members]
+        scales = [(arrays["mu"].tolist(), arrays["sigma"].tolist()) for arrays in real]
+        return Batches(data, config, drawn, fresh, generator, scales=scales, pool=pool)
 
-        def loss_of(network=network, batches=batches, begin=begin) -> torch.Tensor:
-            features, labels, counts = batches.draw()
-            loss = class_loss(recipe, network(network.feature_codes(features)), labels, counts)
+    def loss_of(network: IntegerNetwork) -> Loss:
+        begin = {name: weight.detach().clone() for name, weight in network.weights.items()}
+
+        def loss(features: torch.Tensor, labels: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+            of_labels = class_loss(recipe, network(network.feature_codes(features)), labels, counts)
             if not setting.near:
-                return loss
-            return loss + setting.near * sum(
+                return of_labels
+            return of_labels + setting.near * sum(
                 ((weight - begin[name]) ** 2).flatten(1).sum(1) for name, weight in network.weights.items()
             )
 
-        def after(done: int, loss: torch.Tensor, network=network, part=part) -> None:
-            network.hold()
-            progress(part * setting.updates + done, len(alike) * setting.updates)
+        return loss
 
-        with one_thread():
-            descend(network.parameters(), loss_of, setting.learning_rate, setting.updates, after=after)
-        weights = {name: weight.detach().numpy() for name, weight in network.weights.items()}
-        for place, number in enumerate(members):
-            enrolled[number] = _pair(pairs[number], {name: array[place] for name, array in weights.items()})
-    return enrolled
+    models, integers = [pair.real for pair in pairs], [pair.integer for pair in pairs]
+    trained = train_integers(
+        models, integers, batches_of, loss_of, setting.updates, setting.learning_rate, progress
+    )
+    return [
+        Pair(_of_weights(model, weights), integer)
+        for model, (integer, weights) in zip(models, trained, strict=True)
+    ]
 
 
 # ---------------------------------------------------------------------- recordings
@@ -250,7 +237,7 @@ def enrol(
     -------
     What training.json keeps in ``enrolments``: data, old_data, seed, touches (class name -> number),
     setting, before and after (share of the new recordings decided as labelled, which the network has now been
-    trained on), old_before and old_after (of the old ones; None without), largest_change (of a weight),
+    trained on), old_before and old_after (of the old ones; None without),
     saturated: {feature, logit} (shares), wall_s, passed (no fewer of the new recordings right than before,
     and at most MAX_LOSS of the old ones lost).
 
@@ -272,7 +259,7 @@ def enrol(
     config = pair.integer.config
     few = for_model(few, config)
     old = None if old is None else for_model(old, config)
-    recipe = _recipe_of(record, config)
+    recipe = noted_recipe(record, config)
     everything = joined(few, old)
     data = find_dataset(everything, config, recipe)
     is_new = np.arange(len(everything)) < len(few)
@@ -285,9 +272,6 @@ def enrol(
             "'eskin inspect'"
         )
     (enrolled,) = fit([pair], data, recipe, [new], None if old is None else [former], seed, progress)
-    if enrolled.integer.config != config:
-        # the bitstream in use would be another design's
-        raise AssertionError("enrolment changed the configuration")
     saturated = _saturated(enrolled, data, new, former, few.source)
 
     def share(of: Pair, part: np.ndarray) -> float | None:
@@ -303,7 +287,6 @@ def enrol(
         "after": share(enrolled, is_new),
         "old_before": share(pair, ~is_new),
         "old_after": share(enrolled, ~is_new),
-        "largest_change": _largest_change(pair, enrolled),
         "saturated": saturated,
         "wall_s": time.perf_counter() - begin,
     }
@@ -324,20 +307,6 @@ def enrol(
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
     enrolled.real.save(out, json.loads(json.dumps(record)), enrolled.integer)
     return result
-
-
-def _recipe_of(record: Mapping[str, Any], config: AcceleratorConfig) -> Recipe:
-    """The recipe of the first training: its loss and augmentation hold for what is added; that of the
-    configuration where none is noted."""
-    try:
-        return Recipe(**record["recipe"])
-    except (KeyError, TypeError):
-        return choose_recipe(config)
-
-
-def _largest_change(before: Pair, after: Pair) -> float:
-    old, new = merged_parameters(before.real), merged_parameters(after.real)
-    return max(float(np.abs(new[name] - old[name]).max()) for name in old)
 
 
 def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, source: str) -> dict[str, float]:

@@ -261,34 +261,30 @@ def summary(group: Sequence[str], by_seed: Sequence[Sequence[Mapping[str, Any]]]
     Returns
     -------
     rows: {group, value, k, layers, before, after, others_before, others_after, recordings, others, lacking,
-    spread: {the four}, by_seed: {the four}}, means over seeds; mean: k -> the four over all values, weighted
-    by their recordings, and spread: the standard deviation of that mean over seeds (None: one seed).
+    spread: {the four}}, means over seeds; mean: k -> the four over all values, weighted by their recordings, and
+    spread: the standard deviation of that mean over seeds (None: one seed).
     """
+    first = by_seed[0]
+    figures = np.array([[[row[name] for name in FIGURES] for row in rows] for rows in by_seed], dtype=float)
+    weights = np.array([[row["recordings"]] * 2 + [row["others"]] * 2 for row in first])
 
-    def means(of_seeds: Mapping[str, np.ndarray | None]) -> Record:
-        spread = {
-            name: float(values.std(ddof=1)) if len(values) > 1 else None
-            for name, values in of_seeds.items()
-            if values is not None
-        }
-        mean = {name: None if values is None else float(values.mean()) for name, values in of_seeds.items()}
-        return mean | {"spread": spread}
+    def plain(values: np.ndarray) -> Record:
+        pairs = zip(FIGURES, values.tolist(), strict=True)
+        return {name: None if np.isnan(value) else value for name, value in pairs}
 
-    rows: list[Record] = []
+    def told(of_seeds: np.ndarray) -> Record:
+        spread = of_seeds.std(axis=0, ddof=1) if len(of_seeds) > 1 else np.full(len(FIGURES), np.nan)
+        return plain(of_seeds.mean(axis=0)) | {"spread": plain(spread)}
+
+    shared = ("value", "k", "recordings", "others", "lacking")
+    head = {"group": " and ".join(group), "layers": "all"}
+    rows = [
+        head | {name: row[name] for name in shared} | told(figures[:, number])
+        for number, row in enumerate(first)
+    ]
     mean = {}
-    for same in zip(*by_seed, strict=True):
-        runs = {name: [row[name] for row in same] for name in FIGURES}
-        head = {"group": " and ".join(group), "layers": "all"}
-        head |= {name: same[0][name] for name in ("value", "k", "recordings", "others", "lacking")}
-        of_seeds = {name: None if None in values else np.array(values) for name, values in runs.items()}
-        rows.append(head | means(of_seeds) | {"by_seed": runs})
-    for k in sorted({row["k"] for row in rows}):
-        of_k = [row for row in rows if row["k"] == k]
-        overall: dict[str, np.ndarray | None] = {}
-        for name in FIGURES:
-            weight = [row["others" if name.startswith("others") else "recordings"] for row in of_k]
-            whole = all(row[name] is not None for row in of_k)
-            values = [row["by_seed"][name] for row in of_k]
-            overall[name] = np.average(values, axis=0, weights=weight) if whole else None
-        mean[str(k)] = means(overall)
+    for k in sorted({row["k"] for row in first}):
+        of_k = [row["k"] == k for row in first]
+        whole = (figures[:, of_k] * weights[of_k]).sum(axis=1)
+        mean[str(k)] = told(whole / np.maximum(weights[of_k].sum(axis=0), 1))
     return {"rows": rows, "mean": mean}

@@ -88,13 +88,7 @@ class Batches:
         kinds = self._config.kinds
         if self._integral.any():  # a faster touch of the same amplitude adds up to less
             gain = torch.where(self._integral, gain / speed[..., None, None], gain)
-        if recipe.taxel_gain > 1:
-            gain = gain * _log_uniform(recipe.taxel_gain, of_taxel, generator).repeat_interleave(kinds, -1)
         features = (self._amplified(means, gain) - self._mu) / self._sigma
-        if recipe.taxel_offset:
-            features = features + recipe.taxel_offset * torch.randn(
-                (*rows.shape, 1, self._config.inputs), generator=generator
-            )
         if recipe.noise:
             features = features + recipe.noise * torch.randn(features.shape, generator=generator)
         if recipe.channel_dropout:

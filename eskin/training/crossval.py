@@ -3,7 +3,6 @@ seeds at once."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,13 +11,13 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel, decide_touches, step_times
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches
 from eskin.golden.model.pipeline import by_recording
 from eskin.training.datasets import Dataset, Datasets, touch_rows
 from eskin.training.fit import fine_tune, fit_networks, post_training
-from eskin.training.losses import LossCurves
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import held_out, split_folds
+from eskin.training.times import step_rows, step_times
 
 Progress = Callable[[str, int, int], None]
 """Called with (what, updates done, updates in all)."""
@@ -64,8 +63,7 @@ def cross_validate(
     over all folds), per_step (step, time_s since the onset, float_accuracy, integer_accuracy),
     decision_time_s (of the global decision since the onset, mean, integer; None: no decision), logit_error
     (mean and max of how far integer logits are from float ones over all completed steps; None: no step),
-    training_curve (updates, training_loss and held_out_loss of the float networks on their way, means over
-    folds and seeds; None: linear), per_fold (held_out, recordings, float_accuracy, integer_accuracy,
+    per_fold (held_out, recordings, float_accuracy, integer_accuracy,
     agreement, by_seed), confusion (integer model, summed over seeds: rows
     = true class, columns = decided, last column = none), per_class (integer accuracy).
     """
@@ -139,19 +137,16 @@ def pieces_of(
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """The network of a piece in both forms. updates, losses: as `FoldDecisions` has them."""
+    """The network of a piece in both forms."""
 
     piece: Piece
     real: FloatModel
     integer: IntegerModel
     data: Dataset
-    updates: tuple[int, ...] = ()
-    losses: np.ndarray | None = None
 
     def decided(self) -> FoldDecisions:
         """Decisions on its test recordings."""
-        run = _judge(self.real, self.integer, self.data, self.piece.test)
-        return dataclasses.replace(run, updates=self.updates, losses=self.losses)
+        return _judge(self.real, self.integer, self.data, self.piece.test)
 
 
 def train_pieces(
@@ -178,8 +173,7 @@ def train_pieces(
         for number in numbers:
             first.setdefault(pieces[number].key, pieces[number])
         parts = [touch_rows(data, piece.train) for piece in first.values()]
-        curves = LossCurves(data, config, recipe, [touch_rows(data, piece.test) for piece in first.values()])
-        models = fit_networks(data, config, recipe, parts, seed, named(progress, "cross-validation"), curves)
+        models = fit_networks(data, config, recipe, parts, seed, named(progress, "cross-validation"))
         if quantisation_aware:
             report = named(progress, "quantisation-aware training")
             integers = fine_tune(data, recipe, parts, models, seed, widths or {}, report)
@@ -191,8 +185,7 @@ def train_pieces(
         places = {key: place for place, key in enumerate(first)}
         for number in numbers:
             at = places[pieces[number].key]
-            told = (tuple(curves.updates), curves.losses[:, at]) if curves.updates else ()
-            outcomes[number] = Trained(pieces[number], models[at], integers[at], data, *told)
+            outcomes[number] = Trained(pieces[number], models[at], integers[at], data)
     return [outcomes[number] for number in range(len(pieces))]
 
 
@@ -228,8 +221,7 @@ def named(progress: Progress | None, activity: str) -> Callable[[int, int], None
 class FoldDecisions:
     """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the
     step (r) after which the integer global one was given, -1 none; how far integer logits are from float ones
-    (values of completed steps); the configuration with its formats; its losses (points, 2) in training after
-    so many updates (``LossCurves``), none of a linear cell."""
+    (values of completed steps); the configuration with its formats."""
 
     float_global: np.ndarray
     float_local: np.ndarray
@@ -238,8 +230,6 @@ class FoldDecisions:
     integer_step: np.ndarray
     logit_error: np.ndarray
     config: AcceleratorConfig
-    updates: tuple[int, ...] = ()
-    losses: np.ndarray | None = None
 
     @classmethod
     def of_images(cls, ideal: np.ndarray, whole: np.ndarray, config: AcceleratorConfig) -> FoldDecisions:
@@ -336,39 +326,15 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> Rec
         "integer_spread": spread("integer_accuracy"),
         "float_by_seed": by_seed("float_accuracy"),
         "integer_by_seed": by_seed("integer_accuracy"),
-        "per_step": [
-            {
-                "step": k + 1,
-                "time_s": float(time),
-                "float_accuracy": float(real),
-                "integer_accuracy": float(integer),
-            }
-            for k, (time, real, integer) in enumerate(zip(times, *steps, strict=True))
-        ],
+        "per_step": step_rows(zip(times, *steps, strict=True)),
         "per_fold": per_fold,
         "decision_time_s": float(np.mean(np.asarray(times)[decided_steps])) if len(decided_steps) else None,
         "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())}
         if len(errors)
         else {"mean": None, "max": None},
-        "training_curve": _training_curve([run for runs in decided for run in runs]),
         "confusion": confusion.tolist(),
         "per_class": {
             name: float(confusion[c, c] / max(confusion[c].sum(), 1))
             for c, name in enumerate(recordings.class_names)
         },
-    }
-
-
-def _training_curve(runs: Sequence[FoldDecisions]) -> Record | None:
-    """{updates, training_loss, held_out_loss (None: nothing to judge)}, means over networks; None of a linear
-    cell."""
-    losses = [run.losses for run in runs if run.losses is not None]
-    if not losses:
-        return None
-    trained, unseen = np.moveaxis(np.array(losses), -1, 0)
-    judged = unseen[~np.isnan(unseen).any(axis=1)]
-    return {
-        "updates": list(runs[0].updates),
-        "training_loss": trained.mean(axis=0).tolist(),
-        "held_out_loss": judged.mean(axis=0).tolist() if len(judged) else None,
     }

@@ -74,7 +74,7 @@ def touch_rows(data: Dataset, recordings: np.ndarray) -> np.ndarray:
 
 QUIETEST = 1 / 16
 """With a scale a taxel: the least sigma of a taxel, as a share of the largest of its kind. What moves less is
-noise; and 16-bit scales hold this range (`eskin.golden.model.model.normaliser_constants`)."""
+noise; and 16-bit scales hold this range (`eskin.training.formats.normaliser_constants`)."""
 
 
 def scaling(

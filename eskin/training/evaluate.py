@@ -7,10 +7,10 @@ import numpy as np
 
 from eskin.golden.core import Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import step_times
 from eskin.golden.model.image_network import image_seconds
 from eskin.training.stage_error import logit_error, records
 from eskin.training.task import task_of
+from eskin.training.times import decision_times, step_rows, step_times
 
 MAX_LOSS = 0.01
 """Accuracy that the integer model may lose against the float one."""
@@ -48,14 +48,13 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
 
 
 def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
-    """Both models of a folder over recordings or images, stage by stage and signal by signal.
+    """Both models of a folder over recordings or images, stage by stage.
 
     Returns
     -------
     model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same
     global decision), local_agreement (share of steps with the same class; None of images), logit_error,
-    stages (as ``evaluate``), signals (a record for each array of weights and each stage:
-    ``eskin.training.stage_error.SignalProfile``).
+    stages (as ``evaluate``).
 
     Raises
     ------
@@ -73,7 +72,6 @@ def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
         "local_agreement": task.local_agreement,
         "logit_error": logit_error(stages),
         "stages": records(stages),
-        "signals": records(task.signals()),
     }
 
 
@@ -101,26 +99,19 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
         not_touched, partial = 0, 0
     else:
         times = step_times(config, trace.touches)
-        steps = list(zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True))
+        of_steps = (np.mean(run.first_local() == labels[:, None], axis=0) for run in (ideal, trace))
+        steps = list(zip(times, *of_steps, strict=True))
         not_touched = int(trace.not_touched.sum())
         partial = int(trace.partial[trace.first[trace.first >= 0]].sum())
         if (trace.decision >= 0).any():
-            decision_time_s = float(np.nanmean(trace.decision_time_s()))
+            decision_time_s = float(np.nanmean(decision_times(trace)))
     return {
         "recordings": len(labels),
         "float_accuracy": ideal.accuracy(labels),
         "integer_accuracy": trace.accuracy(labels),
         "agreement": trace.agreement(ideal),
         "chance": float(np.bincount(labels).max() / len(labels)),
-        "per_step": [
-            {
-                "step": k + 1,
-                "time_s": float(time),
-                "float_accuracy": float(real),
-                "integer_accuracy": float(integer),
-            }
-            for k, (time, real, integer) in enumerate(steps)
-        ],
+        "per_step": step_rows(steps),
         "per_class": per_class,
         "not_touched": not_touched,
         "partial": partial,

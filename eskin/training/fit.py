@@ -1,7 +1,7 @@
 """Fitting: many networks (folds x seeds) at once, in float, and in integer arithmetic after that."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import torch
@@ -12,7 +12,7 @@ from eskin.golden.model import FloatModel, IntegerModel
 from eskin.training.batches import Batches
 from eskin.training.datasets import Dataset
 from eskin.training.linear_fit import cut_short, fit_least_squares, fit_linear, fit_sturdy
-from eskin.training.losses import LossCurves, Progress, Told, class_loss, descend, teacher_loss
+from eskin.training.losses import Progress, Told, class_loss, descend, teacher_loss
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import IntegerNetwork, check_given, profile, quantise_model
 from eskin.training.recipe import Recipe
@@ -24,6 +24,9 @@ are the rest."""
 FINE_TUNING_UPDATES, FINE_TUNING_RATE = 200, 0.005
 """Updates of quantisation-aware training, which starts from the float network, and the largest rate of their
 one-cycle schedule."""
+
+Loss = Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
+"""(networks) loss of features, labels and steps that count, as `Batches.draw` gives them."""
 
 TOGETHER = 256
 """Networks trained in one batch at most: with more, memory would grow by what was asked for (--folds 200
@@ -54,12 +57,12 @@ def fit_networks(
     parts: list[np.ndarray],
     seed: int,
     progress: Progress,
-    curves: LossCurves | Told | None = None,
+    told: Told | None = None,
 ) -> list[FloatModel]:
     """One network for each part (rows of the touches to train on), all trained at once; deterministic by
     ``seed``.
 
-    curves: gets the losses on the way. A linear cell is solved, not trained, and has none.
+    told: gets the losses on the way. A linear cell is solved, not trained, and has none.
     """
     for rows in parts:
         if not len(rows):
@@ -74,9 +77,7 @@ def fit_networks(
     for number, share in enumerate(shares):
         # number=number: a lambda would else look at the loop's variable when it is called
         report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)
-        if curves:
-            curves.begin(share)
-        models += _fit_together(data, config, recipe, parts[share], generator, report, curves)
+        models += _fit_together(data, config, recipe, parts[share], generator, report, told)
     return models
 
 
@@ -87,7 +88,7 @@ def _fit_together(
     parts: list[np.ndarray],
     generator: torch.Generator,
     progress: Progress,
-    curves: LossCurves | Told | None,
+    told: Told | None,
 ) -> list[FloatModel]:
     """A recurrent network for each part, all in one batch of networks."""
     network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
@@ -108,8 +109,8 @@ def _fit_together(
             with torch.no_grad():
                 for weight in network.parameters():
                     weight.clamp_(-recipe.weight_limit, recipe.weight_limit)
-        if curves:
-            curves.note(done, updates, loss, network, batches.scales)
+        if told:
+            told.note(done, updates, loss)
         progress(done, updates)
 
     rate, one_cycle = recipe.learning_rate, recipe.one_cycle
@@ -168,6 +169,40 @@ def post_training(model: FloatModel, data: Dataset, rows: np.ndarray, widths: Re
     return quantise_model(model, profile(model, data.touches.take(rows)), **widths)
 
 
+@one_thread()
+def train_integers(
+    models: Sequence[FloatModel],
+    starts: Sequence[IntegerModel],
+    batches_of: Callable[[AcceleratorConfig, list[int]], Batches],
+    loss_of: Callable[[IntegerNetwork], Loss],
+    updates: int,
+    rate: float,
+    progress: Progress,
+) -> list[tuple[IntegerModel, dict[str, np.ndarray]]]:
+    """Each integer network trained on in its own arithmetic, from its float one: (the integers, their real weights).
+
+    Networks of the same formats train at once; ``batches_of`` gets their configuration and numbers.
+    """
+    groups: dict[AcceleratorConfig, list[int]] = {}
+    for m, start in enumerate(starts):
+        groups.setdefault(start.config, []).append(m)
+    trained: dict[int, tuple[IntegerModel, dict[str, np.ndarray]]] = {}
+    for number, (config, members) in enumerate(groups.items()):
+        network = IntegerNetwork([models[m] for m in members], [starts[m] for m in members])
+        batches, loss = batches_of(config, members), loss_of(network)
+
+        def after(done: int, _: torch.Tensor, network=network, number=number) -> None:
+            network.hold()
+            progress(number * updates + done, len(groups) * updates)
+
+        draw = lambda loss=loss, batches=batches: loss(*batches.draw())
+        descend(network.parameters(), draw, rate, updates, after=after)
+        weights = {name: weight.detach().numpy() for name, weight in network.weights.items()}
+        for place, (m, integer) in enumerate(zip(members, network.export(), strict=True)):
+            trained[m] = integer, {name: array[place] for name, array in weights.items()}
+    return [trained[m] for m in range(len(starts))]
+
+
 def fine_tune(
     data: Dataset,
     recipe: Recipe,
@@ -180,34 +215,26 @@ def fine_tune(
     """Quantisation-aware training: an integer network from each trained float one, trained on in integer
     arithmetic. Bits of a feature that no format could use are refused.
 
-    Formats are chosen once, from the ranges of the network on its own part; networks of the same formats
-    train at once.
+    Formats are chosen once, from the ranges of the network on its own part.
     """
     starts = [post_training(model, data, rows, widths) for model, rows in zip(models, parts, strict=True)]
     for start in starts:
         check_given(start.config, widths.get("feature_bits"))
-    groups: dict[AcceleratorConfig, list[int]] = {}
-    for m, start in enumerate(starts):
-        groups.setdefault(start.config, []).append(m)
-    total = FINE_TUNING_UPDATES * len(groups)
-    with one_thread():
-        for number, members in enumerate(groups.values()):
-            network = IntegerNetwork([models[m] for m in members], [starts[m] for m in members])
-            generator = torch.Generator().manual_seed(seed)
-            batches = Batches(data, network.config, recipe, [parts[m] for m in members], generator)
 
-            def loss_of(network=network, batches=batches) -> torch.Tensor:
-                features, labels, counts = batches.draw()
-                logits = network(network.feature_codes(features))
-                of_labels = class_loss(recipe, logits, labels, counts)
-                of_teacher = teacher_loss(logits, network.teach(features), counts)
-                return (1 - FINE_TUNING_TEACHER) * of_labels + FINE_TUNING_TEACHER * of_teacher
+    def batches_of(config: AcceleratorConfig, members: list[int]) -> Batches:
+        generator = torch.Generator().manual_seed(seed)
+        return Batches(data, config, recipe, [parts[m] for m in members], generator)
 
-            def after(done: int, loss: torch.Tensor, network=network, number=number) -> None:
-                network.hold()
-                progress(number * FINE_TUNING_UPDATES + done, total)
+    def loss_of(network: IntegerNetwork) -> Loss:
+        def loss(features: torch.Tensor, labels: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+            logits = network(network.feature_codes(features))
+            of_teacher = teacher_loss(logits, network.teach(features), counts)
+            of_labels = class_loss(recipe, logits, labels, counts)
+            return (1 - FINE_TUNING_TEACHER) * of_labels + FINE_TUNING_TEACHER * of_teacher
 
-            descend(network.parameters(), loss_of, FINE_TUNING_RATE, FINE_TUNING_UPDATES, after=after)
-            for m, integer in zip(members, network.export(), strict=True):
-                starts[m] = integer
-    return starts
+        return loss
+
+    tuned = train_integers(
+        models, starts, batches_of, loss_of, FINE_TUNING_UPDATES, FINE_TUNING_RATE, progress
+    )
+    return [integer for integer, _ in tuned]

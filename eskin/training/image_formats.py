@@ -4,17 +4,12 @@ half. No torch."""
 import itertools
 import math
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Stage
-from eskin.golden.data import Recordings, check_fit
-from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, layer_formats, run_images
-from eskin.golden.model.model import TRAINING_FILE
-from eskin.training.trained import load_trained, written_by
+from eskin.golden.model import FloatModel, IntegerModel, float_images, layer_formats, run_images
 
 COVERED = 0.9999
 """Share of the values of a map that its format holds; rarer ones saturate."""
@@ -161,62 +156,3 @@ def integers_of(model: FloatModel, config: AcceleratorConfig) -> IntegerModel:
 def quantised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> IntegerModel:
     """The integer network of a float one, formats profiled on ``images``."""
     return integers_of(model, choose_image_formats(model, profile_images(model, images), weight_bits))
-
-
-def quantise_image_model(
-    model_dir: str | Path,
-    recordings: Recordings | None = None,
-    *,
-    weight_bits: int | None = None,
-    **other: Any,
-) -> IntegerModel:
-    """As `eskin.training.quantise.quantise`, of a model for images: weights of 8 or 4 bits, a format
-    for each layer, profiled on ``recordings``, for which the network is brought to scales that suit them
-    (``equalised``), or of the ranges noted at training.
-
-    Raises
-    ------
-    InputError
-        Other widths than ``weight_bits``, which networks for images do not have; no ranges.
-    """
-    for name, value in other.items():
-        if value:
-            raise InputError(
-                f"{name}: networks for images have no such width; leave it out, or give --weight-bits 4"
-            )
-    trained = load_trained(model_dir, images=True)
-    model, record = trained.model, trained.record
-    model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
-    if recordings is not None:
-        check_fit(recordings, model.config)
-        model = equalised(model, images_of(recordings), weight_bits or 8)
-        ranges = profile_images(model, images_of(recordings))
-    else:
-        ranges = _noted(model_dir, model.config, record)
-    integer = integers_of(model, choose_image_formats(model, ranges, weight_bits or 8))
-    trained.check_kept(integer.config, {"weight_bits": weight_bits})
-    record |= {
-        "quantisation_aware": False,
-        "widths": {"weight_bits": weight_bits or 8},
-        "ranges": ranges,
-        **written_by(trained.model.config, integer),
-    }
-    # the float network too: the same function at other scales, beside which the integers are judged layer by layer
-    model.save(model_dir, record, integer, trained.files)
-    return integer
-
-
-def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]) -> dict[str, float]:
-    """The ranges that the training record notes."""
-    ranges = record.get("ranges")
-    names = {str(stage.number) for stage in config.weighted_stages}
-    try:
-        noted = {name: float(ranges[name]) for name in names}  # type: ignore[index]
-    except (TypeError, KeyError, ValueError):
-        noted = {}
-    if not noted or not all(np.isfinite(value) and value >= 0 for value in noted.values()):
-        raise InputError(
-            f"{model_dir}/{TRAINING_FILE}, field ranges: is missing or damaged; give the images it was "
-            "trained on (--data)"
-        )
-    return noted

@@ -15,12 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Memo, Record, content_key
+from eskin.data.fit import check_fit
+from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Record, content_key
 from eskin.golden.core.images import network
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, images_of
 from eskin.golden.model.image_network import image_seconds
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.training.crossval import FoldDecisions, Progress, named, split_record
 from eskin.training.fit import one_thread
 from eskin.training.image_formats import profile_images
@@ -241,48 +243,11 @@ def split_of(
         records.append(
             split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)])
         )
-    record = records[0] | {
-        "seeds": seeds,
-        "correct": correct,
-        "by_weights": _by_weights(recordings.labels, pieces, results),
-    }
+    record = records[0] | {"seeds": seeds, "correct": correct}
     for kind in ("float", "integer"):
         by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in records]
         record |= {f"{kind}_accuracy": float(np.mean(by_seed)), f"{kind}_by_seed": by_seed}
     return record | {"agreement": float(np.mean([of_seed["agreement"] for of_seed in records]))}
-
-
-def _by_weights(
-    labels: np.ndarray, pieces: list[list[ImageFold]], results: list[list[Record]]
-) -> list[Record]:
-    """{weights, accuracy, spread, agreement, by_seed} of the float network and of each kind of integers;
-    accuracy and agreement (with float) are means over seeds, spread the standard deviation over them (0 of
-    one)."""
-    tuned = f"{pieces[0][0].tuned_bits} bits, trained on"
-    words = {"float": "float", "w8": "8 bits, rounded", "w4": "4 bits, rounded", "tuned": tuned}
-    rows = []
-    for kind, name in words.items():
-        if kind not in results[0][0]:
-            continue
-        right, same = [], []
-        for of_seed, outcomes in zip(pieces, results, strict=True):
-            out = np.concatenate([piece.left_out for piece in of_seed])
-            ideal, integers = (
-                np.concatenate([result[source] for result in outcomes]) for source in ("float", kind)
-            )
-            right.append(float(np.mean(integers == labels[out])))
-            same.append(float(np.mean(integers == ideal)))
-        spread = float(np.std(right, ddof=1)) if len(right) > 1 else 0.0
-        rows.append(
-            {
-                "weights": name,
-                "accuracy": float(np.mean(right)),
-                "spread": spread,
-                "agreement": float(np.mean(same)),
-                "by_seed": right,
-            }
-        )
-    return rows
 
 
 def _candidate_rows(

@@ -170,6 +170,12 @@ OFFSET, COMMON, DRIFT = 0.7, 0.3, 0.3
 means."""
 
 
+OVERLAP, OVERLAP_AFTER = 0.5, 0.7
+"""Share of the touches that are fitted with the beginning of another one over their windows from there on."""
+SPIKED = 0.02
+"""Share of the samples that are fitted as beyond the clip."""
+
+
 SMOOTH = 1e-2
 """Ridge penalty, which stands for noise and spikes, as a share of the mean squared length of a touch's inputs."""
 
@@ -186,7 +192,8 @@ def fit_sturdy(
     closed form: the expected products of inputs under the disturbances take the place of those recorded.
 
     A taxel is lost in a share LOST of the touches, each as often: it reads rest, or is masked. A share CUT ends
-    after some of its windows, a share RATE is sampled at another rate. An offset and a drift are taken to the
+    after some of its windows, a share RATE is sampled at another rate, and over the last windows of a share OVERLAP
+    the beginning of another touch is added. A share SPIKED of the samples lies at the clip. An offset and a drift are taken to the
     first order, so each adds the products of its derivative.
 
     Parameters
@@ -244,6 +251,19 @@ def fit_sturdy(
     for of, values in ways:
         other = shaped(values)
         add(strength * of, other.T @ other / touches, other.mean(axis=0), other.T @ indicators / touches)
+    late = min(max(round(OVERLAP_AFTER * steps), 1), steps)
+    still = features[:, :1] if config.rest_level.rest == "none" else at_rest
+    over = np.zeros_like(features)
+    over[:, late:] = (features - still)[:, : steps - late]
+    other = shaped(over)
+    moved = other.mean(axis=0)
+    across = np.outer(sums, moved)
+    add(
+        strength * OVERLAP,
+        gram + across + across.T + other.T @ other / touches,
+        sums + moved,
+        cross + np.outer(moved, share),
+    )
     # what one deviation of the means does to each input
     slopes = np.zeros_like(features)
     kind_of = np.arange(width) % kinds
@@ -267,7 +287,11 @@ def fit_sturdy(
     total, moments, targets = total / weight, moments / weight, targets / weight
     centred = total - np.outer(moments, moments)
     unit = max(float(x.var(axis=0).sum()), 1e-12)
-    centred[np.diag_indices_from(centred)] += strength * SMOOTH * unit / touches
+    noise = np.full(len(centred), SMOOTH * unit / touches)
+    if config.rest_level.clip and "mean" in config.features.feature_kinds:
+        clipped = config.rest_level.clip / np.where(kind_of == 0, sigma, np.inf)
+        noise += SPIKED * by_taxel(clipped**2) / config.windows.window
+    centred[np.diag_indices_from(centred)] += strength * noise
     weights = solve(centred, targets - np.outer(moments, share), assume_a="pos")
     bias = share - moments @ weights
     turn, other = discriminants_of(targets.T @ weights + np.outer(share, bias), indicators.sum(axis=0))

@@ -3,36 +3,28 @@ train it on as integers."""
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
-from eskin.golden.data import Recordings
 from eskin.golden.model import (
     Fixed,
     Float,
     FloatModel,
     IntegerModel,
     Touches,
-    find_touches,
     float_features,
-    load_config,
     network_formats,
     network_shapes,
-    normaliser_constants,
     real_by_input,
     run_cell,
 )
-from eskin.golden.model.model import TRAINING_FILE
 from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
-from eskin.training.image_formats import quantise_image_model
-from eskin.training.prototypes import of_recordings, training_groups
-from eskin.training.trained import Trained, load_trained, written_by
+from eskin.training.formats import normaliser_constants
 
 Range = tuple[float, float]
 
@@ -59,21 +51,21 @@ LAST_LOGIT, ROUNDING = "last logit", 1 / 512
 """Name of the logits of touches' last steps. The share of their span by which the rounded weights of a linear
 cell may move a logit."""
 
-SIGNALS = (
-    "feature",
-    COVERED_FEATURE,
-    "weight",
-    "recurrent",
-    "bias",
-    "dense",
-    "dense bias",
-    "sigmoid pre-activation",
-    "tanh pre-activation",
-    "state",
-    "logit",
-    LAST_LOGIT,
-)
-"""Signals whose ranges are profiled, and noted with the format they are given."""
+SIGNALS = {
+    "feature": "feature",
+    COVERED_FEATURE: "feature",
+    "weight": "weight",
+    "recurrent": "recurrent",
+    "bias": "bias",
+    "dense": "dense",
+    "dense bias": "dense_bias",
+    "sigmoid pre-activation": "",
+    "tanh pre-activation": "",
+    "state": "state",
+    "logit": "logit",
+    LAST_LOGIT: "logit",
+}
+"""Signals whose ranges are profiled, and the format that each is noted with."""
 
 LINEAR_SIGNALS = ("feature", COVERED_FEATURE, "dense", "dense bias", "logit", LAST_LOGIT)
 """Those of a linear cell."""
@@ -116,7 +108,7 @@ class Profile(Float):
 
 def signals(config: AcceleratorConfig) -> tuple[str, ...]:
     """The signals that the configured cell has."""
-    return SIGNALS[:-1] if config.recurrent else LINEAR_SIGNALS
+    return tuple(SIGNALS)[:-1] if config.recurrent else LINEAR_SIGNALS
 
 
 def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
@@ -209,48 +201,7 @@ def _closest_ranges(model: FloatModel, bits: int) -> dict[str, Range]:
     }
 
 
-class Masters(torch.nn.Module):
-    """Real weights of several integer networks of one cell and size, each held within its own formats."""
-
-    def __init__(
-        self,
-        models: Sequence[FloatModel],
-        integers: Sequence[IntegerModel],
-        dtype: torch.dtype,
-        trained: Sequence[str] | None = None,
-    ) -> None:
-        super().__init__()
-        self.config = integers[0].config
-        merged = [merged_parameters(model) for model in models]
-        formats = [network_formats(integer.config) for integer in integers]
-        self.weights, self._units, self._limits = torch.nn.ParameterDict(), {}, {}
-        for name in formats[0]:
-            weight = torch.tensor(np.stack([arrays[name] for arrays in merged]))
-            own = [fmt[name] for fmt in formats]
-            self.weights[name] = torch.nn.Parameter(weight.to(dtype), trained is None or name in trained)
-            self._units[name] = _of_each([2.0**fmt.frac_bits for fmt in own], weight).to(dtype)
-            self._limits[name] = limits_of(own, weight.to(dtype))
-        self.hold()
-
-    @torch.no_grad()
-    def hold(self) -> None:
-        """Bring the weights back into their formats."""
-        for name, weight in self.weights.items():
-            weight.clamp_(*self._limits[name])
-
-
-def _of_each(values: Sequence[float], like: torch.Tensor) -> torch.Tensor:
-    """A value of each network, beside a tensor (networks, ...)."""
-    return torch.tensor(values, dtype=like.dtype).view(-1, *[1] * (like.dim() - 1))
-
-
-def limits_of(formats: Sequence[QFormat], like: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Smallest and largest value of a format of each network, beside a tensor (networks, ...)."""
-    ends = ([float(fmt.to_real(code)) for code in (fmt.min_code, fmt.max_code)] for fmt in formats)
-    return tuple(_of_each(values, like) for values in zip(*ends, strict=True))
-
-
-class IntegerNetwork(Masters):
+class IntegerNetwork(torch.nn.Module):
     """Integer networks of the same formats as a torch module: real master weights, forward in codes,
     straight-through gradients.
 
@@ -266,7 +217,15 @@ class IntegerNetwork(Masters):
     """
 
     def __init__(self, models: Sequence[FloatModel], starts: Sequence[IntegerModel]) -> None:
-        super().__init__(models, starts, torch.float64)
+        super().__init__()
+        self.config = starts[0].config
+        merged, formats = [merged_parameters(model) for model in models], network_formats(self.config)
+        self.weights, self._units, self._limits = torch.nn.ParameterDict(), {}, {}
+        for name, fmt in formats.items():
+            self.weights[name] = torch.nn.Parameter(torch.tensor(np.stack([each[name] for each in merged])))
+            self._units[name] = 2.0**fmt.frac_bits
+            self._limits[name] = [float(fmt.to_real(code)) for code in (fmt.min_code, fmt.max_code)]
+        self.hold()
         self._constants = [{name: start.arrays[name] for name in ("mean", "scale")} for start in starts]
         names = network_shapes(self.config, real=True)
         self._teacher = {
@@ -279,6 +238,12 @@ class IntegerNetwork(Masters):
             for name in ("mu", "sigma")
         ]
         self._arithmetic = Fixed(self.config)
+
+    @torch.no_grad()
+    def hold(self) -> None:
+        """Bring the weights back into their formats."""
+        for name, weight in self.weights.items():
+            weight.clamp_(*self._limits[name])
 
     def codes(self) -> dict[str, torch.Tensor]:
         """Codes (N, ...) of the master weights: rounded half to even, as an exported constant is, and
@@ -581,146 +546,13 @@ def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Ma
     return math.floor(math.log2(config.scale_format.max_code * float((units * spread).min()))) - gate_frac
 
 
-def _noted_ranges(
-    model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]
-) -> dict[str, Range]:
-    """The ranges that the training record notes."""
-    fix = "give the recordings it was trained on (--data)"
-    entries = record.get("ranges", [])
-    if not entries:
-        raise InputError(f"model '{model_dir}': has no ranges noted at training; {fix}")
-    try:
-        ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
-        needed = [signal for signal in signals(config) if signal in ranges or signal != LAST_LOGIT]
-        endless = [signal for signal in needed if not all(map(math.isfinite, ranges[signal]))]
-    except (TypeError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{model_dir}/{TRAINING_FILE}, field ranges: is damaged ({error!r}); {fix}"
-        ) from None
-    if endless:
-        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: {endless[0]} is not finite; {fix}")
-    return ranges
-
-
 def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[Record]:
     """Ranges for training.json and the report: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
-    names = (
-        "feature",
-        "feature",
-        "weight",
-        "recurrent",
-        "bias",
-        "dense",
-        "dense_bias",
-        "",
-        "",
-        "state",
-        "logit",
-        "logit",
-    )
-    noted = {
-        signal: getattr(config.formats, f"{name}_format", None)
-        for signal, name in zip(SIGNALS, names, strict=True)
-    }
+    noted = {signal: getattr(config.formats, f"{name}_format", None) for signal, name in SIGNALS.items()}
     noted |= {"sigmoid pre-activation": sigmoid, "tanh pre-activation": tanh}
     return [
         {"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(noted[s])}
         for s in signals(config)
         if s in ranges
     ]
-
-
-def quantise(
-    model_dir: str | Path,
-    recordings: Recordings | None = None,
-    *,
-    readout: Mapping[str, Any] | Literal["dense"] | None = None,
-    **widths: Any,
-) -> IntegerModel:
-    """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go
-    into training.json. What config.json says beside formats stays.
-
-    Parameters
-    ----------
-    recordings:
-        Recordings to profile ranges on (the training data). Without them the ranges noted at training are
-        used.
-    readout:
-        ``dense``: logits decide. A mapping: prototypes do, made of ``recordings``: groups (None: those of the
-        training) and what else `eskin.training.prototypes.with_prototypes` takes. None: as config.json says.
-    widths:
-        weight_bits, state_bits, feature_bits, gate_bits, table_entries: see ``choose_formats``.
-
-    Raises
-    ------
-    InputError
-        When the folder is no model folder, or no format of the asked widths works; naming a field of
-        config.json that cannot be kept.
-    """
-    if load_config(model_dir).is_image:
-        return quantise_image_model(model_dir, recordings, **widths)
-    trained = load_trained(model_dir, ranges=recordings is None)
-    model, record = trained.model, trained.record
-    options: Mapping[str, Any] = readout if isinstance(readout, Mapping) else {}
-    prototypes = readout != "dense" and (readout is not None or model.config.has_prototypes)
-    if prototypes:
-        options = _of_prototypes(trained, options, recordings)
-    if recordings is not None:
-        ranges = profile(model, find_touches(model.config, recordings))
-    else:
-        ranges = _noted_ranges(model_dir, model.config, record)
-    integer = quantise_model(model, ranges, **widths)
-    check_given(integer.config, widths.get("feature_bits"))
-    if prototypes and recordings is not None:
-        groups = training_groups(recordings, record, options.get("groups"))
-        integer = of_recordings(
-            integer, recordings, groups, **{k: v for k, v in options.items() if k != "groups"}
-        )
-    trained.check_kept(integer.config, {**widths, **(readout if isinstance(readout, Mapping) else {})})
-    record |= {
-        "quantisation_aware": False,
-        "widths": widths,
-        "ranges": range_records(integer.config, ranges),
-        **written_by(model.config, integer),
-    }
-    integer.save(model_dir, training=record, unchanged=trained.files)
-    return integer
-
-
-KEPT_OF_READOUT = ("prototypes", "taught", "state_code_bits", "spare_classes", "unknown_above")
-"""Fields that prototypes are made anew with, where no option says otherwise."""
-
-IN_LOGITS = ("margin_threshold", "early_margin")
-"""Fields of a margin, of logits or of distances."""
-
-
-def _of_prototypes(
-    trained: Trained, asked: Mapping[str, Any], recordings: Recordings | None
-) -> Mapping[str, Any]:
-    """Settings of prototypes: as requested, otherwise from config.json.
-
-    Raises
-    ------
-    InputError
-        There are no recordings to make them of; a margin is of logits.
-    """
-    config = trained.current
-    if recordings is None:
-        raise InputError(
-            f"model '{trained.folder}', field readout: is 'prototypes', which are made of the recordings of the "
-            "training; give them (--data), or --readout dense"
-        )
-    if config.has_prototypes:
-        kept = {name: config.value(name) for name in KEPT_OF_READOUT}
-        if asked.get("unknown") is not None:
-            del kept["unknown_above"]
-        return {**kept, **asked}
-    if config.network.decision != "vote":  # which counts steps, whatever decides them
-        for field in IN_LOGITS:
-            if config.value(field):
-                raise InputError(
-                    f"model '{trained.folder}', field {field}: is {config.value(field)} in config.json, of logits, "
-                    "and prototypes decide by distances; set it to 0 there, and to one of distances afterwards"
-                )
-    return asked

@@ -26,10 +26,7 @@ class Recipe:
     to every feature (1 = that of the training features). warp: a touch runs faster by a factor drawn between
     1/warp and warp (log-uniform); 1 = none. gain: so is its amplitude, by a factor between 1/gain and gain.
     speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel
-    answers to the rate of change. taxel_gain: each taxel's amplitude by a factor of its own between
-    1/taxel_gain and taxel_gain, one for the whole touch; 1 = none. taxel_offset: each taxel's features are
-    shifted by a value of its own, normal with this standard deviation (1 = that of the training features),
-    one for the whole touch; 0 = none. channel_dropout: probability with which a taxel is masked for the whole
+    answers to the rate of change. channel_dropout: probability with which a taxel is masked for the whole
     touch. taxel_failure: probability with which a taxel sticks at a limit in the touch, is found after
     FAULTY_WINDOWS and masked from there on. penalty: of a linear cell, which is fitted as a logistic
     regression on all windows of a touch (`eskin.training.linear_fit`): the inverse penalty of its
@@ -52,8 +49,6 @@ class Recipe:
     warp: float = 1.0
     gain: float = 1.0
     speed_gain: float = 0.0
-    taxel_gain: float = 1.0
-    taxel_offset: float = 0.0
     channel_dropout: float = 0.0
     taxel_failure: float = 0.0
     weight_limit: float = 0.0
@@ -80,8 +75,6 @@ AS_RECORDED: Record = {
     "warp": 1.0,
     "gain": 1.0,
     "speed_gain": 0.0,
-    "taxel_gain": 1.0,
-    "taxel_offset": 0.0,
     "channel_dropout": 0.0,
     "taxel_failure": 0.0,
 }
@@ -147,3 +140,11 @@ def choose_recipe(config: AcceleratorConfig, protocol: str = "default") -> Recip
             taxel_failure=robust.taxel_failure,
         )
     return recipe
+
+
+def noted_recipe(record: Record, config: AcceleratorConfig) -> Recipe:
+    """The recipe of a training record; that of the configuration where none of this version is noted."""
+    try:
+        return Recipe(**record["recipe"])
+    except (KeyError, TypeError):
+        return choose_recipe(config)

@@ -71,76 +71,6 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     return errors
 
 
-QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
-"""Quantiles of the absolute values of a signal: ends, whiskers, box and middle."""
-
-
-@dataclass(frozen=True)
-class SignalProfile:
-    """One signal of the float network against the format that the integer network gives it; real values.
-
-    signal: an array (``W_z``) or a stage. kind: ``weights`` or ``activations``. format: printed. step, limit:
-    the format's step and largest value. quantiles: of the absolute values that are not 0, at QUANTILES; empty
-    where there are none. values: how many there are. zero: share that is not 0 and that the format rounds to
-    0. beyond: share beyond its ends. error_mean, error_max: absolute difference of the integer network's
-    values. used: largest absolute value over the limit.
-    """
-
-    signal: str
-    kind: str
-    format: str
-    step: float
-    limit: float
-    quantiles: tuple[float, ...]
-    values: int
-    zero: float
-    beyond: float
-    error_mean: float
-    error_max: float
-    used: float
-
-
-def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[SignalProfile]:
-    """Every array of weights, and every stage over the completed steps of ``touches``, against its format:
-    what hls4ml calls profiling. Parameters as for ``stage_errors``."""
-    profiles = []
-    for name, fmt in network_formats(integer.config).items():
-        ideal, second = real.arrays[name], name.replace("b_", "bh_", 1)
-        if name.startswith("b_") and second in real.arrays and second not in integer.arrays:
-            # the second bias of a float reset-after gate is one with the first
-            ideal = ideal + real.arrays[second]
-        profiles.append(profile_of(name, "weights", fmt, ideal, fmt.to_real(integer.arrays[name])))
-    stages = _Runs(real, integer, touches).values
-    return profiles + [profile_of(stage, "activations", *values) for stage, values in stages.items()]
-
-
-def profile_of(
-    signal: str, kind: str, fmt: QFormat, float_values: np.ndarray, integer_values: np.ndarray
-) -> SignalProfile:
-    """The profile of one signal. kind: ``weights`` or ``activations``.
-
-    The values are real ones, of the float and of the integer model.
-    """
-    step, limit = 2.0**-fmt.frac_bits, fmt.max_code * 2.0**-fmt.frac_bits
-    size, error = np.abs(float_values).reshape(-1), np.abs(integer_values - float_values)
-    nonzero = size[size > 0]
-    below, above = float_values < (fmt.min_code - 0.5) * step, float_values > (fmt.max_code + 0.5) * step
-    return SignalProfile(
-        signal,
-        kind,
-        str(fmt),
-        step,
-        limit,
-        tuple(float(value) for value in np.quantile(nonzero, QUANTILES)) if len(nonzero) else (),
-        size.size,
-        float(np.mean((size > 0) & (size < step / 2))),
-        float(np.mean(below | above)),
-        float(error.mean()),
-        float(error.max()),
-        float(size.max() / limit),
-    )
-
-
 def logit_error(stages: Sequence[StageError]) -> Record:
     """{mean, max, stage} of ``stage_errors``: the logits' error, and the stage that alone brings about the
     largest; None without steps."""
@@ -154,7 +84,7 @@ def logit_error(stages: Sequence[StageError]) -> Record:
     }
 
 
-def records(stages: Sequence[StageError | SignalProfile]) -> list[Record]:
+def records(stages: Sequence[StageError]) -> list[Record]:
     """Plain values for JSON."""
     return [asdict(stage) for stage in stages]
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core import InputError, QFormat
-from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT
-from eskin.golden.data import Recordings, check_fit
+from eskin.data.fit import check_fit
+from eskin.golden.core.images import PIXEL_FORMAT
+from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
@@ -24,7 +24,7 @@ from eskin.golden.model import (
     run_images,
 )
 from eskin.golden.model.image_network import layer_by_layer
-from eskin.training.stage_error import SignalProfile, StageError, profile_of, signal_profiles, stage_errors
+from eskin.training.stage_error import StageError, stage_errors
 
 LOOKED_AT = 200
 """Images on which errors are taken layer by layer."""
@@ -57,10 +57,6 @@ class TouchTask:
     def stages(self) -> list[StageError]:
         """The error of each stage."""
         return stage_errors(self._real, self._integer, self._touches)
-
-    def signals(self) -> list[SignalProfile]:
-        """Each array of weights and each stage against its format."""
-        return signal_profiles(self._real, self._integer, self._touches)
 
 
 class ImageTask:
@@ -97,25 +93,6 @@ class ImageTask:
             errors.append(StageError(f"{stage.number} {stage.layer}", *map(float, figures)))
         return errors
 
-    def signals(self) -> list[SignalProfile]:
-        """The weights, the biases and the map of each layer with weights; the logits come last."""
-        real, integer, profiles = self._real.arrays, self._integer.arrays, []
-        for (stage, weight, before, after), (values, codes) in zip(
-            layer_formats(self._integer.config), self._maps, strict=True
-        ):
-            layer, frac = f"{stage.number} {stage.layer}", weight.frac_bits + before.frac_bits
-            for role, word, fmt in (
-                ("W", "weights", weight),
-                ("b", "biases", QFormat(BIAS_BITS - frac, frac)),
-            ):
-                name = f"{role}_{stage.number}"
-                profiles.append(
-                    profile_of(f"{layer}: {word}", "weights", fmt, real[name], fmt.to_real(integer[name]))
-                )
-            signal = "logits" if stage.last else f"{layer}: map"
-            profiles.append(profile_of(signal, "activations", after, values, after.to_real(codes)))
-        return profiles
-
     def _alone(self, index: int) -> np.ndarray:
         """Logits of the float network with the weights, bias and output of one layer as the integer one has
         them."""
@@ -145,15 +122,5 @@ def task_of(model_dir: str | Path, recordings: Recordings) -> TouchTask | ImageT
         When the folder is no quantised model folder, or the recordings are of another array or task.
     """
     integer, real = IntegerModel.load(model_dir, images=True), FloatModel.load(model_dir, images=True)
-    config = integer.config
-    if config.is_image:
-        check_fit(recordings, config)
-        return ImageTask(real, integer, recordings)
-    if tuple(recordings.class_names) != config.network.class_names:
-        raise InputError(
-            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and "
-            f"model '{model_dir}', field "
-            f"class_names, has {', '.join(config.network.class_names)}; use the recordings the model was "
-            "made for"
-        )
-    return TouchTask(real, integer, recordings)
+    check_fit(recordings, integer.config)
+    return (ImageTask if integer.config.is_image else TouchTask)(real, integer, recordings)

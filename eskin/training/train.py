@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.data.fit import check_fit
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, decide_touches
 from eskin.training.crossval import Progress, cross_validate, named
@@ -98,13 +99,7 @@ def train(
     request = request or TrainingRequest()
     recipe = request.recipe or choose_recipe(config, request.protocol)
     seed = request.seed
-    if tuple(recordings.class_names) != config.network.class_names:
-        raise InputError(
-            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and "
-            f"configuration '{config.name}', "
-            f"field class_names, has {', '.join(config.network.class_names)}; use recordings and a "
-            "configuration of one task"
-        )
+    check_fit(recordings, config)
     datasets = datasets or Datasets(recordings)
     results = (
         _cross_validation(recordings, config, request, recipe, datasets, progress) if request.folds else []

@@ -17,20 +17,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from eskin.golden.core import (
-    AcceleratorConfig,
-    Arrays,
-    Conv,
-    Dense,
-    InputError,
-    Pool,
-    QFormat,
-    Record,
-    code_version,
-)
+from eskin.golden.core import AcceleratorConfig, Arrays, Conv, Dense, InputError, Pool, QFormat, Record
 from eskin.golden.core.images import PIXEL_FORMAT
 from eskin.golden.model import FloatModel, IntegerModel, float_images, layer_formats, run_images
 from eskin.golden.model.straight_through import straight_through
+from eskin.memo import code_version
 from eskin.training.image_formats import (
     choose_image_formats,
     equalised,
@@ -324,7 +315,7 @@ def size_of(config: AcceleratorConfig) -> str:
 
 
 def judge(shared: tuple[Arrays, np.ndarray], piece: ImageFold) -> Record:
-    """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned``
+    """Decisions on the images left out: ``float``, ``w8`` (rounded after training), ``tuned``
     (trained on with few bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared:
     images by their size (`size_of`), and labels."""
     from eskin.training.fit import one_thread
@@ -338,9 +329,7 @@ def judge(shared: tuple[Arrays, np.ndarray], piece: ImageFold) -> Record:
             piece.config, images[train], labels[train], recipe=piece.recipe, seed=piece.seed
         )
         decided = {"float": float_images(model, images[out], maps=False)}
-        for bits in (8, 4):
-            even = model if bits == 8 else equalised(model, images[train], bits)
-            decided[f"w{bits}"] = run_images(quantised(even, images[train], bits), images[out], maps=False)
+        decided["w8"] = run_images(quantised(model, images[train]), images[out], maps=False)
         if piece.tuned_bits:
             options: Record = {"weight_bits": piece.tuned_bits, "recipe": piece.recipe, "seed": piece.seed}
             tuned = tune_network(model, images[train], labels[train], **options)[1]

@@ -13,9 +13,7 @@ from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
-    Memo,
     Record,
-    code_version,
     content_key,
     replacing,
     replacing_folder,
@@ -23,6 +21,7 @@ from eskin.golden.core import (
 )
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
+from eskin.memo import Memo, code_version
 from eskin.pages.views import words
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.liberty import Library, WireLoad, corners, read

@@ -6,17 +6,10 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from eskin.golden.core import (
-    AcceleratorConfig,
-    Memo,
-    Progress,
-    Record,
-    check_target,
-    code_version,
-    write_json,
-)
+from eskin.golden.core import AcceleratorConfig, Progress, Record, check_target, write_json
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
+from eskin.memo import Memo, code_version
 from eskin.requests import BaselinesRequest
 from eskin.study import baselines
 from eskin.training import LEARNING

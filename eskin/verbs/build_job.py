@@ -22,17 +22,16 @@ from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
     InputError,
-    Memo,
     Progress,
     Record,
     check_folder,
-    code_version,
     content_key,
     replacing_folder,
     write_json,
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
-from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
+from eskin.memo import Memo, code_version
+from eskin.rtl.common.memory_style import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import FAMILIES, DoesNotFit, Implementation, NoRoute, place
@@ -49,7 +48,6 @@ from eskin.rtl.program.schedule import (
     frame_cycles,
     lowest_clock_hz,
     mean_frame_cycles,
-    schedule,
     step_cycles,
 )
 from eskin.rtl.top.board import BAUD, refuse_standalone
@@ -435,7 +433,7 @@ def misfit_sentence(
     if config.is_image and "block memories" in short:
         helps.append("a network with fewer weights in its convolutions needs fewer")
     elif not config.recurrent and "block memories" in short:
-        helps += _fewer_weights(config, target, *short["block memories"])
+        helps.append("fewer windows (steps), or one set of weights for all (weight_sets one), need fewer")
     elif config.hardware.lanes > 1:
         fewer = max(1, config.hardware.lanes - _over(short, "multipliers")) if "multipliers" in short else 1
         helps.append(f"--lanes {fewer} needs {'fewer' if 'multipliers' in short else 'least'}")
@@ -456,64 +454,6 @@ def _lacks(short: Mapping[str, tuple[int, int]]) -> str:
         f"{needed} {resource} of {available} ({needed - available} too many)"
         for resource, (needed, available) in short.items()
     )
-
-
-def weights_sentence(config: AcceleratorConfig) -> str:
-    """A sentence on the board whose memories hold the weights, and on what helps if none does: known
-    before any simulation."""
-    short: list[str] = []
-    helps = ["take a smaller --hidden"]
-    for name in ("icebreaker", LARGEST):
-        target = board(name)
-        assert target.room
-        available = target.room.blocks
-        try:
-            fitted = suited(config, target)
-        except InputError:  # formats that its multipliers do not take
-            fitted = config.with_lanes(lane_type="plain")
-        if config.recurrent and lanes_in_large_memories(
-            spared := fitted.replace(spare_blocks=True), target.family.name, 1
-        ):
-            fitted = spared
-        needed = _weight_blocks(fitted, target)
-        if not config.recurrent and not short:
-            helps = _fewer_weights(fitted, target, needed, available)
-        of = f"{needed} of {available} block memories of the {name}"
-        if needed <= available:
-            instead = f", and {short[0]}, which is too many ({'; '.join(helps)})" if short else ""
-            return (
-                f"the weights take {of}{instead}; 'eskin build MODEL --target {name}' tells whether all fits"
-            )
-        short.append(of)
-    return f"no board here holds the weights, which take {' and '.join(short)}: {'; '.join(helps)}"
-
-
-def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:
-    """Number of a linear cell's weights that fit a part whose block memories do not hold them, with the
-    rest of the design unchanged."""
-    remaining = needed - _weight_blocks(config, target)
-    shorter = {
-        steps: config.replace(steps=steps, feature_shift=()) for steps in range(1, config.windows.steps)
-    }
-    fits = [steps for steps, less in shorter.items() if remaining + _weight_blocks(less, target) <= available]
-    one_set = _weight_blocks(config.replace(weight_sets="one"), target)
-    if needed == remaining:
-        return []  # they take no block memory
-    says = [f"the weights of {config.sets} windows alone take {needed - remaining}"]
-    if _weight_blocks(config.replace(lanes=min(LARGE_MEMORIES, config.hardware.lanes)), target) == 0:
-        says.append(f"on {LARGE_MEMORIES} lanes (--lanes {LARGE_MEMORIES}) they take none")
-    if config.sets > 1 and fits:
-        says.append(f"those of {max(fits)} (--steps {max(fits)}) would fit")
-    if config.sets > 1 and remaining + one_set <= available:
-        says.append(f"one set for all windows (weight_sets one in the configuration) takes {one_set}")
-    return says
-
-
-def _weight_blocks(config: AcceleratorConfig, target: Target) -> int:
-    """Block memories of all weights, each memory cut into blocks of the shape that needs fewest."""
-    words, bits = schedule(config).weight_depth, config.weight_bits
-    memories = config.hardware.lanes - lanes_in_large_memories(config, target.family.name, words)
-    return memories * min(-(-words // depth) * -(-bits // width) for depth, width in target.family.blocks)
 
 
 def _over(short: Mapping[str, tuple[int, int]], resource: str) -> int:

@@ -23,7 +23,7 @@ from eskin.rtl.asic.liberty import WireLoad
 from eskin.rtl.asic.nets import BAND, OTHERS, TRUNK, Nets, blocks_of, costs
 from eskin.rtl.asic.synthesis import expression
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
-from eskin.rtl.program.memory_map import Control, Register, TeachRegister
+from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 from eskin.study.energy import BATTERY_J, TOUCHES_PER_S
 
@@ -150,7 +150,6 @@ def measured(
     beyond = summary(config, rows, extra, onset, 0.0, 0.0, clock)
     glitches = {key: beyond[key] for key in GLITCHES} | {"method": GLITCHES_BY}
     hours = BATTERY_J / (energies["average_w"] + glitches["average_w"]) / 3600
-    energies |= _taught(model, device, joule[: len(place)], cost.root_j, leakage_w / clock)
     energies["glitches"] = glitches | {"battery_hours_with": hours}
     return energies | {
         "bit_exact": not differing and bool(decisions),
@@ -159,26 +158,8 @@ def measured(
     }
 
 
-def _taught(
-    model: IntegerModel, device: Device, joule: np.ndarray, edge_j: float, leakage_j: float
-) -> Record:
-    """Cost of teaching the touch that was played: ``teach_j`` (None: it was refused), ``teach_cycles``;
-    empty where no touch can be taught. ``joule``: where it is added up; edge_j: of the clock's first net;
-    leakage_j: of a cycle."""
-    if not model.config.readout_rule.taught:
-        return {}
-    state, odd = device.state, device.read(int(TeachRegister.TAUGHT)) >> ODD
-    changes, edges, begun = joule.sum(), state.edges, state.cycle
-    device.write(int(TeachRegister.TEACH), 0)
-    device.settle()
-    cycles = state.cycle - begun
-    teach_j = joule.sum() - changes + (state.edges - edges) * edge_j + cycles * leakage_j
-    taught = device.read(int(TeachRegister.TAUGHT)) >> ODD != odd
-    return {"teach_j": float(teach_j) if taught else None, "teach_cycles": cycles}
-
-
-ACCESSES, ODD = "reads and writes", 9
-"""Kinds of access that macros charge for; the bit of TAUGHT that toggles with every touch taught."""
+ACCESSES = "reads and writes"
+"""Kinds of access that macros charge for."""
 GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "step_blocks_j", "interval_blocks_j", "average_w")
 """Energies that are told of glitches alone, too."""
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.flow import joined
-from eskin.golden.core import Memo, Record, code_version, content_key
+from eskin.golden.core import Record, content_key
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.jobs import Jobs
+from eskin.memo import Memo, code_version
 from eskin.verbs import flow
 
 CACHE = flow.BUILD / "cosim_parts"

@@ -9,14 +9,13 @@ and at a slower one. Both runs must be bit-exact.
 import dataclasses
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
-from eskin.cosim.latency import needed_clock
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
@@ -39,8 +38,6 @@ IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
 """The same of images."""
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5
 """Cycles a frame of the slower run: in taxels, and over those of the run at full pace at least."""
-BUDGET_FRAMES = (1, 1.5, 2, 3, 5, 7, 10, 15, 20, 30, 50, 100, 200, 500)
-"""Latency budgets of `waiting`, frames."""
 RESULT = "energy.json"
 
 
@@ -84,23 +81,43 @@ def measure(
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
     first = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
     clock, lowest = flow.lowest_clock(design, first, work=work / "clock", builds=BUILD / "simulators")
+    activity, cells, exact = counted(config, model, design, vectors, target, len(recordings), work=work)
+    part = find_target(target).device
+    described = {
+        "name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}",
+        "target": target,
+        "lanes": lanes,
+        "lane_type": lane_type,
+        "cells": cells,
+        "bit_exact": lowest["bit_exact"] and exact,
+    }
+    return described | energy.estimate(requested, part, activity, clock)
+
+
+def counted(
+    config: AcceleratorConfig,
+    model: IntegerModel,
+    design: Path,
+    vectors: Path,
+    target: str,
+    recordings: int,
+    *,
+    work: Path,
+    slower: bool = True,
+) -> tuple[energy.Activity, Record, bool]:
+    """Activity counted in the netlist of ``design``, its cells, and whether it was bit-exact. ``slower``: idle
+    cycles are counted by a second run at a slower pace."""
     hardware, cells = netlist_of(config, model.arrays, target, probes=False)
-    counted = work / "counted.v"
-    counted.write_text(instrument(hardware.sources[0].read_text(), block_of))
-    hardware = dataclasses.replace(hardware, sources=(counted, *hardware.sources[1:]))
-    counts, results = [], []
-    options: Record = {}
-    for name in ("full", "slow"):
-        results.append(
-            flow.cosim(
-                design, vectors, hardware=hardware, work=work / name, builds=BUILD / "simulators", **options
-            )
-        )
-        counts.append(dataclasses.asdict(read_count(work / name)))
-        options = {
-            "pace": "declared",
-            "clock_hz": slower_cycles(config, results[0]) * config.sensor.scan_rate_hz,
-        }
+    text = instrument(hardware.sources[0].read_text(), block_of)
+    (work / "counted.v").write_text(text)
+    hardware = dataclasses.replace(hardware, sources=(work / "counted.v", *hardware.sources[1:]))
+    options: Record = {"hardware": hardware, "builds": BUILD / "simulators"}
+    results = [flow.cosim(design, vectors, work=work / "full", **options)]
+    counts = [dataclasses.asdict(read_count(work / "full"))]
+    if slower:
+        options["clock_hz"] = slower_cycles(config, results[0]) * config.sensor.scan_rate_hz
+        results.append(flow.cosim(design, vectors, work=work / "slow", pace="declared", **options))
+        counts.append(dataclasses.asdict(read_count(work / "slow")))
     # The design's counter goes up to the last logit and has 16 bits: too few for an image, whose decision the
     # bench times.
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
@@ -112,38 +129,12 @@ def measure(
         *counts,
         frames=results[0]["frames"],
         steps=results[0]["steps"],
-        recordings=len(recordings),
+        recordings=recordings,
         frame_cycles=frame_cycles,
         quiet_frame_cycles=quiet_frame_cycles,
         step_cycles=cycles,
     )
-    exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)
-    described = {
-        "name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}",
-        "target": target,
-        "lanes": lanes,
-    }
-    described |= {"lane_type": lane_type, "cells": cells, "bit_exact": exact, "blocks": counts[0]["toggles"]}
-    part = find_target(target).device
-    described["waiting"] = waiting(config, part, activity, lowest["cycles"])
-    return described | energy.estimate(requested, part, activity, clock)
-
-
-def waiting(
-    config: AcceleratorConfig, part: str, activity: energy.Activity, cycles: Mapping[str, int | None]
-) -> list[dict[str, float]]:
-    """Power of waiting with the clock always on, by latency budget from a frame to a hop: {decide_within_s,
-    clock_hz, idle_w}. ``cycles``, of a run at the sensor's pace, say the clock; no budget but the
-    configuration's was simulated."""
-    frame_s = 1 / config.sensor.scan_rate_hz
-    longest = config.image.height if config.is_image else config.windows.hop
-    rows = []
-    for frames in sorted({*(count for count in BUDGET_FRAMES if count < longest), longest}):
-        budgeted = config.replace(decide_within_s=frames * frame_s)
-        clock = needed_clock(budgeted, cycles)
-        idle = energy.estimate(budgeted, part, activity, clock)["idle_w"]
-        rows.append({"decide_within_s": frames * frame_s, "clock_hz": clock, "idle_w": idle})
-    return rows
+    return activity, dict(cells), all(result["bit_exact"] for result in results)
 
 
 def slower_cycles(config: AcceleratorConfig, full: Record) -> int:
@@ -181,8 +172,8 @@ def job(
     Returns
     -------
     dict
-        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), checks,
-        published, battery_j, passed (all bit-exact).
+        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), battery_j,
+        passed (all bit-exact).
     """
     config = model.config
     chosen_boards = []

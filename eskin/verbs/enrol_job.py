@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from eskin.choose.choice import configure
-from eskin.golden.core import AcceleratorConfig, Memo, Progress, Record, code_version, content_key
+from eskin.golden.core import AcceleratorConfig, Progress, Record, content_key
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
+from eskin.memo import Memo, code_version
 from eskin.requests import EnrolRequest
 from eskin.teach import evaluate as evaluation
 from eskin.teach.enrol import SETTINGS

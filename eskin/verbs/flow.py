@@ -11,7 +11,7 @@ import numpy as np
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.runner import locked
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Memo, Record, code_version, content_key
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, content_key
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     IntegerModel,
@@ -22,6 +22,7 @@ from eskin.golden.model import (
     write_image_vectors,
     write_vectors,
 )
+from eskin.memo import Memo, code_version
 from eskin.rtl.fpga.export import TOP
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise

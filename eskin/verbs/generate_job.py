@@ -6,17 +6,9 @@ from typing import Any
 
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import (
-    IntegerModel,
-    images_of,
-    random_images,
-    random_recordings,
-    run,
-    run_images,
-    write_image_vectors,
-    write_vectors,
-)
+from eskin.golden.model import IntegerModel, images_of, run, run_images, write_image_vectors, write_vectors
 from eskin.rtl.fpga.generate import generate
+from eskin.training.made_up import random_images, random_recordings
 
 
 def generate_design(
@@ -33,7 +25,7 @@ def generate_design(
     ``recordings`` (default: random). ``system``: bus, axis and top of `generate`."""
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors.npz"
         if config.is_image:

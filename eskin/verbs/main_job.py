@@ -31,20 +31,20 @@ from eskin.choose.cost import Market
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
+from eskin.data.fit import for_model
 from eskin.golden.core import (
     AcceleratorConfig,
     InputError,
-    Memo,
     Progress,
     Record,
     check_folder,
-    code_version,
     content_key,
     write_json,
 )
 from eskin.golden.core.files import exchange
-from eskin.golden.data import Recordings, for_model
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
+from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.requests import RunRequest
@@ -54,11 +54,10 @@ from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
 from eskin.study.stability.panel import Panel, panel_of
-from eskin.training import LEARNING, evaluate, quantise
+from eskin.training import LEARNING, evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs import cost
-from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
@@ -251,7 +250,6 @@ class _Steps:
         )
 
         if not config.is_image:
-            self.say(weights_sentence(config))
             self.say(board_sentence(config, self.prices.board))
 
         def simulate(
@@ -348,16 +346,14 @@ class _Steps:
     def _quantise(self, trained: Path, folder: Path) -> None:
         shutil.copytree(trained / "model", folder / "model")
         prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
-        quantise.quantise(folder / "model", self.recordings if prototypes else None)
+        integers.quantise(folder / "model", self.recordings if prototypes else None)
 
     def _evaluate(self, quantised: Path, folder: Path, notify: Progress) -> None:
         write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
 
     def _yardsticks(self, training: Record, folder: Path, notify: Progress) -> None:
         first = training["cross_validation"][0]
-        rows = yardsticks.yardsticks(
-            self.recordings, self.config, first["groups"], 5, first["integer_accuracy"], notify
-        )
+        rows = yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify)
         write_json(folder / "yardsticks.json", rows)
 
     def _test(self, quantised: Path) -> Record | None:
@@ -391,8 +387,8 @@ class _Steps:
             found = behind + [one for one in found if (one["code"], *one.get("groups", [])) not in replaced]
         if tested and tested["seen_in_training"]:
             text = (
-                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are in the "
-                f"training data too, so their figure says little: give --test {things} that are not in --data"
+                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are also in the "
+                f"training data, so their accuracy proves little: give --test {things} that are not in --data"
             )
             found.append(doubts.doubt("seen_in_training", text))
         if not self.config.is_image:

@@ -17,10 +17,11 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, completing_frames, images_of, run, run_images
 from eskin.golden.model.pipeline import DECISION_FIELDS
-from eskin.golden.model.prototypes import check_teachable, load_taught, save_taught, taught_in_use
+from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.live.sources import on_port
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import TeachRegister, taught_arrays
+from eskin.teach.taught import load_taught, save_taught
 
 ANSWER_S = 0.5
 """To wait for an answer once the line is free: far more than a serial adapter holds bytes back."""

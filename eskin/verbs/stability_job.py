@@ -21,18 +21,17 @@ from eskin.cosim.device import FOREVER, Design, Device
 from eskin.golden.core import (
     PRESETS,
     AcceleratorConfig,
-    Memo,
     Progress,
     Record,
     check_target,
-    code_version,
     content_key,
     write_json,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel, find_touches, load_config
+from eskin.golden.model import FloatModel, IntegerModel, find_touches
 from eskin.golden.model import run as run_golden
 from eskin.jobs import Function, Jobs
+from eskin.memo import Memo, code_version
 from eskin.pages.stability_page import PAGE, write_page
 from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
@@ -41,18 +40,16 @@ from eskin.rtl.program.memory_map import Control, Register
 from eskin.study import defences
 from eskin.study.stability import suite as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Mode, Outcome
-from eskin.study.stability.images import ImageBench
+from eskin.study.stability.table import MODES
 from eskin.training import LEARNING
 from eskin.training.splits import default_splits
 from eskin.verbs import flow
-from eskin.verbs.defence_cost import hardware_cost
 
 CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
 RESULT, RECOMMENDED = "stability.json", "recommended.json"
 CONFIRMED = 3
-"""Golden cases of each group, of images of all groups, the weakest modes first, that are played into the
-hardware."""
+"""Golden cases of each group, the weakest modes first, that are played into the hardware."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
@@ -78,8 +75,8 @@ def run(
     """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the
     recommended defences).
 
-    With ``asked.cosim`` the weakest golden cases are confirmed in co-simulation, modes that need the hardware
-    run, and each defence is costed. Defences are compared by cross-validation, where no mode was named.
+    With ``asked.cosim`` the weakest golden cases are confirmed in co-simulation, and modes that need the
+    hardware run. Defences are compared by cross-validation, where no mode was named.
 
     Parameters
     ----------
@@ -88,7 +85,7 @@ def run(
     workers:
         Processes; modes that need the hardware run here.
     bench_options:
-        As for ``eskin.study.stability.core.Bench``, or `eskin.study.stability.images.ImageBench`.
+        As for ``eskin.study.stability.core.Bench``.
 
     Returns
     -------
@@ -105,16 +102,10 @@ def run(
     begin = time.perf_counter()
     for name in (RESULT, RECOMMENDED, PAGE):
         check_target(out / name)
-    bench: Bench | ImageBench
-    if load_config(model_dir).is_image:
-        bench = ImageBench(IntegerModel.load(model_dir, images=True), recordings, few=few, **bench_options)
-    else:
-        models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
-        bench = Bench.of(*models, recordings, few=few, **bench_options)
-    own = [bench.real, bench.points, bench.long] if isinstance(bench, Bench) else []
-    content = content_key(
-        bench.model, recordings, code_version(*LEARNING), [few, bench.flips, bench.seed], *own
-    )
+    models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
+    bench = Bench.of(*models, recordings, few=few, **bench_options)
+    options = [few, bench.flips, bench.seed, bench.points, bench.long]
+    content = content_key(bench.model, recordings, code_version(*LEARNING), options, bench.real)
     keep = _Records(cache, content, Jobs(workers=workers, dask=asked.dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if asked.cosim else None
     judged = stability.run_modes(
@@ -126,14 +117,11 @@ def run(
     )
     if hardware:
         hardware.confirm(judged["modes"])
-    compared: list[Record] = []
-    if isinstance(bench, Bench):
-        compared, chosen = _defences(bench, keep, hardware, seeds if compare else 0)
-        write_json(out / RECOMMENDED, chosen.to_dict())
+    compared, chosen = _defences(bench, keep, seeds if compare else 0)
+    write_json(out / RECOMMENDED, chosen.to_dict())
     passed = all(
         record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in judged["modes"]
     )
-    passed &= all(record["hardware"] is None or record["hardware"]["bit_exact"] for record in compared)
     result = {
         "model": str(model_dir),
         "data": str(recordings.source),
@@ -149,33 +137,19 @@ def run(
     return result
 
 
-def _defences(
-    bench: Bench, keep: _Records, hardware: _Hardware | None, seeds: int
-) -> tuple[list[Record], AcceleratorConfig]:
-    """Accuracy (cross-validated over ``seeds``; 0: not) and cost of each set of defences, and the
-    configuration with the recommended ones."""
+def _defences(bench: Bench, keep: _Records, seeds: int) -> tuple[list[Record], AcceleratorConfig]:
+    """Accuracy (cross-validated over ``seeds``; 0: not) of each set of defences, and the configuration with the
+    recommended ones."""
     recordings, base = bench.recordings, undefended(bench.config)
     splits = default_splits(recordings, bench.config)
     rows = defences.variants(recordings, base) if seeds else []
     pieces = {f"defences {row.name} {json.dumps([splits, seeds, row.config.to_dict()])}": row for row in rows}
     shared = Comparison(recordings, splits, seeds)
     compared: list[Record] = keep.results(compare_one, pieces, shared, "defences cross-validated")
-    chosen = watched(defences.recommended(recordings, base))
-    if not compared:
-        return compared, chosen
-    chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
-    # an unsure decision offers its class all the same, so the threshold changes no accuracy
-    checks = "watchdog, checksum" if chosen.hardware.checksum else "watchdog"
-    name = f"the same, {checks}, unsure below a margin of {chosen.network.margin_threshold}"
-    compared.append({**compared[-1], "name": name})
-    configs = [*(row.config for row in rows), chosen]
-    costs = hardware.costs(configs) if hardware else [None] * len(configs)
-    return [{**record, "hardware": cost} for record, cost in zip(compared, costs, strict=True)], chosen
-
-
-def watched(config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` with watchdog and checksum."""
-    return config.replace(checksum=True, watchdog=True)
+    chosen = defences.recommended(recordings, base).replace(checksum=True, watchdog=True)
+    if compared:  # an unsure decision offers its class all the same, so the threshold changes no accuracy
+        chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
+    return compared, chosen
 
 
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
@@ -219,33 +193,28 @@ class Comparison:
     front_ends: dict[Any, Any] = field(default_factory=dict)
 
 
-def judge_mode(bench: Bench | ImageBench, name: str) -> Record:
+def judge_mode(bench: Bench, name: str) -> Record:
     """The record of one mode."""
-    return stability.judge(stability.modes_of(bench)[name], bench)[0]
+    return stability.judge(MODES[name], bench)[0]
 
 
 def compare_one(shared: Comparison, row: defences.Variant) -> Record:
-    """The record of one set of defences, without its cost."""
-    return defences.compare_defences(
-        shared.recordings, [row], shared.splits, range(shared.seeds), front_ends=shared.front_ends
-    )[0]
+    """The record of one set of defences."""
+    return defences.judge_defences(
+        shared.recordings, row, shared.splits, range(shared.seeds), front_ends=shared.front_ends
+    )
 
 
-def cost_one(recordings: Recordings, config: AcceleratorConfig) -> Record:
-    """Cost of a configuration in hardware."""
-    return hardware_cost(config, recordings)
-
-
-def confirm(shared: tuple[Bench | ImageBench, str, str], name: str) -> Record:
+def confirm(shared: tuple[Bench, str, str], name: str) -> Record:
     """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches, probe
     ...}."""
     bench, work, simulator = shared
-    _, case = stability.judge(stability.modes_of(bench)[name], bench)
+    _, case = stability.judge(MODES[name], bench)
     assert case is not None  # its record says that it has one
     return play_case(bench, case, Path(work) / content_key(name), simulator)
 
 
-def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str, **options: Any) -> Record:
+def play_case(bench: Bench, case: Case, work: Path, simulator: str, **options: Any) -> Record:
     """Record of a co-simulation for the suite."""
     result = flow.cosimulate(
         case.model or bench.model, case.recordings, work=work, simulator=simulator, **options
@@ -257,7 +226,7 @@ def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str,
 # ---------------------------------------------------------------------- the hardware
 @dataclass
 class _Hardware:
-    """Co-simulation for the suite, and what its designs cost."""
+    """Co-simulation for the suite."""
 
     bench: Any
     keep: _Records
@@ -270,18 +239,10 @@ class _Hardware:
         """The code that figures of the hardware depend on."""
         return code_version("rtl", "cosim")
 
-    def costs(self, configs: Sequence[AcceleratorConfig]) -> list[Record]:
-        """Cost of each configuration (eskin.verbs.defence_cost)."""
-        names = [f"cost {self.version} {json.dumps(config.to_dict())}" for config in configs]
-        pieces = dict(zip(names, configs, strict=True))
-        costs = self.keep.results(cost_one, pieces, self.bench.recordings, "defences in hardware")
-        return [dict(zip(pieces, costs, strict=True))[name] for name in names]
-
     def confirm(self, records: list[Record]) -> None:
         """Give the weakest modes that have a golden case the verdict of the hardware."""
-        groups = [GROUPS] if self.bench.config.is_image else [[group] for group in GROUPS]
         ranked = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
-        of_group = [[record for record in ranked if record["group"] in group][:CONFIRMED] for group in groups]
+        of_group = [[record for record in ranked if record["group"] == group][:CONFIRMED] for group in GROUPS]
         weakest = [record for group in of_group for record in group]
         pieces = {f"rtl {self.version} {record['name']}": record["name"] for record in weakest}
         shared = (self.bench, str(self.work), self.simulator)

@@ -8,26 +8,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core import (
-    AcceleratorConfig,
-    InputError,
-    Memo,
-    Progress,
-    Record,
-    check_target,
-    code_version,
-    replacing,
-    write_json,
-)
+from eskin.golden.core import AcceleratorConfig, Progress, Record, check_target, replacing, write_json
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
-from eskin.pages import sweep_charts
+from eskin.memo import Memo, code_version
+from eskin.pages.sweep_charts import accuracy_chart
 from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.schedule_view import save_figure
 from eskin.study import sweep as sweeping
-from eskin.study.baselines import SWEPT
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.training import LEARNING
 from eskin.training.image_models import KEPT
@@ -88,15 +78,10 @@ def request_of(
     bounds = {name: getattr(asked, name) for name in ("accuracy_floor", "latency_budget")}
     common: Record = {"folds": FOLDS, "bounds": sweeping.Bounds(**bounds)}
     if config is not None:
-        points: Sequence[Any] = sweeping.make_points(
-            config, sweeping.GRIDS.get(grid) or sweeping.read_grid(grid), source
-        )
-        common |= {"base": config, "splits": splits, "baselines": list(SWEPT)}
+        grids = sweeping.DEFAULT_GRID if grid == "default" else sweeping.read_grid(grid)
+        points: Sequence[Any] = sweeping.make_points(config, grids, source)
+        common |= {"base": config, "splits": splits}
         return sweeping.SweepRequest(points=points, seeds=range(asked.seeds or 3), **common)
-    if grid == "bits":
-        raise InputError(
-            "--grid bits: is for recordings; the default grid for images has weights of 8 and of 4 bits"
-        )
     assert recordings.image_shape is not None
     grids = default_grid(*recordings.image_shape) if grid == "default" else sweeping.read_grid(grid)
     points = make_image_points(recordings, grids, source)
@@ -113,7 +98,7 @@ def run(
     progress: Progress | None = None,
 ) -> Record:
     """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and
-    charts. ``config`` as for `request_of`. Returns the result, as in sweep.json.
+    the chart. ``config`` as for `request_of`. Returns the result, as in sweep.json.
 
     Raises
     ------
@@ -134,10 +119,10 @@ def run(
         version=json.dumps([recordings.content, code()]),
     )
     result["data"] = str(recordings.source)
-    for name, figure in sweep_charts.charts(result).items():
-        for kind in ("png", "svg"):
-            with replacing(out / f"{name}.{kind}") as temporary:
-                save_figure(figure, temporary, kind)
+    figure = accuracy_chart(result)
+    for kind in ("png", "svg"):
+        with replacing(out / f"accuracy.{kind}") as temporary:
+            save_figure(figure, temporary, kind)
     with replacing(out / TABLE) as temporary, temporary.open("w", newline="") as file:
         rows = sweeping.flat_rows(result)
         writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")

@@ -19,10 +19,10 @@ from tensor import TENSOR
 
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import with_network
 from eskin.requests import BaselinesRequest
 from eskin.study.baselines import METHODS, Network
 from eskin.training.derive import derive_config, for_recordings
+from eskin.training.formats import with_network
 from eskin.training.recipe import RECIPES, Recipe
 from eskin.verbs import baselines_job
 

@@ -1,7 +1,8 @@
-"""Public names of golden.core: formats, configuration, errors, files, the memo, shared types."""
+"""Public names of golden.core: formats, configuration, errors, files, shared types."""
 
 from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.content import content_key
 from eskin.golden.core.converters import ConverterFault, SpiPlan, converter_plan
 from eskin.golden.core.errors import InputError, SimulationError, array_of
 from eskin.golden.core.files import (
@@ -20,5 +21,4 @@ from eskin.golden.core.files import (
 from eskin.golden.core.formats import QFormat, clamp, narrow, signed_bits
 from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.core.images import NETWORKS, Conv, Dense, Pool
-from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.core.types import Arrays, Progress, Record

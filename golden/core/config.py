@@ -140,14 +140,14 @@ class AcceleratorConfig:
         if rule.onset == "band" and not 0 <= rule.band_low - lowest <= rule.band_high - lowest:
             yield (
                 "band_low",
-                f"is {rule.band_low} with band_high {rule.band_high}; give sample codes, low below high",
+                f"is {rule.band_low} with band_high {rule.band_high}; give two sample codes, the lower one first",
             )
         if rule.onset == "baseline" and rest == "none":
             yield "rest", "is 'none' with onset 'baseline', which needs a rest level; use 'tracked'"
         if self.faults.fault_frames and bits < 4:
             yield (
                 "fault_frames",
-                f"is {self.faults.fault_frames} with samples of {bits} bits; a fault detector needs 4: give 0",
+                f"is {self.faults.fault_frames} with samples of {bits} bits, and a fault detector needs at least 4; give 0",
             )
         if windows.window_mode == "touch":
             if self.opens_at_once and before:
@@ -167,7 +167,7 @@ class AcceleratorConfig:
         if network.decision == "early" and network.early_steps > windows.steps:
             yield (
                 "early_steps",
-                f"is {network.early_steps} in a touch of {windows.steps} steps; give at most as many",
+                f"is {network.early_steps} in a touch of {windows.steps} steps; give at most {windows.steps}",
             )
 
     def _feature_refusals(self) -> Iterator[Refusal]:
@@ -176,8 +176,8 @@ class AcceleratorConfig:
         if self.inputs > MOST_INPUTS:
             yield (
                 "feature_kinds",
-                f"{self.kinds} kinds of {self.sensor.taxels} taxels are {self.inputs} inputs and {MOST_INPUTS} are "
-                "there; use fewer kinds",
+                f"{self.kinds} kinds of {self.sensor.taxels} taxels make {self.inputs} inputs, above the limit of "
+                f"{MOST_INPUTS}; use fewer kinds",
             )
         common = math.gcd(hop, *lengths)
         if "activity" in kinds and common % features.activity_block:
@@ -201,7 +201,7 @@ class AcceleratorConfig:
         ):
             yield (
                 "compand_frac",
-                f"is {features.compand_frac}; lower it: companded sums have the {bits} bits of sums at most",
+                f"is {features.compand_frac}, and companded sums would need more than {bits} bits; lower it",
             )
         if len(shifts) not in (0, len(self.feature_units)):
             of_kinds = f" of {self.kinds} kinds of feature" if self.kinds > 1 else ""
@@ -227,14 +227,14 @@ class AcceleratorConfig:
         if bits > WIDEST_ACCUMULATOR:
             yield (
                 "weight_format" if self.recurrent else "dense_format",
-                f"the worst case needs a {bits}-bit accumulator and there are {WIDEST_ACCUMULATOR} bits: "
+                f"needs a {bits}-bit accumulator in the worst case, above the limit of {WIDEST_ACCUMULATOR}; "
                 "narrow the weights",
             )
         if lane == "dsp" and bits > WIDEST_DSP_ACCUMULATOR:
             yield (
                 "lane_type",
                 f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need "
-                f"{bits}; take plain lanes, or narrow the weights",
+                f"{bits}; use plain lanes or narrow the weights",
             )
 
     def _recurrent_refusals(self) -> Iterator[Refusal]:
@@ -251,7 +251,7 @@ class AcceleratorConfig:
         if self.operand_bits > 16:
             yield (
                 "feature_format",
-                f"{feature} needs {self.operand_bits} bits on the lanes' scale; 16 are there: raise the "
+                f"{feature} needs {self.operand_bits} bits on the lanes' scale, above the limit of 16; raise the "
                 "fraction bits of weight_format or lower those of recurrent_format or state_format",
             )
         for field, signal, shift in (
@@ -290,7 +290,7 @@ class AcceleratorConfig:
             yield (
                 "state_code_bits",
                 f"is {rule.state_code_bits}: distances of {self.trajectory_width} values a step reach "
-                f"{self.distance_bound} and there is room for {most}; use fewer bits",
+                f"{self.distance_bound}, above the limit of {most}; use fewer bits",
             )
         if rule.state_code_shift >= self.trajectory_format.width:
             yield (
@@ -300,17 +300,17 @@ class AcceleratorConfig:
         if self.classes - rule.spare_classes < 2:
             yield (
                 "spare_classes",
-                f"is {rule.spare_classes} of {self.classes} classes; two at least are trained",
+                f"is {rule.spare_classes} of {self.classes} classes; leave at least two for training",
             )
         if rule.taught * self.classes > MOST_TAUGHT:
             yield (
                 "taught",
-                f"is {rule.taught} for each of {self.classes} classes; {MOST_TAUGHT} places in all are there",
+                f"is {rule.taught} for each of {self.classes} classes; the limit is {MOST_TAUGHT} slots in all",
             )
         if not self.hardware.loadable:
             yield (
                 "loadable",
-                "is false, and the memory of prototypes is one that the host fills; set it true, or quantise without "
+                "is false, but the host must fill the memory of prototypes; set it to true, or quantise without "
                 "--readout",
             )
         # one more: the touch under way has a place of its own, so that it can be taught when it has ended
@@ -318,15 +318,14 @@ class AcceleratorConfig:
         if self.windows.steps * places * self.trajectory_width + self.classes > 1 << 16:
             yield (
                 "prototypes",
-                f"is {rule.prototypes} with {rule.taught} taught ones for each of {self.classes} classes; touches "
-                f"of {self.windows.steps} steps of {self.trajectory_width} values are too many then for a memory "
-                "of 65536: use fewer",
+                f"is {rule.prototypes} with {rule.taught} taught ones for each of {self.classes} classes; with "
+                f"{self.windows.steps} steps of {self.trajectory_width} values they exceed a memory of 65536 "
+                "words: use fewer",
             )
         if rule.unknown_above and self.network.decision == "vote":
             yield (
                 "unknown_above",
-                "is set with decision 'vote', which counts steps and adds no distances; use 'last' or leave it "
-                "out",
+                "is set with decision 'vote', which has no distance of a touch; use 'last' or leave it out",
             )
         if rule.unknown_above * self.windows.steps > self.distance_bound:
             yield (
@@ -374,11 +373,11 @@ class AcceleratorConfig:
         if array.rows * array.columns != taxels:
             yield (
                 "rows",
-                f"is {array.rows} with {array.columns} columns, and there are {taxels} taxels; give the "
-                "array's own",
+                f"is {array.rows} with {array.columns} columns, and there are {taxels} taxels; give "
+                "the rows and columns of the array",
             )
         if taxels < 16:
-            yield ("position", f"is for arrays of 16 taxels and more, and there are {taxels}; leave it out")
+            yield ("position", f"needs at least 16 taxels, and there are {taxels}; leave it out")
         if not fmt.min_code <= array.position_rest <= fmt.max_code:
             yield (
                 "position_rest",
@@ -387,7 +386,7 @@ class AcceleratorConfig:
         if array.position_threshold >= fmt.max_code - array.position_rest:
             yield (
                 "position_threshold",
-                f"is {array.position_threshold}; no sample is that far above position_rest",
+                f"is {array.position_threshold}; no sample is that far above position_rest, so lower it",
             )
 
     def _stimulator_refusals(self) -> Iterator[Refusal]:
@@ -980,11 +979,6 @@ class AcceleratorConfig:
             )
         parts: dict[str, Any] = {}
         for key, value in values.items():
-            if key in GROUP_OF:
-                raise InputError(
-                    f"{source}: field {key} stands outside of its group, as before version 0.2; put it into "
-                    f"{GROUP_OF[key]}, or train the model again"
-                )
             if key != "name" and key not in GROUPS:
                 raise InputError(f"{source}: unknown group {key}; known groups are {', '.join(GROUPS)}")
             if key != "name" and not isinstance(value, dict):

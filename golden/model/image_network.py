@@ -195,39 +195,3 @@ def _run(
     logits = np.concatenate(maps_of.pop(last)).reshape(len(pixels), config.classes).astype(kind)
     maps = {number: np.concatenate(parts) for number, parts in maps_of.items() if parts}
     return ImageTrace(config, *first_maximum(logits), logits, maps)
-
-
-# ---------------------------------------------------------------------- made-up images
-def random_images(config: AcceleratorConfig, count: int, seed: int) -> np.ndarray:
-    """Images (count, height, width), uint8, for tests: blobs on zeros, noise over the whole range, all black
-    and all white."""
-    rng = np.random.default_rng(seed)
-    height, width = config.image.height, config.image.width
-    row, column = np.arange(height)[:, None], np.arange(width)
-    traces = []
-    for number in range(count):
-        if number % 4 == 3:
-            traces.append(rng.integers(0, 256, (height, width)))
-        elif number in (5, 6):
-            traces.append(np.full((height, width), 255 * (number - 5)))
-        else:
-            blobs = sum(
-                rng.integers(60, 400)
-                * np.exp(
-                    -((row - rng.uniform(0, height)) ** 2 + (column - rng.uniform(0, width)) ** 2)
-                    / rng.uniform(2, 30)
-                )
-                for _ in range(3)
-            )
-            traces.append(np.clip(blobs - 20, 0, 255))
-    return np.array(traces).astype(np.uint8)
-
-
-def image_recordings(
-    config: AcceleratorConfig, images: np.ndarray, labels: np.ndarray | None = None
-) -> Recordings:
-    """Images (n, height, width) as recordings of this configuration's sensor."""
-    from eskin.golden.data.recordings import image_recordings as made
-
-    labels = np.zeros(len(images), dtype=np.int64) if labels is None else labels
-    return made(images, labels, config.network.class_names, rate_hz=config.sensor.sample_rate_hz)

@@ -29,16 +29,11 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.images import BIAS_BITS
 from eskin.golden.model.cells import Fixed, Float, run_cell
-from eskin.golden.model.preprocess import companded
 
 CONFIG_FILE = "config.json"
 FLOAT_FILE = "float.npz"
 INTEGER_FILE = "weights.npz"
 TRAINING_FILE = "training.json"
-SCALE_ROOM = 2
-"""Bits by which a shift may be smaller than the loudest taxel requires. A centred feature still fits, and the
-quietest taxel may have a scale four times as small.
-"""
 MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
 
 Files = Mapping[str, bytes]
@@ -250,7 +245,7 @@ class IntegerModel:
         if aligned and (checked["mean"] % (1 << aligned)).any():
             step = f"2**{aligned}"
             raise InputError(
-                f"{self.source}, array mean: is no multiple of {step}, which aligned_means promises; "
+                f"{self.source}, array mean: is no multiple of {step}, which aligned_means requires; "
                 "quantise the model again"
             )
         object.__setattr__(self, "arrays", checked)
@@ -272,16 +267,6 @@ class IntegerModel:
         """``forward`` in a fixed-point arithmetic of this configuration that is not the plain one."""
         hidden, logits = _run(arithmetic, self.config, self.arrays, features)
         return hidden.astype(np.int64), logits.astype(np.int64)
-
-    def logits_of(self, variants: Arrays, features: np.ndarray) -> np.ndarray:
-        """Logit codes (variants, n, K, C), int64: the network once for each variant of its arrays, name ->
-        (variants, *shape); arrays without a variant stay. The codes are not checked against their formats."""
-        count = len(next(iter(variants.values())))
-        names = network_shapes(self.config, real=False)
-        arrays = {
-            name: np.broadcast_to(self.arrays[name], (count, *self.arrays[name].shape)) for name in names
-        } | dict(variants)
-        return _run(Fixed(self.config), self.config, arrays, features)[1].astype(np.int64)
 
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> IntegerModel:
@@ -471,7 +456,7 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None], unchanged:
     def check() -> None:
         if unchanged is not None and model_files(folder) != unchanged:
             raise InputError(
-                f"model '{folder}': was changed by another program meanwhile, and is as that left it; begin again"
+                f"model '{folder}': was changed by another program in the meantime and was not overwritten; run the command again"
             )
 
     try:
@@ -481,214 +466,3 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None], unchanged:
         raise InputError(
             f"model '{folder}': cannot be written ({error.strerror}); name a folder you may write to"
         ) from None
-
-
-# ---------------------------------------------------------------------- constants and random models
-def normaliser_constants(
-    config: AcceleratorConfig, mu: float | np.ndarray, sigma: float | np.ndarray, *, aligned: bool = False
-) -> tuple[AcceleratorConfig, np.ndarray, np.ndarray]:
-    """Integer constants of feature = (d / unit - mu) / sigma, for every distinct window length.
-
-    unit: ``config.feature_unit``; d: the sum, or what else a window gives, companded where it is. mu, sigma:
-    scalars or (constants). The feature code is ``(d - unit mu) * ratio`` with ``ratio = 2**feature_frac /
-    (unit sigma)``. The shift, one for each length and kind, drops as many bits as leave ``scale = ratio
-    2**(shift + gate_frac)`` in 2**(gate_frac-2)..2**(gate_frac-1): centred then resolves one to two bits more
-    than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. With a
-    scale a taxel that holds for the taxel that moves most, and the shift is up to SCALE_ROOM smaller where
-    the quietest one's scale would not fit 16 bits. Half of 2**shift is taken off the mean, which turns the
-    floor of the declared narrowing into a rounding. At shift 0 scale may be larger; only where it would not
-    fit 16 bits even so, a shift goes below 0 (``mean_frac``): sums of few levels, which features must
-    resolve. ``aligned``: the largest window's for all, which hardware need not choose, and means that end in
-    as many zeros (``aligned_means``); only where one pair serves all inputs.
-
-    Returns
-    -------
-    (config with feature_shift, mean, scale), the arrays int64, (lengths) or (lengths, constants).
-
-    Raises
-    ------
-    InputError
-        When sigma is so small that scale exceeds 16 bits at the lowest shift.
-    """
-    shifts, means, scales = [], [], []
-    lengths, many = len(config.window_lengths), config.constants
-    mu, sigma = (np.broadcast_to(np.asarray(value, dtype=np.float64), (many,)) for value in (mu, sigma))
-    kind_of = np.arange(many) % config.kinds  # a constant a kind, or a constant an input
-    units = np.array(config.feature_units).reshape(lengths, config.kinds)
-    unit_code = 2.0**config.formats.feature_format.frac_bits
-    # 2: a full-scale centred feature has up to two bits more than the feature
-    spare = max(config.formats.feature_format.width + 2 - config.centred_format.width, 0)
-    for row in units:
-        ratio = unit_code / (row[kind_of] * sigma)
-        for kind in range(config.kinds):
-            of_kind = unit_code / (units * sigma[0]).ravel() if aligned else ratio[kind_of == kind]
-            # the least shift at which ratio 2**shift of the loudest input is 1/4 or more
-            shift = min(max(0, int(np.ceil(np.log2(0.25 / of_kind.min()))) + spare), config.sum_bits)
-            room = SCALE_ROOM if config.features.feature_scale == "taxel" else 0
-            lowest = max(shift - room, -config.most_mean_frac) if shift else -config.most_mean_frac
-            while (
-                shift > lowest
-                and np.rint(of_kind.max() * 2.0 ** (shift + config.formats.gate_frac))
-                > config.scale_format.max_code
-            ):
-                shift -= 1
-            shifts.append(shift)
-    filled = config.replace(feature_shift=tuple(shifts), aligned_means=aligned)
-    frac = filled.mean_frac
-    for q, length in enumerate(config.window_lengths):
-        unit = units[q, kind_of]
-        ratio = unit_code / (unit * sigma)
-        by = np.array(shifts[q * config.kinds :][: config.kinds])[kind_of]
-        scale = np.rint(ratio * 2.0 ** (by + config.formats.gate_frac))
-        largest = config.scale_format.max_code
-        if scale.max() > largest or scale.min() < 1:
-            worst = int(np.argmax(scale)) if scale.max() > largest else int(np.argmin(scale))
-            raise InputError(
-                f"configuration '{config.name}', field feature_format: {config.formats.feature_format} "
-                f"needs a scale of {scale[worst]:.0f} for windows of {length} frames with a spread of "
-                f"{sigma[worst]:.3g} codes, outside 1..{largest}; use fewer feature bits"
-            )
-        step, half = (1 << by + frac) if aligned else np.ones_like(by), (1 << by + frac) >> 1
-        middle = mu * unit * 2.0**frac
-        means.append(np.rint((middle - half) / step) * step if aligned else np.rint(middle) - half)
-        scales.append(scale)
-    shape = (lengths, *constants_shape(config))
-    mean = QFormat(filled.mean_format.width, 0).quantise(np.array(means)).reshape(shape)
-    return filled, mean, np.array(scales).astype(np.int64).reshape(shape)
-
-
-def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
-    """A model with random weights, for tests: as a trained one, or (one array in four) spread over the whole
-    format; biases are not 0.
-
-    Mean and scale suit the signals that the configuration's front end lets through; feature_shift is filled
-    when empty.
-    """
-    rng, rule, features = np.random.default_rng(seed), config.onset_rule, config.features
-    banded = rule.onset == "band"
-    spread = (rule.band_high - rule.band_low) / 2 if banded else float(rule.onset_threshold)
-    level = (rule.band_low + rule.band_high) / 2 if config.rest_level.rest == "none" else 0.0
-    mu: Any = level + spread * rng.uniform(-0.2, 0.2)
-    few_levels = config.sensor.sample_bits <= 2
-    sigma: Any = max(spread, 0.5 if few_levels else 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
-    if features.compand == "log":  # of a whole window
-        knee, frac = features.compand_knee, features.compand_frac
-        mu, sigma = (_logarithm(value * config.windows.window, knee, frac) for value in (mu, sigma))
-    if config.constants > 1 or features.feature_kinds != ("mean",) or few_levels:
-        mu, sigma = _random_scaling(config, rng, mu, sigma)
-    filled, mean, scale = normaliser_constants(config, mu, sigma)
-    if config.features.feature_shift:
-        filled = config
-    arrays: dict[str, np.ndarray] = {"mean": mean, "scale": scale}
-    for name, shape in network_shapes(config, real=False).items():
-        fmt = network_formats(config)[name]
-        if rng.random() < 0.25:
-            arrays[name] = rng.integers(fmt.min_code, fmt.max_code, shape, endpoint=True)
-        else:
-            deviation = 0.5 if name.startswith("b") else 1.5 * shape[-1] ** -0.5
-            arrays[name] = fmt.quantise(rng.normal(0.0, deviation, shape))
-        if name.startswith("b"):
-            # a bias of 0 would hide a bias that the hardware forgets
-            arrays[name] = np.where(arrays[name] == 0, 1, arrays[name])
-    for name, shape in readout_shapes(config).items():
-        ends = (
-            (0, 2 * config.readout_rule.taught - 1)
-            if name == "taught_count"
-            else (config.state_code_format.min_code, config.state_code_format.max_code)
-        )
-        arrays[name] = rng.integers(*ends, shape, endpoint=True)
-    return IntegerModel(filled, arrays, f"random model {seed}")
-
-
-def _logarithm(value: float, knee: int, frac: int) -> float:
-    return companded(np.array([round(value)]), knee, frac)[0] / 2.0**frac
-
-
-def _random_scaling(
-    config: AcceleratorConfig, rng: np.random.Generator, mu: float, sigma: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Constants a kind or an input about those of the mean, each a little different."""
-    features, count, frac = config.features, config.constants, config.formats.feature_format.frac_bits
-    moved = sigma * features.activity_block**0.5
-    of_kind = {
-        "mean": (mu, sigma),
-        "activity": (mu, sigma) if features.compand == "log" else (moved, moved),
-        "integral": tuple(
-            _logarithm(abs(value) * config.last_frame / 2, features.integral_knee, features.integral_frac)
-            for value in (mu, sigma)
-        ),
-    }
-    kinds = np.resize(features.feature_kinds, count)
-    middle, spread = np.array([of_kind[kind] for kind in kinds]).T
-    means = middle + spread * rng.uniform(-0.2, 0.2, count)
-    sigmas = np.maximum(spread, np.where(kinds == "integral", 0.25, 1.0)) * rng.uniform(0.5, 1.0, count)
-    # no finer features than a 16-bit scale can make of the window's value
-    units = np.array(config.feature_units).reshape(-1, config.kinds).min(axis=0)
-    fractions = config.most_mean_frac if config.sensor.sample_bits <= 2 else 0
-    finest = 2.0 ** (frac + config.formats.gate_frac - fractions) / config.scale_format.max_code
-    sigmas = np.maximum(sigmas, 1.01 * finest / np.resize(units, count))
-    return (means, sigmas) if count > 1 else (means[0], sigmas[0])
-
-
-def with_network(
-    config: AcceleratorConfig,
-    *,
-    cell: str | None = None,
-    reset: str | None = None,
-    hidden: int | None = None,
-    steps: int | None = None,
-) -> AcceleratorConfig:
-    """``config`` with another cell, reset, hidden size or number of steps; formats and feature_shift return
-    to the initial ones of the cell.
-
-    A thesis-mode configuration keeps its touch length: hop = floor(touch_frames / steps), window = 2 hop + 1.
-    A linear cell decides by its last step, which has seen every window, where the configuration counted
-    votes.
-
-    Raises
-    ------
-    InputError
-        For a linear cell with hidden units or a reset gate.
-    """
-    if (cell or config.network.cell) == "linear":
-        for field, value in (("hidden", hidden), ("reset", reset)):
-            if value is not None:
-                raise InputError(
-                    f"configuration '{config.name}', field {field}: is {value} and a linear cell has none; "
-                    "leave it out"
-                )
-    fields = {"cell": cell, "reset": reset, "hidden": hidden}
-    changes: Record = {field: value for field, value in fields.items() if value is not None}
-    if steps is not None and steps != config.windows.steps:
-        changes |= {"steps": steps, "feature_shift": ()}
-        if config.windows.window_mode == "touch" and steps > 0:
-            hop = config.windows.touch_frames // steps
-            changes |= {"hop": hop, "window": 2 * hop + 1}
-    if cell == "linear" and config.network.decision == "vote":
-        changes["decision"] = "last"
-    changed = config.replace(**changes)
-    if not changed.recurrent:
-        return changed
-    # an LSTM's cell state and a reset-after row are not held within +-1 as h is
-    wide = changed.network.cell == "lstm" or changed.network.reset == "after"
-    integer_bits = 4 if wide else 2
-    if (cell or reset) and changed.formats.state_format.int_bits != integer_bits:
-        changed = changed.replace(state_format=QFormat(integer_bits, changed.formats.state_format.frac_bits))
-    return changed
-
-
-def describe_formats(config: AcceleratorConfig) -> dict[str, str]:
-    """Every number format that the configured cell has, by signal, printed, for reports."""
-    if config.is_image:
-        outputs = (*config.image.map_formats, config.formats.logit_format)
-        stages = zip(
-            config.weighted_stages, config.image.weight_formats, outputs, config.layer_shifts, strict=True
-        )
-        return {
-            f"{stage.number} {stage.layer}": f"weights {weight}, gives {behind}, shift {shift}"
-            for stage, weight, behind, shift in stages
-        }
-    linear = ("feature_format", "dense_format", "dense_bias_format", "logit_format")
-    names = [name for name in config.fields() if name.endswith("_format")]
-    names = names if config.recurrent else [name for name in names if name in linear]
-    return {name.removesuffix("_format"): str(config.value(name)) for name in names}

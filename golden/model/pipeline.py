@@ -90,19 +90,6 @@ class Trace:
             np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable"
         )
 
-    def decision_time_s(self) -> np.ndarray:
-        """(R) seconds from the onset (the first frame where the gate opens at once) to the end of the window
-        that the recording was decided on; NaN: not decided."""
-        times = np.full(len(self.first), np.nan)
-        touched = self.first >= 0
-        touch = self.first[touched]
-        ends = np.array([last for _, last in self.config.window_spans])[self.global_step[touch]]
-        since = self.touches.start_frame[touch] - 1 + ends - self.touches.onset_frame[touch]
-        times[touched] = np.where(
-            self.global_step[touch] >= 0, since / self.config.sensor.scan_rate_hz, np.nan
-        )
-        return times
-
     @property
     def confident(self) -> np.ndarray:
         """(R), bool: the recording has a decision that is not unsure."""
@@ -117,11 +104,6 @@ class Trace:
     def accuracy(self, labels: np.ndarray) -> float:
         """Share of recordings decided as labelled; no decision counts as wrong."""
         return float(np.mean(self.decision == labels))
-
-    def step_accuracy(self, labels: np.ndarray) -> np.ndarray:
-        """(K) share of recordings whose local decision at each step is as labelled; no decision counts as
-        wrong."""
-        return np.mean(self.first_local() == np.asarray(labels)[:, None], axis=0)
 
     def agreement(self, trace: Trace) -> float:
         """Share of recordings with the same global decision in both traces; none in both is the same."""
@@ -194,16 +176,6 @@ def global_steps(
     ``early_steps``."""
     step, early = early_steps(config, local, margin, completed)
     return np.where(early, step, completed - 1)
-
-
-def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
-    """Seconds from the onset (from the first frame where the gate opens at once) to the end of each window:
-    median over touches."""
-    ends = np.array([last for _, last in config.window_spans])
-    since = (
-        touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
-    )
-    return np.median(since, axis=0) / config.sensor.scan_rate_hz
 
 
 def feature_codes(

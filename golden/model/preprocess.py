@@ -192,34 +192,9 @@ def compand(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
         return sums
     logarithms = companded(sums, config.features.compand_knee, config.features.compand_frac)
     return (
-        np.where(_columns(config, "integral"), sums, logarithms)
+        np.where(inputs_of(config, "integral"), sums, logarithms)
         if "integral" in config.features.feature_kinds
         else logarithms
-    )
-
-
-def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.ndarray:
-    """Sums that the windows would have (as ``sums``, int64) if the touches were ``gain`` times as strong;
-    clipped to +-2**40."""
-    scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
-    features = config.features
-    if "integral" not in features.feature_kinds:
-        return scaled
-    # A gain acts on the integral, not on its logarithm: undo the companding, amplify, compand again.
-    unit = 1 << features.integral_frac
-    whole, part = np.divmod(np.abs(sums), unit)
-    before = np.sign(sums) * (
-        (unit + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac)
-        - 2.0**features.integral_knee
-    )
-    after = companded(np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac)
-    return np.where(_columns(config, "integral"), after, scaled)
-
-
-def sums_alone(config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` with the plain window sums as its only feature, before quantisation."""
-    return config.replace(
-        feature_kinds=("mean",), feature_scale="array", feature_shift=(), aligned_means=False
     )
 
 
@@ -263,29 +238,8 @@ def normalise(
     Returns
     -------
     (n, K, D) int64 codes of ``feature_format``; 0 for masked taxels.
-
-    Raises
-    ------
-    InputError
-        When the configuration has no feature_shift yet, or the constants do not fit the window lengths.
     """
-    lengths = len(config.window_lengths)
-    if not config.features.feature_shift:
-        raise InputError(
-            f"configuration '{config.name}', field feature_shift: is empty; quantise the model to set it"
-        )
-    if np.size(mean) != lengths * config.constants or np.size(scale) != lengths * config.constants:
-        counted = f" with {config.constants} each" if config.constants > 1 else ""
-        raise InputError(
-            f"configuration '{config.name}': {np.size(mean)} means and {np.size(scale)} scales "
-            f"for {lengths} distinct window lengths{counted}"
-        )
     steps = sums.shape[1]
-    if steps > config.windows.steps:
-        raise InputError(
-            f"configuration '{config.name}', field steps: is {config.windows.steps}, below the {steps} "
-            "windows to normalise"
-        )
     lengths_of_steps = list(config.length_index[:steps])
     mean, scale = (by_input(config, values)[lengths_of_steps] for values in (mean, scale))
     shift, frac = shifts_by_input(config)[lengths_of_steps], config.mean_frac
@@ -327,7 +281,7 @@ def shifts_by_input(config: AcceleratorConfig) -> np.ndarray:
     return table[:, list(config.input_kinds)] if config.kinds > 1 else table
 
 
-def _columns(config: AcceleratorConfig, kind: str) -> np.ndarray:
+def inputs_of(config: AcceleratorConfig, kind: str) -> np.ndarray:
     """(D) bool: the inputs of this kind."""
     return np.array([config.features.feature_kinds[index] == kind for index in config.input_kinds])
 
@@ -622,6 +576,3 @@ def _track(samples: np.ndarray, baseline: np.ndarray, armed: np.ndarray) -> np.n
         np.multiply(step, moves, out=step)
         np.add(levels[frame], step, out=levels[frame + 1])
     return levels
-
-
-# ---------------------------------------------------------------------- the same touches under other windows

@@ -211,7 +211,9 @@ class Stream:
         if following:
             self._following = label
         elif self._last is None:
-            raise InputError("teach: no whole touch came before; touch, or give following=True before you do")
+            raise InputError(
+                "teach: there is no whole touch yet; touch first, or give following=True before the touch"
+            )
         else:
             self.model, self._following = teach(self._integer(), self._last, label), None
 
@@ -230,9 +232,7 @@ class Stream:
     def _integer(self) -> IntegerModel:
         """The model, which alone can be taught."""
         if not isinstance(self.model, IntegerModel):
-            raise InputError(
-                "teach: is for the integer model, whose prototypes it stores; leave integer=False out"
-            )
+            raise InputError("teach: needs the integer model; leave integer=False out")
         return self.model
 
     def _end(self, touch: _Touch, decided: Decided | None) -> None:

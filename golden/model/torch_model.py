@@ -7,23 +7,20 @@ numbers. Everything else of the trace (front end, decisions) is that of `eskin.g
 import numpy as np
 import torch
 
-from eskin.golden.core import AcceleratorConfig, Conv, Pool, QFormat, sigmoid_table, tanh_table
-from eskin.golden.model.cells import run_cell
+from eskin.golden.core import AcceleratorConfig, Conv, Pool, QFormat
+from eskin.golden.model.cells import Fixed, run_cell
 from eskin.golden.model.image_network import ImageTrace
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import first_maximum
 
 
-class Int64:
+class Int64(Fixed):
     """Integer arithmetic in codes, bit-true to docs/specification.md sections 4 to 6: shifts of whole numbers, where
     `Fixed` scales real ones."""
 
     def __init__(self, config: AcceleratorConfig) -> None:
-        self._config = config
+        super().__init__(config)
         self.one = int(config.gate_one)
-        self._sigmoid, self._tanh = (
-            torch.from_numpy(table(config)).long() for table in (sigmoid_table, tanh_table)
-        )
 
     def operand(self, feature: torch.Tensor) -> torch.Tensor:
         """``feature << feature_align``."""
@@ -37,32 +34,13 @@ class Int64:
         """``bias << dense_bias_shift``."""
         return bias << self._config.dense_bias_shift
 
-    def sigmoid(self, acc: torch.Tensor) -> torch.Tensor:
-        """``sig[narrow(acc, sigmoid_shift, index_format)]``, a gate code."""
-        return self._look_up(self._sigmoid, acc, self._config.sigmoid_shift)
+    @staticmethod
+    def _narrow(value: torch.Tensor, shift: int, fmt: QFormat) -> torch.Tensor:
+        return _narrow(value, shift, fmt)
 
-    def tanh(self, acc: torch.Tensor) -> torch.Tensor:
-        """``tanh[narrow(acc, tanh_shift, index_format)]``, a state code."""
-        return self._look_up(self._tanh, acc, self._config.tanh_shift)
-
-    def tanh_of_state(self, value: torch.Tensor) -> torch.Tensor:
-        """``tanh[narrow(value, state_index_shift, index_format)]``, a state code."""
-        return self._look_up(self._tanh, value, self._config.state_index_shift)
-
-    def value(self, acc: torch.Tensor) -> torch.Tensor:
-        """``narrow(acc, value_shift, state_format)``."""
-        return _narrow(acc, self._config.value_shift, self._config.formats.state_format)
-
-    def state(self, products: torch.Tensor) -> torch.Tensor:
-        """``narrow(products, gate_frac, state_format)``."""
-        return _narrow(products, self._config.formats.gate_frac, self._config.formats.state_format)
-
-    def logit(self, acc: torch.Tensor) -> torch.Tensor:
-        """``narrow(acc, logit_shift, logit_format)``."""
-        return _narrow(acc, self._config.logit_shift, self._config.formats.logit_format)
-
-    def _look_up(self, table: torch.Tensor, value: torch.Tensor, shift: int) -> torch.Tensor:
-        return table[_narrow(value, shift, self._config.index_format) + len(table) // 2]
+    def _look_up(self, table: np.ndarray, value: torch.Tensor, shift: int, smooth: object) -> torch.Tensor:
+        place = _narrow(value, shift, self._config.index_format) + len(table) // 2
+        return torch.from_numpy(table).long()[place]
 
 
 def _narrow(value: torch.Tensor, shift: int, fmt: QFormat) -> torch.Tensor:

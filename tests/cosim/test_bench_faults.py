@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from eskin.cosim import flow, runner
-from eskin.golden.model import random_integer_model, random_recordings, run, write_vectors
+from eskin.golden.model import run, write_vectors
 from eskin.rtl.fpga.generate import generate
+from eskin.training.made_up import random_integer_model, random_recordings
 from tests.support.small_designs import SMALL
 
 COSIM = Path(flow.__file__).parent

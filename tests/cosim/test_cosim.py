@@ -13,11 +13,12 @@ import pytest
 from eskin.cosim import flow, runner
 from eskin.cosim.scoreboard import DECISION_FIELDS
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import IntegerModel, random_integer_model, random_recordings, run, write_vectors
+from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import c_header, generate, pack_decision, register_map
 from eskin.rtl.program.memory_map import Register, mapped
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import flip, make

@@ -10,8 +10,7 @@ from amaranth.back import rtlil
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.core.images import SIZES, network
-from eskin.golden.model import IntegerModel, random_images, run_images, write_image_vectors
-from eskin.golden.model.image_network import image_recordings
+from eskin.golden.model import IntegerModel, run_images, write_image_vectors
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of
@@ -20,6 +19,7 @@ from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.training.made_up import image_recordings, random_images
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import make

@@ -8,11 +8,12 @@ import pytest
 
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model, random_recordings, run, write_vectors
+from eskin.golden.model import run, write_vectors
 from eskin.golden.model.position import positions
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.top.board import Board
+from eskin.training.made_up import random_integer_model, random_recordings
 from tests.support.link_flow import play_link
 from tests.support.noisy_port import NoisyPort
 from tests.support.small_designs import SMALL
@@ -116,7 +117,7 @@ def check_corruptions(result, count: int) -> None:
     assert noticed > 0.7 * len(done)
     print(
         f"{len(done)} corruptions, {noticed} noticed, {result['decisions']} decisions, {result['repeated']} "
-        "packets sent again, "
+        "packets repeated, "
         f"{result['replayed']} recordings played again, {result['cycles']} cycles in {result['wall_s']:.0f} s"
     )
 

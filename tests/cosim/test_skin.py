@@ -13,16 +13,10 @@ import pytest
 from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.data import synthetic_recordings
+from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import Recordings, load_archive
-from eskin.golden.model import (
-    IntegerModel,
-    completing_frames,
-    random_integer_model,
-    random_recordings,
-    run,
-    through_converter,
-)
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, completing_frames, run, through_converter
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
@@ -31,6 +25,7 @@ from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.board import Board, refuse_standalone
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.verbs.build_job import BuildRequest, build
 from eskin.verbs.flow import BUILD
 from tests.support.link_flow import pack_decisions

@@ -12,10 +12,11 @@ from eskin.cosim.device import Design, Device, Model
 from eskin.cosim.gates import FLIP
 from eskin.cosim.link import Link
 from eskin.cosim.netlist import Hardware, netlist_hardware
+from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, InputError, SimulationError
-from eskin.golden.data import Recordings, load_archive
-from eskin.golden.model import IntegerModel, Stream, random_integer_model
-from eskin.golden.model.prototypes import forget, load_taught, taught_in_use
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Stream
+from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.live.feed import Differs
 from eskin.live.feed import Hardware as HardwareEvent
 from eskin.live.sources import BoardSource
@@ -28,6 +29,8 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
 from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.teach.taught import load_taught
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import asic_job
 from eskin.verbs.replay_job import play_all
 from tests.golden.model.test_prototypes import taught_model

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from eskin.golden.model import with_network
+from eskin.training.formats import with_network
 from tests.support.table import each_row
 from tests.support.traffic import changed, initial_values
 from tests.support.traffic_case import (

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, signed_bits
-from eskin.golden.model import Fixed, IntegerModel, random_integer_model, random_recordings, run
+from eskin.golden.model import Fixed, IntegerModel, run
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.verbs.flow import cosimulate
 from tests.support.small_designs import SMALL
 
@@ -124,6 +125,6 @@ def test_what_no_hardware_holds_is_refused_in_a_sentence():
         WIDE.with_lanes(4, "dsp")
     with pytest.raises(
         InputError,
-        match="field weight_format: the worst case needs a .*-bit accumulator and there are 48 bits",
+        match="field weight_format: needs a .*-bit accumulator in the worst case, above the limit of 48",
     ):
         WIDE.replace(bias_format=QFormat(31, -15))

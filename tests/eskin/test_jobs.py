@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from eskin.golden.core import InputError, Memo
+from eskin.golden.core import InputError
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -95,7 +96,7 @@ SLOW = """
 import os, signal, subprocess, sys, time
 from pathlib import Path
 from eskin.jobs import Jobs
-from eskin.golden.core.memo import Memo
+from eskin.memo import Memo
 
 def work(shared, piece):
     if piece:

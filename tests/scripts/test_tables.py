@@ -5,9 +5,9 @@ import pytest
 
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
+from eskin.training.made_up import random_integer_model
 from scripts import tables
 from tests.support.table import each_row
 

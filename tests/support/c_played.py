@@ -12,8 +12,9 @@ import numpy as np
 from eskin.exchange import plain_c
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, find_touches, images_of, random_integer_model, run, run_images
+from eskin.golden.model import IntegerModel, find_touches, images_of, run, run_images
 from eskin.training.derive import derive_config, for_recordings
+from eskin.training.made_up import random_integer_model
 from eskin.verbs.export_job import export_c
 
 WIDE = {"state_format": QFormat(4, 12)}

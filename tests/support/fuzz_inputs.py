@@ -29,8 +29,9 @@ from eskin.cli.main import app
 from eskin.exchange.onnx_file import write_onnx
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, random_images, random_integer_model
-from eskin.golden.model.prototypes import save_taught
+from eskin.golden.model import FloatModel
+from eskin.teach.taught import save_taught
+from eskin.training.made_up import random_images, random_integer_model
 from tests.support import doors, result_case
 from tests.support.image_scenes import random_image_model
 from tests.support.watched import KEPT
@@ -118,8 +119,9 @@ def make_corpus(folder: Path) -> Path:
     write_onnx(FloatModel(config, result_case.float_model().arrays), folder / "network.onnx")
     rng = np.random.default_rng(1)
     np.savez(
-        folder / "keras.npz",
-        *(rng.normal(0, 0.5, shape) for shape in ((4, 12), (4, 12), (2, 12), (4, 2), (2,))),
+        folder / "linear.npz",
+        coef_=rng.normal(0, 0.5, (config.classes, config.windows.steps * config.inputs)),
+        intercept_=rng.normal(0, 0.5, config.classes),
     )
     _tables(folder, loaded)
     few = Recordings.of(
@@ -281,7 +283,7 @@ def damage_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
             lambda: (
                 array.astype(rng.choice(("f8", "f2", "c16", "i1", "u8", "i8", "?", "U8", "S4")))
                 if number
-                else array[:0]
+                else np.atleast_1d(array)[:0]
             ),
             lambda: np.zeros(
                 array.shape, dtype=rng.choice(("M8[s]", "m8[ns]", "V8", [("a", "i4"), ("b", "f8")]))
@@ -426,7 +428,7 @@ train --data @ --out made --config ../in/config.json
 train --data @ --out made --config thesis
 train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
-compare ../in/model --data @ --out page
+compare ../in/model --data @
 cosim ../in/model --data @
 sweep --data @ --seeds 1
 baselines --data @ --out made
@@ -479,7 +481,7 @@ quantise model --weight-bits #
 CONFIGURED = """inspect ../in/recordings.npz --config @
 train --data ../in/recordings.npz --out made --config @
 sweep --data ../in/recordings.npz --config @
-import ../in/keras.npz --out made --config @ --mean 0 --std 9
+import ../in/linear.npz --cell linear --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
 inspect synthetic --config @
 """
@@ -490,7 +492,7 @@ train --data @ --out made
 train --data @ --out made --cell tactnet
 sweep --data @ --out swept
 evaluate ../in/image_model --data @ --json e.json
-compare ../in/image_model --data @ --out page
+compare ../in/image_model --data @
 stability ../in/image_model --data @ --out stable
 cosim ../in/image_model --data @
 run --data @
@@ -521,7 +523,7 @@ READERS = {
     "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
     "--config ../in/config.json",
     "network.pt": "import @ --out made --config ../in/config.json --mean # --std #",
-    "keras.npz": "import @ --out made --config ../in/config.json --mean # --std #",
+    "linear.npz": "import @ --cell linear --out made --config ../in/config.json --mean # --std #",
     "network.onnx": "import @ --out made\nimport @ --out made --config ../in/config.json --mean # --std #\n"
     "import @ --out made --data ../in/recordings.npz",
     "result": "report result",
@@ -612,7 +614,7 @@ GOOD = {
     "source": "../in/csv ../in/table.csv ../in/r.mat ../in/lvm ../in/r.h5 ../in/table.parquet ../in/log.mcap ../in/bag",
     "labels": "../in/times.csv ../in/table.csv",
     "config": "../in/config.json pvdf thesis",
-    "file": "../in/network.pt ../in/keras.npz",
+    "file": "../in/network.pt ../in/linear.npz",
     "folder": "../in/model",
     "grid": "../in/grid.json bits default",
     "group": "person source_file person,source_file x",

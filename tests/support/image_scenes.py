@@ -9,8 +9,9 @@ from eskin.golden.core import AcceleratorConfig, Pool, QFormat, narrow
 from eskin.golden.core.images import PIXEL_FORMAT
 from eskin.golden.data import Recordings
 from eskin.golden.data.recordings import image_recordings
-from eskin.golden.model import IntegerModel, random_images
+from eskin.golden.model import IntegerModel
 from eskin.golden.model.image_network import accumulators, pooled
+from eskin.training.made_up import random_images
 
 SHAPES = ("bar", "dot", "frame")
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import with_network
 from eskin.study.stability.core import Bench
 from eskin.training import datasets
 from eskin.training import fit as fitting
 from eskin.training import recipe as recipes
+from eskin.training.formats import with_network
 from eskin.training.quantise import profile, quantise_model
 
 CONFIG = AcceleratorConfig.of(

@@ -12,11 +12,12 @@ import numpy as np
 from eskin.cosim.netlist import Hardware
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, random_integer_model, random_recordings, write_vectors
+from eskin.golden.model import IntegerModel, write_vectors
 from eskin.golden.model import run as golden_run
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Control, Register
+from eskin.training.made_up import random_integer_model, random_recordings
 from tests.support.small_designs import SMALL
 from tests.support.traffic import Script, beat, by_mark, changed, differences, initial_values, run, width_of
 

@@ -22,7 +22,6 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import Fixed, FloatModel, IntegerModel, Touches, pipeline, preprocess
-from eskin.golden.model.preprocess import sums_alone
 from eskin.training.datasets import scaling
 
 GROUPS = ("numeric", "stream", "sensor", "memory")
@@ -34,6 +33,13 @@ ONE_TAXEL_MEAN, ONE_TAXEL_WORST = 0.985, 0.94
 worst one."""
 COMMON_OFFSET = 0.25
 """Offset of all features by a supply step, in standard deviations of the features."""
+
+
+def sums_alone(config: AcceleratorConfig) -> AcceleratorConfig:
+    """``config`` with the plain window sums as its only feature, before quantisation."""
+    return config.replace(
+        feature_kinds=("mean",), feature_scale="array", feature_shift=(), aligned_means=False
+    )
 
 
 # ---------------------------------------------------------------------- what an experiment works on
@@ -336,7 +342,7 @@ Bound = float | Callable[[Any], float]
 
 @dataclass(frozen=True)
 class Mode:
-    """A failure mode: how it is measured on a bench (`Bench`, or that of images), its bound and why.
+    """A failure mode: how it is measured on a bench, its bound and why.
 
     run: the experiment; a word is the key of one that only the hardware can show
     (eskin/verbs/stability_job.py). at_most, at_least: the bound, one of the two: a number (of an accuracy:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import Arrays, InputError, QFormat
-from eskin.golden.model import Fixed, IntegerModel, network_formats, pipeline
+from eskin.golden.model import Fixed, IntegerModel, network_formats, network_shapes, pipeline, run_cell
 from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Curve, Outcome
 
 BATCH = 32
@@ -15,6 +15,17 @@ BATCH = 32
 
 Site = tuple[Any, int, int]
 """A bit: the array, the value's place in it (flat), the bit of the value."""
+
+
+def logits_of(model: IntegerModel, variants: Arrays, features: np.ndarray) -> np.ndarray:
+    """Logit codes (variants, n, K, C), int64: the network once for each variant of its arrays, name ->
+    (variants, *shape); arrays without a variant stay. The codes are not checked against their formats."""
+    count, names = len(next(iter(variants.values()))), network_shapes(model.config, real=False)
+    arrays = {name: np.broadcast_to(model.arrays[name], (count, *model.arrays[name].shape)) for name in names}
+    parameters = {name: array.astype(np.float64) for name, array in {**arrays, **variants}.items()}
+    return run_cell(Fixed(model.config), model.config, parameters, features.astype(np.float64))[1].astype(
+        np.int64
+    )
 
 
 def flipped(codes: np.ndarray, bit: int | np.ndarray, fmt: QFormat) -> np.ndarray:
@@ -40,9 +51,7 @@ def every_bit(arrays: Arrays, formats: Mapping[str, QFormat]) -> list[Site]:
     ]
 
 
-def by_bit(
-    sites: Iterable[Sequence[Any]], changed: Iterable[float], xlabel: str = "bit (0 = lowest)"
-) -> Curve:
+def by_bit(sites: Iterable[Sequence[Any]], changed: Iterable[float]) -> Curve:
     """The share of decisions that flips change against the bit that was inverted, the last of each site."""
     shares: dict[int, list[float]] = {}
     for site, share in zip(sites, changed, strict=True):
@@ -52,7 +61,7 @@ def by_bit(
         "mean of the flips": [float(np.mean(shares[bit])) for bit in bits],
         "worst flip": [max(shares[bit]) for bit in bits],
     }
-    return Curve(xlabel, "share of decisions changed", bits, lines)
+    return Curve("bit (0 = lowest)", "share of decisions changed", bits, lines)
 
 
 def _decisions(bench: Bench, logits: np.ndarray) -> np.ndarray:
@@ -86,7 +95,7 @@ def _weight_flips(bench: Bench) -> tuple[list[Site], np.ndarray, str, Case]:
             )
             for name in dict.fromkeys(hit for hit, *_ in batch)
         }
-        changed += [_changed(bench, logits) for logits in bench.model.logits_of(variants, few.codes)]
+        changed += [_changed(bench, logits) for logits in logits_of(bench.model, variants, few.codes)]
     name, place, bit = sites[int(np.argmax(changed))]
     model = IntegerModel(
         bench.config, {**arrays, name: upset(arrays[name], place, bit, formats[name])}, bench.model.source

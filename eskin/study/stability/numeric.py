@@ -4,15 +4,33 @@ import dataclasses
 
 import numpy as np
 
-from eskin.golden.core import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import FloatModel, constants_shape, network_formats, network_shapes
-from eskin.golden.model.preprocess import amplified
+from eskin.golden.model.preprocess import companded, inputs_of
 from eskin.study.stability.core import Bench, Curve, Outcome
 from eskin.study.stability.shapes import float_decisions
 
 GROWTH_STEPS = (20, 200, 2000, 20000)
 SEQUENCES = 32
 """Sequences that run without a reset."""
+
+
+def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.ndarray:
+    """Sums that the windows would have (as ``sums``, int64) if the touches were ``gain`` times as strong;
+    clipped to +-2**40."""
+    scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
+    features = config.features
+    if "integral" not in features.feature_kinds:
+        return scaled
+    # A gain acts on the integral, not on its logarithm: undo the companding, amplify, compand again.
+    unit = 1 << features.integral_frac
+    whole, part = np.divmod(np.abs(sums), unit)
+    before = np.sign(sums) * (
+        (unit + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac)
+        - 2.0**features.integral_knee
+    )
+    after = companded(np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac)
+    return np.where(inputs_of(config, "integral"), after, scaled)
 
 
 def _ideal(bench: Bench, codes: np.ndarray) -> np.ndarray:

@@ -1,13 +1,12 @@
-"""The failure modes of the tables, run and judged against their bounds."""
+"""The failure modes of the table, run and judged against their bounds."""
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.study.stability.core import Bench, Case, Mode, Outcome
-from eskin.study.stability.images import IMAGE_MODES, ImageBench
 from eskin.study.stability.table import MODES
 
 NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
@@ -20,11 +19,6 @@ NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
     "loadable": (lambda config: config.hardware.loadable, "weights are in ROM: there is nothing to write"),
 }
 """Parts of a configuration that a mode may need, and the sentence for a mode that is not run without them."""
-
-
-def modes_of(bench: Bench | ImageBench) -> Mapping[str, Mode]:
-    """The table of a bench's failure modes, by name."""
-    return IMAGE_MODES if isinstance(bench, ImageBench) else MODES
 
 
 def judge(
@@ -73,7 +67,7 @@ def weakest(records: Sequence[Record], count: int = 3) -> list[Record]:
 
 
 def run_modes(
-    bench: Bench | ImageBench,
+    bench: Bench,
     *,
     names: Sequence[str] | None = None,
     judged: Callable[[Sequence[str]], Sequence[Record]] | None = None,
@@ -103,13 +97,10 @@ def run_modes(
     InputError
         An unknown name.
     """
-    modes, images = modes_of(bench), " for images" if bench.config.is_image else ""
     for name in names or ():
-        if name not in modes:
-            raise InputError(
-                f"stability, mode '{name}': is unknown{images}; the modes are {', '.join(modes)}"
-            )
-    requested = [modes[name] for name in (modes if names is None else names)]
+        if name not in MODES:
+            raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
+    requested = [MODES[name] for name in (MODES if names is None else names)]
 
     def absent(mode: Mode) -> str:
         """Why a mode does not apply; empty where it does."""
@@ -120,7 +111,7 @@ def run_modes(
     reasons = {mode.name: absent(mode) for mode in requested}
     ready = [mode for mode in requested if not reasons[mode.name]]
     golden = [mode.name for mode in ready if not isinstance(mode.run, str)]
-    records = list(judged(golden) if judged else [judge(modes[name], bench)[0] for name in golden])
+    records = list(judged(golden) if judged else [judge(MODES[name], bench)[0] for name in golden])
     waiting = len(ready) - len(golden)
     if progress:
         progress("failure modes", len(requested) - waiting, len(requested))

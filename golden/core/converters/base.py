@@ -122,9 +122,17 @@ class NoConverter(Converter):
     name: StrictStr = "none"
 
 
-def frame_s(config: AcceleratorConfig) -> float:
-    """Seconds that a scan may take."""
-    return (1 - RESERVE) / config.sensor.scan_rate_hz
+def too_slow(config: AcceleratorConfig, work: str, took_s: float) -> Iterator[Refusal]:
+    """A scan, ``work`` in words, that takes more than a frame's time less RESERVE; with the highest rate that works."""
+    rate = config.sensor.scan_rate_hz
+    usable_s = (1 - RESERVE) / rate
+    if took_s > usable_s:
+        yield (
+            "converter",
+            f"is '{config.interface.converter}', which cannot keep up: {work} take {1e6 * took_s:.0f} us, and of "
+            f"{1e6 / rate:.0f} us a frame at {rate:g} Hz {1e6 * usable_s:.0f} may be used; a rate of at most "
+            f"{math.floor((1 - RESERVE) / took_s)} Hz works as it is",
+        )
 
 
 def slow_clock(config: AcceleratorConfig) -> Iterator[Refusal]:

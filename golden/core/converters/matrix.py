@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from annotated_types import Ge
 from pydantic import StrictStr
 
-from eskin.golden.core.converters.base import Converter, Plan, frame_s, slow_clock
+from eskin.golden.core.converters.base import Converter, Plan, slow_clock, too_slow
 from eskin.golden.core.converters.spi import SPI_CHIPS, SpiByName, SpiPlan
 from eskin.golden.core.group import Real, Refusal
 
@@ -81,27 +81,16 @@ class Matrix(Converter):
         )
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
-        settle_s, taxels, left_s = self.settle_s, config.sensor.taxels, frame_s(config)
-        plan = self.plan(config)
-        clock, rate = config.hardware.clock_hz, config.sensor.scan_rate_hz
+        taxels, plan, clock = config.sensor.taxels, self.plan(config), config.hardware.clock_hz
         if plan.rows * plan.columns != taxels:
             yield (
                 "rows",
                 f"is {plan.rows} with {plan.columns} columns, and there are {taxels} taxels; give the matrix's own",
             )
         yield from slow_clock(config)
-        took = plan.scan_cycles / clock
-        if took <= left_s:
-            return
-        settle = (left_s * clock / taxels - plan.cell_cycles + plan.settle - 1) / clock
-        helps = [f"settle_s {math.floor(settle * 1e7) / 1e7:g}"] if settle > 1e-6 else []
-        helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
-        yield (
-            "converter",
-            f"is 'matrix', which cannot keep up: {taxels} cells of {1e6 * plan.cell_cycles / clock:.3g} us, "
-            f"{1e6 * settle_s:.3g} of them to settle, take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms "
-            f"a frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}",
-        )
+        cell_us = 1e6 * plan.cell_cycles / clock
+        work = f"{taxels} cells of {cell_us:.3g} us, {1e6 * self.settle_s:.3g} of them to settle (settle_s),"
+        yield from too_slow(config, work, plan.scan_cycles / clock)
 
 
 class OneCell(SpiByName):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import StrictStr
 
-from eskin.golden.core.converters.base import Converter, Plan, frame_s
+from eskin.golden.core.converters.base import Converter, Plan, too_slow
 from eskin.golden.core.group import Refusal
 
 if TYPE_CHECKING:
@@ -137,8 +137,8 @@ class Mpr121(Converter):
         )
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
-        array, taxels, left_s = config.interface, config.sensor.taxels, frame_s(config)
-        clock, rate, chips = config.hardware.clock_hz, config.sensor.scan_rate_hz, self.chips
+        array, taxels = config.interface, config.sensor.taxels
+        clock, chips = config.hardware.clock_hz, self.chips
         size = f"is {array.rows} with {array.columns} columns"
         if array.rows * array.columns != taxels:
             yield "rows", f"{size}, and there are {taxels} taxels; give the array's own"
@@ -156,15 +156,5 @@ class Mpr121(Converter):
         if clock < 12 * 1e4:
             yield "clock_hz", f"is {clock:g}; the I2C port needs at least 120000"
         plan = self.plan(config)
-        took = plan.scan_cycles / clock
-        if took <= left_s:
-            return
-        faster = 0 < self.hz < I2C_HZ and clock >= 12 * I2C_HZ
-        helps = [f"hz {I2C_HZ:.0f}"] * faster
-        helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
-        yield (
-            "converter",
-            f"is 'mpr121', which cannot keep up: {electrodes} electrodes over I2C at "
-            f"{clock / plan.quarter / 4 / 1e3:.0f} kHz take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms a "
-            f"frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}",
-        )
+        work = f"{electrodes} electrodes over I2C at {clock / plan.quarter / 4 / 1e3:.0f} kHz"
+        yield from too_slow(config, work, plan.scan_cycles / clock)

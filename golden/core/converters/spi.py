@@ -12,15 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from annotated_types import Ge, Interval
 from pydantic import StrictInt, StrictStr
 
-from eskin.golden.core.converters.base import (
-    RESERVE,
-    USUAL_HZ,
-    Converter,
-    Plan,
-    frame_s,
-    half_period,
-    slow_clock,
-)
+from eskin.golden.core.converters.base import USUAL_HZ, Converter, Plan, half_period, slow_clock, too_slow
 from eskin.golden.core.group import Refusal
 
 if TYPE_CHECKING:
@@ -244,39 +236,11 @@ class OnSpi(Converter):
         if count % lines:
             yield "converter.data_lines", f"is {lines} for {count} chips; give a number that divides them"
         yield from slow_clock(config)
-        yield from self._too_slow(config)
-
-    def _too_slow(self, config: AcceleratorConfig) -> Iterator[Refusal]:
-        """The refusal of a scan that leaves too little of the frame, with the nearest plan that fits; None if
-        it fits."""
-        clock, rate, available = config.hardware.clock_hz, config.sensor.scan_rate_hz, frame_s(config)
-        plan, chip, count = self.plan(config), self.chip(), self.chips(config)
-        took = plan.scan_cycles / clock
-        if took <= available:
-            return
-
-        def fits(words: str, other: Converter) -> list[str]:
-            took = other.plan(config).scan_cycles / clock
-            return [f"{words} takes {1e6 * took:.0f} us"] if took <= available else []
-
-        divisors = (lines for lines in range(plan.lines + 1, count + 1) if count % lines == 0)
-        parallel = (
-            fits(f"data_lines {lines} (chips side by side)", self.replace(data_lines=lines))
-            for lines in divisors
-        )
-        helps = next(filter(None, parallel), [])
-        if chip.sclk_hz > clock / plan.half / 2:
-            helps = helps + fits(f"hz {chip.sclk_hz:g}", self.replace(hz=chip.sclk_hz))
-        if self.name != "ads7953" and config.sensor.taxels <= 16 and not helps:
-            helps = fits("converter ads7953", SpiByName(name="ads7953"))
-        helps = [*helps, f"a rate of at most {math.floor((1 - RESERVE) / took)} Hz works as it is"]
-        series = f" of {plan.selects} chips in series" if plan.selects > 1 else ""
-        yield (
-            "converter",
-            f"is '{self}', which cannot keep up: {len(plan.transfers)} transfers{series} "
-            f"at {clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a "
-            f"frame at {rate:g} Hz {1e6 * available:.0f} may be used; {', or '.join(helps)}",
-        )
+        plan = self.plan(config)
+        clock, series = config.hardware.clock_hz, plan.selects
+        work = f"{len(plan.transfers)} transfers{f' of {series} chips in series' if series > 1 else ''}"
+        work += f" at {clock / plan.half / 2 / 1e6:.3g} MHz"
+        yield from too_slow(config, work, plan.scan_cycles / clock)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ import pytest
 from eskin.choose.candidate import Candidate, Judged, choose
 from eskin.choose.cost import Cost
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import with_network
+from eskin.training.formats import with_network
 from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import RECIPES
 from tests.support.prices import priced
@@ -81,12 +81,6 @@ def test_a_named_board_has_to_hold_the_best_too():
     assert choose([best, smaller], named) is smaller
     with pytest.raises(InputError, match="--fits icebreaker: holds none of the 2 candidates"):
         choose([best, smaller], priced(named=True, fits=lambda config: False))
-
-
-def test_of_equal_price_the_first_that_is_level():
-    first, second, worse = judged("linear", None, 90), judged("linear", None, 91), judged("linear", None, 85)
-    assert choose([first, second], priced()) is first and choose([second, first], priced()) is second
-    assert choose([worse, second, first], priced()) is second
 
 
 def test_no_error_in_the_recordings_is_not_a_standard_error_of_nothing():

@@ -12,11 +12,11 @@ from eskin.choose.choice import choose_inside, configure, inner_folds, train_cho
 from eskin.choose.networks import Wish
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, with_network
+from eskin.golden.model import FloatModel
 from eskin.training import train
 from eskin.training.crossval import Terms
 from eskin.training.datasets import Datasets
-from eskin.training.quantise import quantise
+from eskin.training.integers import quantise
 from eskin.training.splits import split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings
@@ -66,14 +66,6 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     assert quantise(tmp_path / "m").config.network.cell == "linear"
 
 
-def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, quick, tmp_path):
-    record = trained(gripped, None, tmp_path, hidden=5)
-    network = record["config"]["network"]
-    assert "candidates" not in record and (network["cell"], network["hidden"]) == ("gru", 5)
-    assert record["front_end"]["chosen"]["rest"] == "none"
-    assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
-
-
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
     record = trained(gripped, CONFIG, tmp_path, cell="auto")
     assert record["config"]["windows"] == CONFIG.to_dict()["windows"]
@@ -115,17 +107,6 @@ def test_few_sessions_promise_less_of_a_new_one_than_of_those_that_are_known(qui
     assert record["same_groups"]["integer_accuracy"] > 0.95
     assert split["nested"]["integer_accuracy"] < 0.85
     assert not any(one["code"] == "below_baselines" and "--hidden" in one["text"] for one in record["doubts"])
-
-
-def test_the_record_of_a_candidate_is_that_of_a_cross_validation(gripped, quick, tmp_path):
-    record = trained(gripped, CONFIG, tmp_path, cell="auto", group=["person"])
-    config = with_network(CONFIG, cell="linear")
-    chosen = train.Recipe(**record["recipe"])
-    request = train.TrainingRequest(folds=2, seeds=1, splits=[["person"]], recipe=chosen)
-    (plain,) = train.train(gripped, config, request, out=tmp_path / "b")["cross_validation"]
-    (split,) = record["cross_validation"]
-    split.pop("nested")
-    assert split == plain
 
 
 def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(gripped, quick, tmp_path):

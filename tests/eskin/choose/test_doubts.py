@@ -44,7 +44,7 @@ LINEAR = {"cell": "linear", "hidden": 0, "accuracy": 0.9}
 SMALL, LARGE = ({"cell": "gru", "hidden": hidden} for hidden in (8, 12))
 BEST_IS_LARGEST = [LINEAR, SMALL | {"accuracy": 0.91}, LARGE | {"accuracy": 0.92}]
 BEST_IS_SMALLER = [LINEAR, SMALL | {"accuracy": 0.91}, LARGE | {"accuracy": 0.85}]
-NONE_BETTER = "no network that was judged does better"
+NONE_BETTER = "no other candidate does better"
 
 
 @each_row(
@@ -60,19 +60,9 @@ NONE_BETTER = "no network that was judged does better"
         (
             [baseline(0.95, VECTORS, False)],
             BEST_IS_LARGEST,
-            ["no hardware for it here; try --cell gru --hidden 16"],
+            ["eskin has no hardware for it; try --cell gru --hidden 16"],
         ),
         ([baseline(0.95, WHOLE, False, whole=True)], [LINEAR], [NONE_BETTER]),
-        (
-            [baseline(0.95, FOREST, False) | {"without": {"mean": 0.94, "spread": 0.9}}],
-            [LINEAR],
-            ["(most by spread: without it 90.0 %)"],
-        ),
-        (
-            [baseline(0.95, FOREST, False) | {"without": {"mean": 0.94, "spread": 0.945}}],
-            [LINEAR],
-            ["by none of mean, spread alone"],
-        ),
     ],
 )
 def test_a_network_below_its_best_baseline(rows, candidates, parts):
@@ -83,27 +73,25 @@ def test_a_network_below_its_best_baseline(rows, candidates, parts):
         assert all(part in one["text"] for part in parts)
 
 
-def test_a_choice_that_flatters():
+def test_a_choice_that_is_too_optimistic():
     nested = {"integer_accuracy": 0.87, "standard_error": 0.02}
     assert doubts.by_choice(split() | {"nested": nested}) == []
     (one,) = doubts.by_choice(split() | {"nested": nested | {"integer_accuracy": 0.85}})
-    assert one["code"] == "by_choice" and "90.0 % rightly on the folds it was chosen on" in one["text"]
-    assert "85.0 %: quote the second for a new person" in one["text"] and doubts.sentences([one]) == [
+    assert one["code"] == "by_choice" and "90.0 % correctly on the folds that chose it" in one["text"]
+    assert "85.0 %: quote the second figure for a new person" in one["text"] and doubts.sentences([one]) == [
         one["text"]
     ]
-
-
-def test_missed_onsets():
-    assert doubts.missed_onsets(98, 100) == []
-    assert "3 of 100 recordings" in doubts.missed_onsets(97, 100)[0]["text"]
 
 
 def test_a_lost_class():
     assert doubts.lost_classes(split(), NAMES) == []
     (one,) = doubts.lost_classes(split(confusion=((9, 1, 0, 0), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
-    assert "rough is found no more often" in one["text"] and "taken for smooth" in one["text"]
+    assert "rough is recognised no more often" in one["text"] and "classified as smooth" in one["text"]
     (one,) = doubts.lost_classes(split(confusion=((0, 1, 0, 9), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
-    assert "smooth, rough are found" in one["text"] and "smooth is mostly taken for nothing" in one["text"]
+    assert (
+        "smooth, rough are recognised" in one["text"]
+        and "smooth is mostly classified as nothing" in one["text"]
+    )
     # no recording of it
     assert doubts.lost_classes(split(confusion=((9, 1, 0, 0), (0, 0, 0, 0), (1, 0, 9, 0))), NAMES) == []
 
@@ -137,20 +125,3 @@ def test_neighbours_that_look_alike():
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell
-
-
-@each_row("seed", range(5))
-def test_recordings_in_any_order_are_not_doubted(seed):
-    rng = np.random.default_rng(seed)
-    labels = rng.permutation(np.repeat(np.arange(3), 20))
-    samples = rng.normal(0, 30, (60, 20, 4)) + 10 * labels[:, None, None]
-    made = Recordings(
-        np.rint(samples).astype(np.int32).reshape(-1, 4),
-        20 * np.arange(61),
-        labels,
-        NAMES,
-        100.0,
-        {},
-        source="made",
-    )
-    assert doubts.look_alike(made, [], 5) == []

@@ -9,16 +9,7 @@ from eskin.choose.candidate import Candidate, Judged, choose
 from eskin.choose.choice import choose_front_end, choose_split, inner_folds, search_inside
 from eskin.choose.doubts import still_climbing
 from eskin.choose.first_touches import cut_windows, first_touches
-from eskin.choose.front_ends import (
-    PENALTIES,
-    FrontEnds,
-    Judge,
-    Screen,
-    _fewer_scans,
-    blocked_ridge,
-    features,
-    listed,
-)
+from eskin.choose.front_ends import PENALTIES, FrontEnds, Judge, Screen, _fewer_scans, blocked_ridge, listed
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
@@ -244,18 +235,6 @@ def lasting(lengths, tells: int, height: int = 20, count: int = 80, seed: int = 
     return archive(parts, [i % 2 for i in range(count)])
 
 
-def test_windows_go_on_where_a_few_recordings_are_short():
-    """Seven of 80 recordings last a fifth of the others: they are decided on what they have."""
-    lengths = np.where(np.arange(80) % 12 == 5, 80, 400)
-    recordings = lasting(lengths, tells=200)
-    front_end = choose_front_end(recordings, priced())
-    assert front_end.config.last_frame * front_end.config.sensor.scan_every > 200
-    correct = front_end.screened[0].correct
-    assert correct[lengths == 400].mean() > 0.95 and front_end.record()["chosen"]["missed"] == 0
-    early = lasting(lengths, tells=30)  # and nothing is lost where the first windows are enough
-    assert choose_front_end(early, priced()).screened[0].correct.mean() > 0.95
-
-
 def test_lengths_from_one_to_three_seconds_are_windows_for_most():
     """What tells the class comes late; a length that tells it too may not be read."""
     lengths = np.random.default_rng(0).permutation(np.linspace(200, 600, 80).astype(int))
@@ -323,15 +302,6 @@ def test_fewer_scans_keep_their_times_and_are_taken_where_they_suffice():
     assert chosen["energy_touch_j"] < min(row["energy_touch_j"] for row in rivals if row["scan_every"] == 1)
 
 
-def test_a_preset_of_the_same_sensor_is_one_of_the_candidates():
-    recordings = touched_at_random(24)
-    wide = replace(
-        recordings, samples=np.tile(recordings.samples, (1, 2))[:, :8] + 15000, sample_rate_hz=2000.0
-    )
-    record = choose_front_end(wide, priced()).record()
-    assert [row["name"] for row in [record["chosen"], *record["rivals"]]].count("pvdf") == 1
-
-
 # ---------------------------------------------------------------------- splits and refusals
 def test_the_first_group_that_can_be_left_out_is_taken():
     count = 24
@@ -348,15 +318,3 @@ def test_the_first_group_that_can_be_left_out_is_taken():
     assert choose_split(recordings, ["other"])[0] == ["other"]
     bare = replace(recordings, groups={})
     assert choose_split(bare, None)[0] == [] and choose_front_end(bare, priced()).record()["split"] == []
-
-
-def test_kinds_that_need_too_many_inputs_are_no_candidates():
-    wide = BASE.replace(taxels=200, rest="none", rest_frames=0, onset="immediate")
-    kinds = {config.features.feature_kinds for config in features(wide, 8)}
-    assert kinds == {("mean",), ("activity",), ("mean", "activity"), ("mean", "integral")}
-    assert len({config.features.feature_kinds for config in features(BASE, 8)}) == 5
-
-
-def test_very_short_recordings_are_judged_too(make_recordings):
-    front_end = choose_front_end(make_recordings(lengths=[3] * 12), priced())
-    assert front_end.config.last_frame <= 3 and front_end.record()["chosen"]["missed"] == 0

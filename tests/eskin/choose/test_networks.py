@@ -16,7 +16,6 @@ from eskin.choose.networks import (
     Part,
     Wish,
     goes_on,
-    network,
     network_choice,
     side_by_side,
 )
@@ -99,7 +98,7 @@ def test_fits_are_tried_on_the_first_front_end_and_the_best_on_the_others():
     assert {steps for _, steps, *_ in asked} == {6}  # none is dearer than one that is settled
     asked, _, tried = played([TOUCHED], squares)
     recipes = [one.candidate.recipe for one in tried[:8]]
-    assert [recipe.name for recipe in recipes] == [name for name in FITS if name != STURDY]
+    assert [recipe.name for recipe in recipes] == [name for name in FITS if name not in STURDY]
     assert [recipe.augments for recipe in recipes] == [True, False, False, True, *[False] * 4]
     assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, 10.0, *[1.0] * 5]
     assert [recipe.ridge for recipe in recipes] == [0.0] * 5 + list(RIDGES)
@@ -171,8 +170,3 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
         for one, other in zip(tried, tried_alone, strict=True):
             assert len(one.correct) == len(part.rows)
             assert one.candidate.config.recurrent or (one.correct == other.correct).all()
-
-
-def test_a_linear_cell_decides_by_its_last_step_and_others_as_they_did():
-    assert network(CONFIG, "linear", None).network.decision == "last"
-    assert network(CONFIG, "gru", 8).network.decision == CONFIG.network.decision == "vote"

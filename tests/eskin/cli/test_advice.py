@@ -6,7 +6,7 @@ import eskin.cli.main  # noqa: F401  registers the verbs
 from eskin.choose import doubts
 from eskin.cli.common import PANELS, app
 from eskin.golden.core import PRESETS
-from eskin.golden.model import with_network
+from eskin.training.formats import with_network
 from tests.eskin.choose.test_doubts import baseline, split
 from tests.support.table import each_row
 

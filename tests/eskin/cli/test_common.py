@@ -57,7 +57,7 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
                 }
                 with pytest.raises(
                     InputError,
-                    match=rf"^--{output} .*{Path(place).name}: is .* which would be lost; give another name",
+                    match=rf"^--{output} .*{Path(place).name}: would overwrite .*; give another name",
                 ):
                     COMMANDS[verb](**given | {output: Path(place)})
 
@@ -68,7 +68,7 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
         (
             "generate",
             {"model": "in/model", "out": "in"},
-            "is replaced as a whole and holds the input in/model",
+            "would be replaced together with the input in/model",
         ),
         ("compare", {"model": "in/model", "out": "in"}, None),
         ("train", {"data": "in", "out": "in/new"}, None),
@@ -76,10 +76,10 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
         (
             "evaluate",
             {"model": "in/model", "json": "in/model/config.json"},
-            "is a file of the input in/model",
+            "would overwrite a file of the input in/model",
         ),
         ("evaluate", {"model": "in/model", "json": "in/model/new.json"}, None),
-        ("inspect", {"data": "mine.npz", "out": "a", "json": "./a"}, "--out a: is what --json names, too"),
+        ("inspect", {"data": "mine.npz", "out": "a", "json": "./a"}, "--out a: --json names the same path"),
         ("convert", {"source": "absent.csv", "out": "absent.csv"}, None),
     ],
 )

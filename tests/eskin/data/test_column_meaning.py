@@ -7,8 +7,9 @@ import pytest
 
 import eskin
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive, save_archive
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, load_archive, save_archive
+from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
 FRAMES = 30
@@ -119,21 +120,6 @@ def test_long_numbers_and_numbers_as_names(tmp_path):
     assert read(tmp_path, table(labels=["1234567", "1234568"])).class_names == ("1234567", "1234568")
     assert read(tmp_path, table(labels=["x" + "1" * 5000, "x" + "2" * 5000])).labels.tolist() == [0, 1] * 4
     assert read(tmp_path, table(names="0,1,2")).taxels == 3
-
-
-def test_a_header_that_counts_beside_an_index(tmp_path):
-    recordings = folder(tmp_path, lambda label, number: pd.DataFrame(CODES[number]).to_csv())
-    assert np.array_equal(recordings.recording(1), CODES[1]) and recordings.taxels == 3
-
-
-@each_row("delimiter", ["\t", ";", ","])
-def test_commas_between_thousands_are_refused(tmp_path, delimiter):
-    shown = [
-        delimiter.join(f'"{code:,.1f}"' if delimiter == "," else f"{code:,.1f}" for code in row)
-        for row in (CODES[0] - 1000).tolist()
-    ]
-    with pytest.raises(InputError, match="may have a decimal comma or separators of thousands"):
-        folder(tmp_path, lambda label, number: "\n".join([delimiter.join("abc"), *shown]))
 
 
 def test_decimal_commas_of_three_digits_beside_a_zero(tmp_path):

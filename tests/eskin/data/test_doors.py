@@ -14,9 +14,8 @@ from typer.testing import CliRunner
 
 from eskin.cli.main import app
 from eskin.data import Reading, load_recordings
-from eskin.data.logs import is_log
+from eskin.extras import EXTRAS
 from eskin.golden.core import InputError
-from eskin.golden.core.errors import EXTRAS
 from eskin.golden.data import Recordings
 from tests.support import doors
 from tests.support.table import each_row
@@ -43,12 +42,6 @@ def check(recordings: Recordings, known: Recordings, unit: str = "", groups: boo
     assert recordings.sample_rate_hz == pytest.approx(RATE, rel=1e-4) and recordings.unit == unit
     if groups:
         assert recordings.groups["person"].tolist() == known.groups["person"].tolist()
-
-
-@each_row("write", [doors.write_hdf5, doors.write_hdf5_by_dataset])
-def test_hdf5(tmp_path, known, write):
-    write(known, tmp_path / "a.h5")
-    check(load_recordings(tmp_path / "a.h5"), known, "mV")
 
 
 def test_hdf5_that_says_its_classes_in_attributes(tmp_path, known):
@@ -165,66 +158,12 @@ def test_a_log_a_recording_in_a_folder_by_class(tmp_path, known):
     check(load_recordings(tmp_path), known)
 
 
-def cut(data: bytes) -> bytes:
-    return data[: len(data) // 2]
-
-
-def endless(data: bytes) -> bytes:
-    return data[:-100]
-
-
-def headless(data: bytes) -> bytes:
-    return b"\0" * 16 + data[16:]
-
-
-DAMAGES = (cut, endless, headless, lambda data: b"", lambda data: b"no such thing\n" * 50)
-
-
-@each_row(
-    ("name", "write"),
-    [
-        ("a.h5", doors.write_hdf5),
-        ("sets.h5", doors.write_hdf5_by_dataset),
-        ("a.parquet", lambda known, path: doors.long_table(known).to_parquet(path)),
-        ("a.bag", lambda known, path: doors.write_bag(known, path, plugin=None)),
-        ("a.mcap", lambda known, path: doors.write_json_mcap(known, path)),
-        ("a.db3", lambda known, path: _file_of_bag(known, path, StoragePlugin.SQLITE3)),
-    ],
-)
-def test_damaged_files_are_refused_in_a_sentence(tmp_path, known, name, write):
-    write(known, tmp_path / name)
-    (tmp_path / "times.csv").write_text("start,end,class\n0,0.05,a\n0.05,0.09,b\n")
-    good = (tmp_path / name).read_bytes()
-    reading = Reading(labels=tmp_path / "times.csv" if is_log(tmp_path / name) else None, rate_hz=RATE)
-    load_recordings(tmp_path / name, reading=reading)
-    for damage in DAMAGES:
-        (tmp_path / name).write_bytes(damage(good))
-        with pytest.raises(InputError, match=name) as refusal:
-            load_recordings(tmp_path / name, reading=reading)
-        assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 300
-
-
-@pytest.mark.parametrize("name", ["bag.db3", "metadata.yaml"])
-def test_a_folder_with_a_damaged_file_is_refused_in_a_sentence(tmp_path, known, name):
-    doors.write_bag(known, tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
-    good = (tmp_path / "bag" / name).read_bytes()
-    for damage in DAMAGES:
-        (tmp_path / "bag" / name).write_bytes(damage(good))
-        with pytest.raises(InputError, match="bag': is damaged or no log"):
-            load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
-
-
 def test_a_pipe_in_the_folder_of_a_bag_is_refused(tmp_path, known):
     doors.write_bag(known, tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
     (tmp_path / "bag" / "bag.db3").unlink()
     os.mkfifo(tmp_path / "bag" / "bag.db3")
     with pytest.raises(InputError, match="bag': bag.db3 is no regular file"):
         load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
-
-
-def _file_of_bag(known, path, plugin):
-    doors.write_bag(known, path.with_suffix(""), plugin=plugin)
-    next(file for file in path.with_suffix("").iterdir() if file.suffix == path.suffix).rename(path)
 
 
 @each_row(

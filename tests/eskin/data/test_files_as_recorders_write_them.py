@@ -59,14 +59,6 @@ def test_lvm(tmp_path, form, reading):
     check(load_recordings(files(tmp_path, ".lvm", write), reading=reading))
 
 
-def test_lvm_says_its_scale_and_columns(tmp_path):
-    write = lambda path, number: path.write_text(doors.lvm([SIGNALS[number]]))
-    root = files(tmp_path, ".lvm", write)
-    some = load_recordings(root, reading=Reading(columns=("2",), scale=0.01))
-    assert some.volt_per_code == 0.01 and some.unit == "V"
-    check(some, 1, tolerance=0.0051)
-
-
 @each_row(("clocks", "runs_on"), [("One", True), ("One", False), ("No", True), ("No", False)])
 def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path, clocks, runs_on):
     form = {"clocks": clocks, "runs_on": runs_on}
@@ -279,13 +271,6 @@ def test_blank_lines_and_rows_of_separators_part_recordings(tmp_path):
             recordings = load_recordings(root, reading=Reading(rate_hz=100))
             check(recordings)
             assert any("rows of separators alone, first line 42" in note for note in recordings.notes) == told
-
-
-def test_a_blank_line_over_which_the_clock_runs_on_parts_nothing(tmp_path):
-    text = lambda number: "\n".join(["time,a,b,c", *rows(number)[:17], "", *rows(number)[17:]])
-    recordings = load_recordings(files(tmp_path, ".csv", lambda path, number: path.write_text(text(number))))
-    check(recordings)
-    assert any("runs on over 4 blank lines or heads" in note for note in recordings.notes)
 
 
 @each_row(

@@ -112,18 +112,6 @@ def test_files_that_are_none(tmp_path):
         load_recordings(path)
 
 
-def test_groups_never_replace_the_classes(tmp_path):
-    path = write(tmp_path / "r.mat", y=np.array([0, 0, 0, 1]), file=np.array([0, 0, 1, 1]), class_names=None)
-    recordings = load_recordings(path, reading=Reading(label="y"))
-    assert recordings.labels.tolist() == [0, 0, 0, 1] and recordings.groups["group_labels"].tolist() == [
-        1,
-        2,
-        1,
-        2,
-    ]
-    assert "group_file" in recordings.groups
-
-
 @each_row("kind", ["bytes", "lie"])
 def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is_read(tmp_path, monkeypatch, kind):
     monkeypatch.setattr("eskin.data.table.UNPACKED_BYTES", 1 << 20)

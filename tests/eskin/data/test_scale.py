@@ -8,10 +8,12 @@ import pytest
 
 import eskin
 from eskin.choose.choice import choose_front_end
+from eskin.data.archive import load_archive, save_archive
+from eskin.data.fit import check_fit, rescaled
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.data import check_fit, load_archive, save_archive
-from eskin.golden.data.recordings import recordings_of, rescaled
-from eskin.golden.model import Stream, load_config, random_integer_model
+from eskin.golden.data.recordings import recordings_of
+from eskin.golden.model import Stream, load_config
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import main_job
 from tests.support.prices import priced
 

@@ -4,24 +4,14 @@ import numpy as np
 import pytest
 
 from eskin.data import load_recordings, synthetic_recordings, turns
+from eskin.data.fit import check_fit
 from eskin.data.scene import SCENES, scene_of
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import check_fit
-from eskin.golden.model import find_touches, with_network
+from eskin.golden.model import find_touches
+from eskin.training.formats import with_network
 from tests.support.table import each_row
 
 SYNTHETIC = PRESETS["synthetic"]
-
-
-def test_same_seed_same_scene():
-    small = dict(persons=2, trials=1, sample_rate_hz=500.0)
-    first = synthetic_recordings(**small)
-    assert np.array_equal(first.samples, synthetic_recordings(**small).samples)
-    assert not np.array_equal(first.samples, synthetic_recordings(**small, seed=2).samples)
-    more = synthetic_recordings(**small | {"persons": 3})
-    assert np.array_equal(more.samples[: first.frames], first.samples)
-    persons = first.samples.reshape(2, -1)
-    assert not np.array_equal(persons[0], persons[1])
 
 
 @each_row("rows, columns", [(2, 2), (2, 5), (8, 8)])

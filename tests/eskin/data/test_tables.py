@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import Reading, load_recordings
+from eskin.data.archive import load_archive, save_archive
+from eskin.data.fit import check_fit
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.data import check_fit, load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
-from eskin.golden.data.recordings import natural
 from tests.support.table import each_row
 
 RATE = 200.0
@@ -200,13 +200,6 @@ def test_one_long_table(tmp_path):
     ]
 
 
-def test_classes_that_are_numbers_keep_their_order(tmp_path):
-    lines = [line.replace("silk", "10").replace("felt", "2") for line in long_table()]
-    (tmp_path / "all.csv").write_text("\n".join(lines))
-    assert load_recordings(tmp_path / "all.csv").class_names == ("2", "10")
-    assert sorted(["mat10", "mat2", "a1b2", "a1b10"], key=natural) == ["a1b2", "a1b10", "mat2", "mat10"]
-
-
 def broken_folder(tmp_path, change):
     """A good folder whose file mat10/p1_t1.csv has other lines."""
     folder = make_folder(tmp_path / "d")
@@ -377,20 +370,3 @@ def test_any_recording_written_as_text_is_read_back(
     step = recordings.volt_per_code or 1.0
     assert recordings.samples.shape == samples.shape
     assert np.abs(recordings.samples * step - samples).max() <= 0.5000001 * step * real
-
-
-def test_real_samples_in_an_archive(tmp_path):
-    arrays = {"offsets": [0, 5, 9], "labels": [0, 1], "class_names": ["a", "b"], "sample_rate_hz": 100.0}
-    samples = np.random.default_rng(1).normal(0, 1, (9, 4)).astype(np.float32)
-    np.savez(tmp_path / "f.npz", samples=samples, **arrays)
-    recordings = load_recordings(tmp_path / "f.npz")
-    assert (
-        np.abs(recordings.samples * recordings.volt_per_code - samples).max()
-        <= 0.51 * recordings.volt_per_code
-    )
-    np.savez(tmp_path / "f.npz", samples=samples, lsb_volt=0.01, **arrays)
-    assert load_recordings(tmp_path / "f.npz").volt_per_code == 0.01
-    samples[6, 2] = np.inf
-    np.savez(tmp_path / "f.npz", samples=samples, **arrays)
-    with pytest.raises(InputError, match="holds inf at row 6, taxel 2"):
-        load_recordings(tmp_path / "f.npz")

@@ -11,9 +11,10 @@ from sklearn.preprocessing import StandardScaler
 
 from eskin.choose.networks import network
 from eskin.data import load_recordings, piezo_array, turns
+from eskin.data.fit import check_fit
 from eskin.data.turns import turn_recordings
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings
 from eskin.golden.model import Touches, find_touches
 from eskin.training.crossval import cross_validate
 from eskin.training.derive import derive_config
@@ -45,12 +46,6 @@ def test_shape_and_balance(scene):
     assert all((np.bincount(scene.labels[scene.groups["person"] == n]) == 8).all() for n in range(16))
     digest = hashlib.sha256(scene.samples.astype("<i4").tobytes()).hexdigest()[:16]
     assert digest == "94978977a8c68a23"  # figures that were published on it must not move
-
-
-def test_a_person_is_the_same_among_more():
-    few, more = (turn_recordings(persons=count, trials=1) for count in (2, 3))
-    assert np.array_equal(more.samples[: few.frames], few.samples)
-    assert not np.array_equal(few.samples, turn_recordings(persons=2, trials=1, seed=2).samples)
 
 
 def test_the_second_stroke_turns_as_the_class_says(monkeypatch):

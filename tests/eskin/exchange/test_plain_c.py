@@ -14,14 +14,8 @@ from hypothesis import strategies as st
 from eskin.data import load_recordings
 from eskin.exchange import plain_c
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, QFormat
-from eskin.golden.model import (
-    IntegerModel,
-    random_images,
-    random_integer_model,
-    random_recordings,
-    run,
-    run_images,
-)
+from eskin.golden.model import IntegerModel, run, run_images
+from eskin.training.made_up import random_images, random_integer_model, random_recordings
 from eskin.verbs.export_job import export_c
 from tests.support.c_played import MODELS, differences, front_end, with_failing_taxels
 from tests.support.c_played import model_of as model_on
@@ -312,7 +306,7 @@ def test_two_models_go_into_one_program(tmp_path):
     subprocess.run(command, cwd=tmp_path, check=True)
     assert subprocess.run([tmp_path / "both"]).returncode == 0
     for wrong in ("", "2left", "a b", "a;x", "é", "x" * 41):
-        with pytest.raises(InputError, match="--prefix .*: begins names in C"):
+        with pytest.raises(InputError, match="--prefix .*: is no prefix for names in C"):
             export_c(model_of(RING, 3), tmp_path / "no", prefix=wrong)
     assert not (tmp_path / "no").exists()
 

@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from eskin.golden.data import Recordings
-from eskin.golden.model import random_integer_model, run, with_network
+from eskin.golden.model import run
 from eskin.live import player as module
 from eskin.live.sources import ModelSource
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model
+from eskin.training.times import decision_times
 from tests.support.live_case import Stage
 from tests.support.touch_scenes import SMALL, scene
 
@@ -39,7 +42,7 @@ def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch)
     stage = Stage(ModelSource(model), recordings).go()
     trace, rows = run(model, recordings), golden_rows(model, recordings)
     assert stage.player.decisions == dict(enumerate(trace.decision.tolist()))
-    times, shown = trace.decision_time_s(), []
+    times, shown = decision_times(trace), []
     for message in stage.messages:
         match message["k"]:
             case "begin":

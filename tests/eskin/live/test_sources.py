@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from eskin.cosim.live import Brought, LiveSimulator
-from eskin.golden.model import Stream, images_of, random_integer_model, random_recordings, run_images
-from eskin.golden.model.image_stream import ImageStream
+from eskin.golden.model import Stream, images_of, run_images
 from eskin.golden.model.prototypes import forget
+from eskin.live.image_stream import ImageStream
 from eskin.live.sources import SimulationSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.verbs.watch_job import BUILDS, board_source
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
 from tests.golden.model.test_prototypes import taught_model
@@ -165,8 +166,7 @@ def test_a_board_is_equal_and_a_wrong_decision_is_seen(model, recordings):
 @pytest.fixture(scope="module")
 def image_case():
     from eskin.golden.core import AcceleratorConfig
-    from eskin.golden.model import random_images
-    from eskin.golden.model.image_network import image_recordings
+    from eskin.training.made_up import image_recordings, random_images
 
     config = AcceleratorConfig.of_image(
         5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring")
@@ -234,7 +234,7 @@ def test_a_board_is_taught_by_its_registers():
         source = board(model, device)
         source.arm()
         (refusal,) = source.teach(1)
-        assert "no whole touch came before" in refusal.refused
+        assert "there is no whole touch yet" in refusal.refused
         source.take(recordings.recording(0))
         source.finish()
         loaded = len(device.writes)

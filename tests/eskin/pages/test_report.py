@@ -12,7 +12,7 @@ import pytest
 
 from eskin.golden.core import InputError
 from eskin.pages import report
-from eskin.pages.report import Result, draw_scans, draw_trace, summary, write_report
+from eskin.pages.report import Result, draw_trace, summary, write_report
 from eskin.pages.views import count, hertz, percent, seconds
 from tests.support.result_case import CONFIG, STAGE_COUNTS, edit, make_result
 from tests.support.table import each_row
@@ -75,7 +75,7 @@ def test_the_page_holds_the_figures_of_the_files(result):
         "98.4 %",
         "98.6 %",
         "99.54 %",
-        "2 of them show no onset",  # evaluate
+        "no onset was found in 2 of them",  # evaluate
         "711 kHz",
         "12 MHz",
         "8.08 µs",
@@ -94,7 +94,7 @@ def test_the_page_holds_the_figures_of_the_files(result):
         assert figure in words, figure
     for stage, values in STAGE_COUNTS.items():
         assert f" {stage} {count(values)} 0 " in words, stage
-    assert "All 1 checks held, and no doubt" in words and "bit-exact" in words
+    assert "All 1 checks held, and there is no doubt" in words and "bit-exact" in words
     assert f"{97 / CONFIG.step_ideal:.3f}".rstrip("0") in words
 
 
@@ -136,13 +136,13 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
     assert (
         "accuracy, unseen person 87.1 %" in words and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 %" in words
     )
-    assert "expect this of a new person; " in words and "80.1 % to 95.0 %; integer" in words
-    assert "single recordings left out 97.5 % expect this of new recordings of a person that is in" in words
+    assert "expect this for a new person; " in words and "80.1 % to 95.0 %; integer" in words
+    assert "single recordings left out 97.5 % expect this for new recordings of a person that is in" in words
     assert "person left out 3 96.4 %" in words and "unseen person 3 96.4 %" not in words
-    assert "the network taken, on the folds it was chosen on, 96.4 %" in words
+    assert "the chosen network on the folds that chose it: 96.4 %" in words
     out = io.StringIO()
     out.write(summary(result))
-    assert "chosen anew without each fold" in out.getvalue() and "unseen person" in out.getvalue()
+    assert "nested cross-validation" in out.getvalue() and "unseen person" in out.getvalue()
 
 
 @each_row(
@@ -152,9 +152,9 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
         (
             "cosim.json",
             {"bit_exact": False, "verdict": "gave up", "gave_up": {"recording": 7, "frame": 3}},
-            "at recording 7, frame 3, so the bench stopped",
+            "at recording 7, frame 3, so the bench ended the run",
         ),
-        ("cosim.json", {"verdict": "no decision"}, "nothing of the network was compared"),
+        ("cosim.json", {"verdict": "no decision"}, "the network was not compared"),
         ("cosim.json", {"compared_values": 987654}, f"987{SPACE}654 values"),
         ("cosim_declared.json", {"clock_hz": 6e6}, "12.2 µs"),
         ("cosim_lowest.json", {"clock_hz": 1.25e6}, "1.25 MHz"),
@@ -162,7 +162,7 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
         (
             "run.json",
             {"checks": [{"name": "one", "held": False, "detail": "why it fell"}]},
-            "1 of 1 checks did not hold",
+            "1 of 1 checks failed",
         ),
     ],
 )
@@ -232,16 +232,6 @@ def test_a_missing_field_is_named(result, name, field):
         write_report(result)
     assert (result / name).name in str(caught.value)
     (result / name).write_bytes(whole)
-
-
-def test_the_chart_of_scans_shows_the_best_of_every_rate():
-    of = ((1, 0.98, 1e-6), (4, 0.9, 0.2e-6), (4, 0.97, 0.3e-6))
-    names = ("scan_every", "accuracy", "energy_touch_j")
-    rows = [dict(zip(names, row, strict=True)) | {"standard_error": 0.01} for row in of]
-    (axes,) = draw_scans(rows).axes
-    assert [text.get_text() for text in axes.texts] == ["1 µJ", "0.3 µJ"]
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["1", "4"]
-    assert draw_scans(rows[:1]) is None
 
 
 def test_the_drawing_shows_the_codes_of_the_trace(made):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eskin.study import baselines
-from eskin.study.baselines import METHODS, Piece, Scene, judge, judge_baseline, row_of
+from eskin.study.baselines import METHODS, Piece, Scene, judge, row_of
 from eskin.training import recipe as recipes
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene
@@ -41,15 +41,8 @@ def test_labels_of_the_test_part_are_not_seen():
     recordings = scene(60, seed=3)
     shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
     for name in ("neighbours", "forest"):
-        (split,) = judge_baseline(name, shuffled, SMALL, [["person"]], (0,), 5)["splits"]
-        assert split["accuracy"] < 0.5
-
-
-def test_a_part_of_one_class_decides_that_class():
-    recordings = scene(40, seed=1)
-    recordings.groups["kind"] = (recordings.labels > 0).astype(int)
-    runs = judge(baselines._Held((recordings, SMALL)), Piece(METHODS["svm"], ("kind",), (0,), 5))["runs"]
-    assert {run["fold"] for run in runs} == {0, 1} and min(run["accuracy"] for run in runs) == 0.0
+        outcome = judge(baselines._Held((shuffled, SMALL)), Piece(METHODS[name], ("person",), (0,), 5))
+        assert row_of(METHODS[name], ["person"], outcome["runs"])["accuracy"] < 0.5
 
 
 def run(fold, accuracy, recordings=10, seed=0, **more):

@@ -6,8 +6,6 @@ import pytest
 from eskin.golden.core import PRESETS
 from eskin.golden.core.converters import CONVERTERS
 from eskin.study.converter_power import converter_power, in_words
-from eskin.study.energy import estimate
-from tests.eskin.study.test_energy import ACTIVITY, PART
 from tests.support.table import each_row
 
 THESIS = PRESETS["thesis"].replace(feature_shift=(10, 9))
@@ -32,11 +30,3 @@ def test_without_a_figure_or_a_converter_nothing_is_made_up():
     power = converter_power(THESIS.replace(converter="ddc232", clock_hz=20e6))
     assert power["power_w"] is None is power["per_touch_j"]
     assert in_words(power) == "ddc232: no figure of its data sheet at hand"
-
-
-def test_it_stands_beside_the_estimate_and_in_none_of_its_sums():
-    alone, beside = (
-        estimate(THESIS.replace(converter=name), PART, ACTIVITY, 2e6) for name in ("none", "ads7953")
-    )
-    assert alone["interface"] is None and beside["interface"]["power_w"] == 14.5e-3
-    assert {**alone, "interface": 0} == {**beside, "interface": 0}

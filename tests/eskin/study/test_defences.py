@@ -6,8 +6,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.golden.model import find_onsets
 from eskin.study import defences
+from eskin.study.stability.core import Scene
 from eskin.training import crossval
 from eskin.training import recipe as recipes
 from tests.support import stability_case
@@ -24,13 +24,14 @@ def test_the_threshold_keeps_the_coverage_and_no_larger_one_does():
 
 def test_failures_are_what_they_say():
     data = stability_case.recordings(4)
-    onsets, top = find_onsets(CONFIG, data), CONFIG.sample_format.max_code
-    for name, (config, spoiled) in defences.failures(data, CONFIG, 2).items():
-        assert (config.sensor.masked_taxels == (2,)) == (name == "stuck, masked")
+    scene, top = Scene(config=CONFIG, recordings=data), CONFIG.sample_format.max_code
+    for name, failure in defences.FAILURES.items():
+        played = failure.cases(scene)["taxel 2"]
+        assert (played.scene.config.sensor.masked_taxels == (2,)) == (name == "stuck, masked")
         for i in range(4):
-            before, after = data.recording(i), spoiled.recording(i)
+            before, after = scene.clean.recording(i), played.recordings.recording(i)
             assert np.array_equal(np.delete(before, 2, axis=1), np.delete(after, 2, axis=1))
-            since = int(onsets[i]) - 1 + round(0.25 * CONFIG.last_frame)
+            since = int(scene.onsets[i]) - 1 + round(0.25 * CONFIG.last_frame)
             if name == "dead":
                 assert len(set(after[:, 2].tolist())) == 1
                 assert abs(int(after[0, 2]) - before[:20, 2].mean()) < 3
@@ -56,21 +57,19 @@ def test_the_comparison_counts_what_unseen_recordings_get():
     recipe = dataclasses.replace(recipes.RECIPES["onset"], updates=60)
     variant = defences.Variant("one", CONFIG, recipe)
     front_ends: dict = {}
-    calls, names = [], ("dead", "stuck", "stuck, masked")
+    names = ("dead", "stuck", "stuck, masked")
 
     def compared(front_ends):
-        options = dict(folds=2, front_ends=front_ends, progress=lambda *line: calls.append(line))
-        return defences.compare_defences(data, [variant], [["trial"]], [0], **options)[0]
+        return defences.judge_defences(data, variant, [["trial"]], [0], folds=2, front_ends=front_ends)
 
     record = compared(front_ends)
     (reference,) = crossval.cross_validate(data, CONFIG, [["trial"]], [0], folds=2, recipe=recipe)
     assert record["clean"][0]["accuracy"] == pytest.approx(reference["integer_accuracy"])
     ((key, front_end),) = front_ends.items()
     taxels = range(CONFIG.sensor.taxels)
-    assert calls == [("defences", 1, 1)]
-    assert set(front_end) == {"clean"} | {f"{name} {taxel}" for name in names for taxel in taxels}
+    assert set(front_end) == {"clean"} | {f"{name}, taxel {taxel}" for name in names for taxel in taxels}
     assert all(0 <= record[name]["worst"] <= record[name]["mean"] <= 1 for name in names)
-    config, rows, touches = front_end["dead 3"]
-    again = compared({key: front_end | {"dead 3": (config, np.full_like(rows, -1), touches)}})
+    config, rows, touches = front_end["dead, taxel 3"]
+    again = compared({key: front_end | {"dead, taxel 3": (config, np.full_like(rows, -1), touches)}})
     assert (again["dead"]["worst"], again["dead"]["worst_taxel"]) == (0.0, 3)
     assert again["stuck"] == record["stuck"]

@@ -114,14 +114,8 @@ def test_only_exact_configurations_win():
         result["least_average"]["name"] == "a"
         and result["least_average"]["choice"] == "outside clock, stops between samples"
     )
-    assert [check["met"] for check in result["checks"]] == [True, True]
     result = compare(rows(wrong="ca"))
-    assert (
-        not result["passed"]
-        and result["least_touch"] == "b"
-        and [check["configuration"] for check in result["checks"]] == ["b", "b"]
-    )
-    assert [check["met"] for check in result["checks"]] == [False, False]
+    assert not result["passed"] and result["least_touch"] == "b"
     assert (
         compare(rows(wrong="ab"))["least_touch"] == "c" and compare(rows(wrong="abc"))["least_touch"] is None
     )

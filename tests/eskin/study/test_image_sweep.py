@@ -4,12 +4,12 @@ trained but in one test."""
 import numpy as np
 import pytest
 
-from eskin.golden.core import Memo
 from eskin.jobs import Jobs
+from eskin.memo import Memo
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.image_passes import plan_of
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
-from eskin.study.sweep import flat_rows, smallest_at, sweep
+from eskin.study.sweep import flat_rows, sweep
 from tests.support.image_scenes import shapes
 
 SMALL = [
@@ -26,7 +26,7 @@ def judged(shared, piece):
     size = f"{piece.config.image.height}x{piece.config.image.width}"
     assert images[size].shape[1:] == (piece.config.image.height, piece.config.image.width)
     truth = labels[np.array(piece.left_out)]
-    found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
+    found = {"float": truth, "w8": np.minimum(truth, 1)}
     found |= {"tuned": 0 * truth} if piece.tuned_bits else {}
     return {name: values.tolist() for name, values in found.items()} | {"wall_s": 0.0}
 
@@ -68,9 +68,6 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
         "float_accuracy"
     ] == 1
     assert {point["config"]["size"] for point in others} == {"6x8"} and result["judged_images"] == 18
-    assert [entry["point"] for entry in result["smallest"]] == [None] * 4 and smallest_at(
-        result["points"], 0.6
-    ) == 3
     assert result["recommended"] == 3 and result["recommendation"]["met"]
     again = swept(scene, tmp_path, None, seeds=(0, 1))  # all is kept: nothing is judged again
     assert again == result

@@ -10,7 +10,7 @@ import pytest
 from eskin.cli.common import show
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, load_config, run, with_network
+from eskin.golden.model import IntegerModel, load_config, run
 from eskin.teach import enrol as enrolling
 from eskin.teach import evaluate as evaluating
 from eskin.teach.enrol import enrol, teach_folder
@@ -18,7 +18,8 @@ from eskin.teach.evaluate import Question, judge, summary
 from eskin.training import prototypes as prototypes_of
 from eskin.training import recipe
 from eskin.training.evaluate import evaluate
-from eskin.training.quantise import quantise
+from eskin.training.formats import with_network
+from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 from tests.support.folder import exchanges
 from tests.support.prices import priced
@@ -134,13 +135,6 @@ def test_other_cells_and_narrow_weights_are_enrolled_too(tmp_path, cell, reset, 
 
 
 # ---------------------------------------------------------------------- refusals
-@pytest.mark.slow
-def test_classes_in_another_order_are_the_same_classes(model, tmp_path):
-    turned = dataclasses.replace(FEW, labels=2 - FEW.labels, class_names=FEW.class_names[::-1])
-    for name, few in (("a", FEW), ("b", turned)):
-        enrol(model, few, tmp_path / name)
-    a, b = (IntegerModel.load(tmp_path / name).arrays for name in "ab")
-    assert all((a[name] == b[name]).all() for name in a)
 
 
 @each_row(
@@ -226,19 +220,6 @@ def test_nothing_of_the_left_out_value_is_learnt_before_it_is_enrolled(monkeypat
         assert np.bincount(BOTH.labels[recording[seen["new"][value]]]).tolist() == [2, 2, 2]
 
 
-def test_a_class_that_a_value_lacks_is_neither_enrolled_nor_judged_there(monkeypatch):
-    """Mounting 1 without class 2, as fabrics that no force was set for."""
-    fewer = BOTH.subset(np.flatnonzero((BOTH.groups["mounting"] == 0) | (BOTH.labels != 2)))
-    seen = watch_fits(monkeypatch, train_on=False)
-    rows = judge(fewer, question(ks=(2,)))
-    assert [row["lacking"] for row in rows] == [[], [BOTH.class_names[2]]]
-    labels = fewer.labels[seen["data"].touches.recording[seen["new"][1]]]
-    assert np.bincount(labels).tolist() == [2, 2]
-    held = fewer.subset(np.flatnonzero(fewer.groups["mounting"] == 1))
-    assert rows[1]["recordings"] == len(held) - 4
-    assert [row["lacking"] for row in summary(["g"], [rows])["rows"]] == [[], rows[1]["lacking"]]
-
-
 def test_the_summary_weighs_by_recordings_and_tells_the_spread():
     def row(value, before, after, recordings):
         return {
@@ -313,19 +294,6 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
         quantise(tmp_path / "m", OLD, readout="dense")
 
 
-def test_taught_touches_are_nearer_only_where_that_costs_the_others_nothing(model):
-    """Not where there is no group to leave out, nor where what one group is taught is wrong of the others."""
-    ready, shown = IntegerModel.load(model), OLD.subset(np.arange(2, 90))
-    swapped = dataclasses.replace(
-        shown, labels=np.where(shown.groups["person"] == 0, (shown.labels + 1) % 3, shown.labels)
-    )
-    shifts = [
-        prototypes_of.of_recordings(ready, recordings, groups, prototypes=4).config.readout_rule.taught_shift
-        for recordings, groups in ((shown, ["person"]), (shown, []), (swapped, ["person"]))
-    ]
-    assert shifts == [1, 0, 0]
-
-
 def test_teaching_is_judged_from_no_touch_on(capsys):
     rows = judge(BOTH, question(readout="prototypes"))
     assert [(row["value"], row["k"]) for row in rows] == [(v, k) for k in (0, 1, 2) for v in ("0", "1")]
@@ -336,7 +304,9 @@ def test_teaching_is_judged_from_no_touch_on(capsys):
         of_k = [row for row in rows if row["k"] in (0, touch)]
         said = summary(["mounting"], [of_k])
         show("enrolments", **said, readout="prototypes", seeds=[7])
-        assert capsys.readouterr().err.startswith("teach: prototypes" if touch else "do not teach, train on:")
+        assert capsys.readouterr().err.startswith(
+            "teach: prototypes" if touch else "do not teach, train further:"
+        )
 
 
 def test_a_class_that_no_recording_shows_is_known_once_it_is_taught(taught_ready, tmp_path):

@@ -3,9 +3,10 @@
 import numpy as np
 
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, load_training, with_network
+from eskin.golden.model import IntegerModel, load_training
 from eskin.training.derive import derive_config
-from eskin.training.quantise import quantise
+from eskin.training.formats import with_network
+from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 
 TAXELS, CLASSES, FRAMES = 24, 6, 160

@@ -1,6 +1,7 @@
 """The fit of a linear cell's weights; against scikit-learn's own in tests/rtl/program/test_linear_cell.py."""
 
 import numpy as np
+import pytest
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from eskin.golden.core import AcceleratorConfig
@@ -87,14 +88,16 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
     assert after > before + 0.05 and whole_after > whole_before - 0.05, shares
 
 
-def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch):
-    """In closed form and copy by copy: a taxel lost, at rest or masked; touches cut short; other rates."""
+@pytest.mark.parametrize("clip", [0, 9])
+def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, clip):
+    """In closed form and copy by copy: a taxel lost, at rest or masked; touches cut short, at other rates, and
+    with the beginning of another one over their end; samples at the clip."""
     for name in ("OFFSET", "COMMON", "DRIFT"):
         monkeypatch.setattr(linear_fit, name, 0.0)
     rng = np.random.default_rng(4)
     labels = np.arange(50) % 2
     features = rng.normal(0, 1, (50, 6, 4)) + (labels[:, None, None] - 0.5) * rng.normal(1, 1, (6, 4))
-    config = CONFIG.replace(rest="initial", rest_frames=4)
+    config = CONFIG.replace(rest="initial", rest_frames=4, clip=clip)
     arrays = linear_fit.fit_sturdy(config, features, np.ones((50, 6)), labels, (3.0, 2.0), 1.0)
     copies = [(1.0, features)]
     for taxel in range(4):
@@ -108,6 +111,10 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch):
         at = np.minimum(np.arange(6) * factor, 5)
         moved = [[np.interp(at, np.arange(6), taxel) for taxel in touch.T] for touch in features]
         copies.append((linear_fit.RATE, np.array(moved).swapaxes(1, 2)))
+    late = round(linear_fit.OVERLAP_AFTER * 6)
+    begun = np.zeros_like(features)
+    begun[:, late:] = (features + 1.5)[:, : 6 - late]  # over the rest level
+    copies += [(linear_fit.OVERLAP / 50, features + other) for other in begun]
     x = np.concatenate([copy.reshape(50, -1) for _, copy in copies])
     weight = np.repeat([of for of, _ in copies], 50)
     weight = weight / weight.sum()
@@ -115,6 +122,7 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch):
     mean, share = weight @ x, weight @ indicators
     unit = features.reshape(50, -1).var(axis=0).sum()
     gram = (x - mean).T @ (weight[:, None] * (x - mean)) + linear_fit.SMOOTH * unit / 50 * np.eye(24)
+    gram += linear_fit.SPIKED * (clip / 2.0) ** 2 / config.windows.window * np.eye(24)
     weights = np.linalg.solve(gram, (x - mean).T @ (weight[:, None] * (indicators - share)))
     fitted = (x - mean) @ weights + share
     turn, bias = linear_fit.discriminants_of((weight[:, None] * indicators).T @ fitted, np.array([25, 25]))

@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import Float, run_cell, with_network
+from eskin.golden.model import Float, run_cell
+from eskin.training.formats import with_network
 from eskin.training.network import RecurrentClassifier
 
 

@@ -8,17 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.golden.core import PRESETS, InputError, QFormat
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    find_touches,
-    load_config,
-    load_training,
-    run,
-    with_network,
-)
+from eskin.golden.model import FloatModel, IntegerModel, find_touches, load_config, load_training, run
 from eskin.golden.model.pipeline import float_features
-from eskin.training.evaluate import evaluate, held
+from eskin.training.evaluate import evaluate
+from eskin.training.formats import with_network
+from eskin.training.integers import quantise
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import (
     COVERED_FEATURE,
@@ -26,9 +20,7 @@ from eskin.training.quantise import (
     choose_formats,
     closest_range,
     covering_format,
-    merged_parameters,
     profile,
-    quantise,
     quantise_model,
 )
 from tests.golden.model.test_cells import CELLS
@@ -68,47 +60,6 @@ def test_a_covering_format_holds_the_range_and_no_finer_one_does(low, high, bits
     if fmt.frac_bits < (2 * bits if max_frac is None else min(2 * bits, max_frac)):
         finer = 2.0 ** (fmt.frac_bits + 1)
         assert high * finer > fmt.max_code + 0.5 or low * finer < fmt.min_code - 0.5
-
-
-@each_row(("cell", "reset"), CELLS)
-@each_row(
-    "widths",
-    [{}, {"weight_bits": 6, "state_bits": 10, "feature_bits": 8, "gate_bits": 8, "table_entries": 128}],
-)
-def test_formats_hold_what_was_profiled(cell, reset, widths):
-    config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(20, seed=2)
-    if reset == "after" or cell == "lstm":
-        widths = widths | ({"state_bits": 12} if widths else {})
-    model = float_model(config)
-    ranges = profile(model, find_touches(config, recordings))
-    chosen = quantise_model(model, ranges, **widths).config
-    weights = (
-        ("weight", chosen.formats.weight_format),
-        ("recurrent", chosen.formats.recurrent_format),
-        ("dense", chosen.formats.dense_format),
-    )
-    held = () if widths else weights  # weights of few bits may saturate
-    for signal, fmt in (
-        *held,
-        ("logit", chosen.formats.logit_format),
-        (COVERED_FEATURE, chosen.formats.feature_format),
-    ):
-        lsb = 2.0**-fmt.frac_bits
-        assert (
-            fmt.to_real(fmt.min_code) - lsb / 2 <= ranges[signal][0]
-            and ranges[signal][1] <= fmt.to_real(fmt.max_code) + lsb / 2
-        ), signal
-    assert (
-        chosen.formats.weight_format.width
-        == chosen.formats.recurrent_format.width
-        == chosen.formats.dense_format.width
-        == widths.get("weight_bits", 8)
-    )
-    assert chosen.formats.state_format.int_bits == (2 if (cell, reset) == ("gru", "before") else 4)
-    assert chosen.formats.table_entries == widths.get(
-        "table_entries", 512
-    ) and chosen.formats.gate_frac == widths.get("gate_bits", 13)
-    assert chosen.operand_bits <= 16 and chosen.feature_align >= 0 and chosen.accumulator_bits <= 32
 
 
 @each_row(
@@ -151,17 +102,6 @@ def test_the_closest_range_has_the_format_of_least_loss(bits, seed):
         return np.mean((codes / 2.0**frac - values) ** 2)
 
     assert loss(chosen.frac_bits) == min(loss(frac) for frac in range(-12, 2 * bits + 1))
-
-
-def test_the_second_bias_rows_of_reset_after_are_merged():
-    config = with_network(SMALL, reset="after")
-    model = float_model(config)
-    merged = merged_parameters(model)
-    assert "bh_z" not in merged and "bh_r" not in merged
-    np.testing.assert_array_equal(merged["b_z"], model.arrays["b_z"] + model.arrays["bh_z"])
-    np.testing.assert_array_equal(merged["b_n"], model.arrays["b_n"])
-    np.testing.assert_array_equal(merged["bh_n"], model.arrays["bh_n"])
-    assert (model.arrays["bh_z"] != 0).all()
 
 
 def test_quantise_writes_the_integers_into_the_folder(tmp_path):
@@ -322,22 +262,6 @@ def test_the_last_logits_of_a_linear_cell_are_those_of_the_last_window_that_ende
             assert seen == pytest.approx((last.min(), last.max()), rel=1e-12)
 
 
-def test_a_preset_keeps_the_formats_that_it_always_had():
-    """Version 0.1.0: features of 12 bits for all but the rarest, the state as the preset has it."""
-    config = PRESETS["fabric"].replace(hidden=4)
-    arrays = float_model(config).arrays
-
-    def formats(name: str, **widths) -> str:
-        model = FloatModel(config.replace(name=name), arrays, "made")
-        return in_words(quantise_model(model, UNIT | {"feature": (-30.0, 7.0)}, **widths).config.formats)
-
-    assert (
-        formats("fabric") == "SQ(4,8) SQ(2,6) SQ(2,12)" and formats("derived") == "SQ(6,8) SQ(2,6) SQ(2,10)"
-    )
-    # asked for: no preset's any more
-    assert formats("fabric", feature_bits=14) == formats("derived", feature_bits=14)
-
-
 def test_weak_signals_get_features_finer_than_their_sums():
     """A spread of 0.2 codes over 20 frames: 12-bit features would need a scale beyond 16 bits, so means get
     fraction bits; a preset's own formats are as coarse as the sums."""
@@ -396,13 +320,6 @@ def test_evaluate_counts_what_it_says(tmp_path):
     assert result["per_step"][5]["integer_accuracy"] == pytest.approx(last.sum() / 20)
 
 
-def test_what_holds():
-    good = {"float_accuracy": 0.95, "integer_accuracy": 0.945, "agreement": 0.985}
-    assert held(good)
-    assert not held(good | {"integer_accuracy": 0.93})
-    assert not held(good | {"agreement": 0.97})
-
-
 @each_row(("cell", "reset"), CELLS)
 def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_path):
     config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(30, seed=4)
@@ -432,6 +349,6 @@ def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_pat
     if chosen.features.feature_shift[0]:
         np.savez(tmp_path / "model" / "weights.npz", **arrays)
         with pytest.raises(
-            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means promises"
+            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means requires"
         ):
             IntegerModel.load(tmp_path / "model")

@@ -13,13 +13,12 @@ from eskin.golden.model import (
     Touches,
     decide_touches,
     find_touches,
-    float_features,
     network_formats,
     network_shapes,
-    normaliser_constants,
-    random_recordings,
 )
-from eskin.training.stage_error import QUANTILES, STAGES, logit_error, signal_profiles, stage_errors
+from eskin.training.formats import normaliser_constants
+from eskin.training.made_up import random_recordings
+from eskin.training.stage_error import STAGES, logit_error, stage_errors
 from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
@@ -117,28 +116,3 @@ def test_the_logits_are_those_of_the_two_models_and_only_completed_steps_count(c
 
 
 # ---------------------------------------------------------------------- profiles
-@each_row("cell, reset", [("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")])
-def test_profiles_of_every_signal(cell, reset):
-    """Quantiles, shares and errors of each array and stage, worked out here from the two models' own
-    values."""
-    real, integer, touches = models(cell, reset, logit_format=QFormat(1, 5))
-    profiles = {row.signal: row for row in signal_profiles(real, integer, touches)}
-    stages = {row.stage: row for row in stage_errors(real, integer, touches)}
-    assert set(profiles) == set(network_formats(integer.config)) | set(stages)
-    for stage, error in stages.items():
-        assert (profiles[stage].error_mean, profiles[stage].error_max) == (error.mean, error.max)
-    for name, fmt in network_formats(integer.config).items():
-        codes = fmt.to_real(integer.arrays[name])
-        assert profiles[name].error_max <= 2.0**-fmt.frac_bits / 2 + 1e-12 or profiles[name].beyond > 0
-        assert (
-            profiles[name].quantiles[-1] == pytest.approx(np.abs(codes).max(), abs=2.0**-fmt.frac_bits)
-            or profiles[name].beyond > 0
-        )
-    done = np.arange(integer.config.windows.steps) < touches.completed[:, None]
-    logits = real.forward(float_features(real, touches))[1][done]
-    assert profiles["logits"].beyond == pytest.approx(
-        np.mean((logits > 1 - 2**-5 + 2**-6) | (logits < -1 - 2**-6))
-    )
-    assert profiles["logits"].zero == pytest.approx(np.mean(np.abs(logits) < 2**-6))
-    assert profiles["logits"].beyond > 0
-    assert profiles["logits"].quantiles == pytest.approx(tuple(np.quantile(np.abs(logits), QUANTILES)))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core import AcceleratorConfig, Memo
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
+from eskin.memo import Memo
 from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import (
     _scale,
@@ -20,7 +21,7 @@ from eskin.training.image_formats import (
     quantised,
 )
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
-from eskin.training.quantise import quantise
+from eskin.training.integers import quantise
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
@@ -67,17 +68,6 @@ def test_batch_norm_is_folded_into_what_hardware_computes():
     folded = float_images(FloatModel(config(), network.folded()), images).logits
     direct = network(torch.from_numpy(images.astype(np.float32))[:, None] / 256).detach().numpy()
     assert np.allclose(folded, direct, atol=1e-4) and np.ptp(folded) > 0.1
-
-
-def test_shapes_are_learned_and_the_integers_agree(trained):
-    scene = shapes(40, 7)
-    images = images_of(scene)
-    ideal = float_images(trained, images)
-    whole = run_images(quantised(trained, images), images)
-    assert ideal.accuracy(scene.labels) > 0.9
-    assert whole.agreement(ideal) > 0.97 and not np.array_equal(
-        whole.config.formats.logit_format.to_real(whole.logits), ideal.logits
-    )
 
 
 def test_training_with_four_bits_loses_little(trained):
@@ -128,20 +118,6 @@ def test_other_scales_inside_leave_the_function_and_lose_less(trained):
     assert error(even) < 0.2 * error(uneven)
 
 
-def test_a_shift_is_never_below_zero():
-    """A layer of weights so coarse that its sums have fewer fraction bits than its map could have."""
-    arrays = {
-        "W_0": np.full((4, 3, 3, 1), 100.0),
-        "b_0": np.zeros(4),
-        "W_2": np.full((6, 3, 3, 4), 100.0),
-        "b_2": np.zeros(6),
-    }
-    arrays |= {"W_4": np.full((3, 24), 100.0), "b_4": np.zeros(3)}
-    model = FloatModel(config(), arrays)
-    chosen = choose_image_formats(model, {"0": 1e-9, "2": 1e-9, "4": 1e-9})
-    assert min(chosen.layer_shifts) >= 0
-
-
 def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     out, scene, record = folder
     (split,) = record["cross_validation"]
@@ -157,41 +133,6 @@ def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     assert written == ["model"]
     assert coarse.config.weight_bits == 4
     assert evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
-
-
-def test_each_kind_of_weights_is_judged_seed_by_seed(folder, monkeypatch):
-    out, scene, record = folder
-    (split,) = record["cross_validation"]
-    by = {row["weights"]: row for row in split["by_weights"]}
-    assert list(by) == ["float", "8 bits, rounded", "4 bits, rounded"] and by["float"]["agreement"] == 1
-    assert by["float"]["by_seed"] == [split["float_accuracy"]] and by["8 bits, rounded"]["by_seed"] == [
-        split["integer_accuracy"]
-    ]
-
-    # right with float, one image in two with 8 bits, none with 4 bits of seed 1, all of seed 0
-    def made(shared, piece):
-        _, truth = shared
-        out = np.array(piece.left_out)
-        wrong = (truth[out] + 1) % 3
-        few = truth[out] if piece.seed == 0 else wrong
-        half = np.where(out % 2, truth[out], wrong)
-        return {
-            "float": truth[out].tolist(),
-            "w8": half.tolist(),
-            "w4": few.tolist(),
-            "tuned": few.tolist(),
-            "wall_s": 0.0,
-        }
-
-    monkeypatch.setattr("eskin.training.image_models.judge", made)
-    many = train_image_model(
-        scene, config(), out=out.parent / "many", folds=2, seeds=2, recipe=QUICK, workers=1
-    )
-    by = {row["weights"]: row for row in many["cross_validation"][0]["by_weights"]}
-    assert by["8 bits, rounded"]["by_seed"] == [0.5, 0.5] and by["8 bits, rounded"]["spread"] == 0
-    assert by["4 bits, rounded"]["by_seed"] == [1.0, 0.0]
-    assert by["4 bits, rounded"]["accuracy"] == by["4 bits, rounded"]["agreement"] == 0.5
-    assert by["4 bits, rounded"]["spread"] == pytest.approx(0.5**0.5)
 
 
 def test_auto_takes_the_smallest_that_is_level():

@@ -6,11 +6,11 @@ import dataclasses
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.pages import views
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.synthesis import process_of, synthesise
 from eskin.rtl.program.schedule import decision_cycles, schedule
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import asic_job
 from tests.rtl.asic.test_synthesis import Words
 from tests.support.table import each_row

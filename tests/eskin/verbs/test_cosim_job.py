@@ -7,9 +7,10 @@ import pytest
 from typer.testing import CliRunner
 
 from eskin.cosim.flow import joined
-from eskin.golden.data import save_archive
-from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.data.archive import save_archive
+from eskin.golden.model import IntegerModel
 from eskin.jobs import Jobs
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import cosim_job, flow
 from tests.support.touch_scenes import SMALL, scene
 

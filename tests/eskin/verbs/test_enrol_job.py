@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from eskin.golden.data import save_archive
+from eskin.data.archive import save_archive
 from eskin.golden.model import IntegerModel
 from eskin.golden.model import run as run_model
 from eskin.rtl.fpga.generate import boot_writes
-from eskin.training.quantise import quantise
+from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 from eskin.verbs import replay_job
 from tests.eskin.teach.test_enrol import BOTH, FEW, OLD, REST

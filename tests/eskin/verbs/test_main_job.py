@@ -13,9 +13,10 @@ import pytest
 from eskin.choose.choice import Plan
 from eskin.cosim.runner import SimulationError
 from eskin.golden.core import InputError
-from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import main_job
 from tests.support import result_case
 from tests.support.folder import contents
@@ -46,7 +47,7 @@ class Chain:
                 self.config, ["made up"], ["person"], "the archive's first group", market
             ),
             "choice.train_chosen": self.train,
-            "quantise.quantise": self.quantise,
+            "integers.quantise": self.quantise,
             "evaluate.evaluate": self.evaluate,
             "yardsticks.yardsticks": self.yardsticks,
             "generate": self.generate,
@@ -77,7 +78,7 @@ class Chain:
         assert IntegerModel.load(folder).config.features.feature_shift
         return self.evaluation
 
-    def yardsticks(self, loaded, config, groups, folds, accuracy, progress):
+    def yardsticks(self, loaded, config, groups, folds, progress):
         self.call("yardsticks")
         return []
 
@@ -261,13 +262,6 @@ def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
     assert record["lowest_clock_hz"] is None and not (tmp_path / "run/cosim_lowest.json").exists()
 
 
-def test_waves_of_a_mismatch_come_with_the_result(chain, tmp_path):
-    chain.full = {"mismatches": 3}
-    run(tmp_path / "run")
-    assert json.loads((tmp_path / "run/cosim.json").read_text())["waves"] == "waves_cosim"
-    assert (tmp_path / "run/waves_cosim/waves.vcd").read_text() == "dump"
-
-
 def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
     frames, loaded = CONFIG.last_frame + CONFIG.windows.hop, result_case.recordings()
     touches = main_job.find_touches(CONFIG, loaded)
@@ -377,4 +371,4 @@ def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
         for baseline in record["baselines"]
     )
     page = (tmp_path / "run/report.html").read_text()
-    assert "Accuracy against cost" in page and "The front end and its rivals" in page
+    assert "Accuracy against cost" in page and "The front end and its alternatives" in page

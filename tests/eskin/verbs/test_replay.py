@@ -8,16 +8,12 @@ import numpy as np
 import pytest
 
 from eskin.cosim import link
+from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data import save_archive
-from eskin.golden.model import random_images, random_integer_model, random_recordings
-from eskin.golden.model.image_network import image_recordings
 from eskin.rtl.fpga.generate import boot_writes
-from eskin.rtl.fpga.targets import TARGETS, target
-from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.program.memory_map import Register
-from eskin.rtl.top.board import BAUD
-from eskin.verbs import build_job, replay_job
+from eskin.training.made_up import image_recordings, random_images, random_integer_model, random_recordings
+from eskin.verbs import replay_job
 from tests.cosim.test_link_cosim import CONFIG
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
@@ -176,16 +172,6 @@ def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     for name in ("board", "other"):
         shutil.rmtree(tmp_path / "model" / name)
     assert "told by its build, and there is none" in replay("port")[2]
-
-
-@each_row("name", TARGETS)
-def test_a_build_and_its_replay_speak_at_one_rate(tmp_path, name):
-    """The rate that is written is what the receiver's divisor makes."""
-    clock_hz = target(name).clock_hz
-    rate = build_job.link_rate(clock_hz)
-    assert rate <= BAUD and clock_hz / rate == uart_divisor(clock_hz, rate)
-    built(tmp_path / "model/board", baud=rate)
-    assert abs(build_job.board_of(tmp_path / "model")[0] / rate - 1) < 1e-5
 
 
 class Script:

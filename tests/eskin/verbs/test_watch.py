@@ -3,27 +3,24 @@ ends."""
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.data import Recordings, save_archive
-from eskin.golden.model import random_integer_model, random_recordings, run
+from eskin.golden.data import Recordings
+from eskin.golden.model import run
 from eskin.golden.model.prototypes import forget
+from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.times import decision_times
 from eskin.verbs import watch_job
 from tests.golden.model.test_prototypes import taught_model
 from tests.support import browser
 from tests.support.table import each_row
-from tests.support.touch_scenes import SMALL, scene
+from tests.support.touch_scenes import scene
 
 
 def wait(condition: Callable[[], bool], seconds: float = 600.0) -> None:
@@ -122,7 +119,7 @@ def test_the_page_in_a_browser():
         assert [row[:3] for row in rows] == [
             [str(k), names[recordings.labels[k]], names[trace.decision[k]]] for k in (1, 0)
         ]
-        assert float(rows[0][3]) == pytest.approx(trace.decision_time_s()[1], abs=0.006) and 0 <= last < len(
+        assert float(rows[0][3]) == pytest.approx(decision_times(trace)[1], abs=0.006) and 0 <= last < len(
             names
         )
 
@@ -196,31 +193,3 @@ def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
 
 
 # ---------------------------------------------------------------------- the verb
-@pytest.fixture
-def folder(tmp_path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    random_integer_model(SMALL, 3).save("model")
-    save_archive(scene(9, seed=2), tmp_path / "data.npz")
-    return tmp_path
-
-
-@pytest.mark.slow
-def test_an_interrupt_ends_in_order(folder):
-    words = "-m eskin.cli.main watch model --data data.npz --host-port 0".split()
-    started = subprocess.Popen(
-        [sys.executable, *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"COLUMNS": "150"},
-        # tests that a shell started in the background ignore interrupts, and would hand that on
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    try:
-        assert started.stderr.readline().split()[1].startswith("http://127.0.0.1:")
-        started.send_signal(signal.SIGINT)
-        out, errors = started.communicate(timeout=600)
-    finally:
-        started.kill()
-        started.communicate()
-    assert (started.returncode, errors) == (0, "") and "played" in out

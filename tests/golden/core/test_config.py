@@ -5,7 +5,7 @@ import json
 import pytest
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, signed_bits
-from eskin.golden.model import with_network
+from eskin.training.formats import with_network
 from tests.support.table import each_row
 
 FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent_format=QFormat(4, 4))
@@ -18,15 +18,6 @@ def test_states_whose_differences_exceed_the_operand_are_refused():
     with pytest.raises(InputError, match="field state_format: .* differences of states"):
         PRESETS["thesis"].replace(state_format=QFormat(1, 15), **FINE)
     assert PRESETS["thesis"].replace(cell="lstm", state_format=QFormat(1, 15), **FINE).operand_bits == 16
-
-
-def test_a_weight_word_is_as_wide_as_the_widest_of_the_three_formats():
-    for name in ("weight_format", "recurrent_format", "dense_format"):
-        assert (
-            PRESETS["thesis"].replace(**{name: QFormat(4, 5)}).weight_bits
-            == 9
-            > PRESETS["thesis"].weight_bits
-        )
 
 
 def test_the_element_wise_accumulator_holds_its_operands_at_their_ends():
@@ -105,10 +96,7 @@ def test_a_value_of_the_wrong_kind_in_a_file_is_refused_in_a_sentence(tmp_path, 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        (
-            {"name": "old", "taxels": 8},
-            "field taxels stands outside of its group, as before version 0.2; put it into sensor",
-        ),
+        ({"name": "old", "taxels": 8}, "unknown group taxels; known groups are sensor"),
         ({"sensors": {}}, "unknown group sensors; known groups are sensor, rest_level"),
         ({"sensor": {"hidden": 8}}, "group sensor: unknown field hidden; known fields are taxels"),
         ({"sensor": [8]}, "group sensor: must be a JSON object"),

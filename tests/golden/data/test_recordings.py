@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from eskin.data import Reading, load_recordings
 from eskin.data.folds import grouped_folds
 from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core.groups import MOST_CLASSES
 from eskin.golden.data import Recordings
 from tests.support.table import each_row
 
@@ -142,48 +143,11 @@ def test_a_bad_archive_is_refused_with_file_array_and_fix(tmp_path, changes, sen
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
-def cut_in_half(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
 def flip(path: Path) -> None:
     """The bytes of one array: the archive's checksum must notice."""
     content = bytearray(path.read_bytes())
     content[content.index(b"labels.npy") + 160] ^= 255
     path.write_bytes(content)
-
-
-def single(path: Path) -> None:
-    with path.open("wb") as file:
-        np.save(file, np.zeros(3))
-
-
-def loop(path: Path) -> None:
-    """Unreadable for the superuser too."""
-    path.unlink()
-    path.symlink_to(path)
-
-
-@each_row(
-    "damage",
-    [
-        cut_in_half,
-        flip,
-        lambda path: path.write_text("time,a,b\n0,1,2\n"),
-        lambda path: path.write_bytes(b""),
-        single,
-        lambda path: np.array([{}], dtype=object).dump(path),
-        Path.unlink,
-        loop,
-    ],
-)
-def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, damage):
-    path = archive(tmp_path)
-    damage(path)
-    said = "single array|damaged|no .npz archive|is not there|cannot be read"
-    with pytest.raises(InputError, match=said) as caught:
-        load_recordings(path)
-    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
@@ -212,14 +176,6 @@ def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
     )
     with pytest.raises(InputError, match="no recordings"):
         recordings.subset([])
-
-
-def test_recordings_end_where_they_are_cut_and_never_later(make_recordings):
-    recordings = make_recordings(lengths=(5, 6, 7))
-    cut = recordings.until([2, 6, 99])
-    assert list(cut.lengths) == [2, 6, 7] and list(cut.labels) == list(recordings.labels)
-    for number, length in enumerate((2, 6, 7)):
-        assert np.array_equal(cut.recording(number), recordings.recording(number)[:length])
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
@@ -357,17 +313,6 @@ def test_names_become_groups(tmp_path):
     ]
 
 
-def test_without_a_time_column_the_rate_is_the_configurations(tmp_path):
-    text = "".join(line[line.find("\t") :] + "\n" for line in text_of().splitlines())
-    folder = folder_of(tmp_path, text)
-    recordings = load_recordings(folder, config=PRESETS["pvdf"].replace(volt_per_code=LSB))
-    assert recordings.sample_rate_hz == 2000.0
-    assert any("taken from the configuration 'pvdf'" in note for note in recordings.notes)
-    assert np.array_equal(recordings.recording(0), np.rint(VOLTS / LSB))
-    with pytest.raises(InputError, match="--rate HZ"):
-        load_recordings(folder)
-
-
 def test_folders_that_are_no_data_set_are_refused(tmp_path):
     with pytest.raises(InputError, match="has no sub-folder"):
         load_recordings(tmp_path)
@@ -377,6 +322,10 @@ def test_folders_that_are_no_data_set_are_refused(tmp_path):
         load_recordings(root)
     (root / "slide" / "a.lvm").write_text("0,0\t1,65\n0,1\t1,65\n")
     with pytest.raises(InputError, match="has 2 columns where 'brush/p01_t2.lvm' has 5"):
+        load_recordings(root)
+    for number in range(MOST_CLASSES):  # before any of a large tree's files is read
+        (root / f"run {number}").mkdir()
+    with pytest.raises(InputError, match="has 131 sub-folders, one a class"):
         load_recordings(root)
 
 

@@ -6,7 +6,9 @@ import pytest
 import torch
 
 from eskin.golden.core import PRESETS, sigmoid_table, tanh_table
-from eskin.golden.model import Fixed, Float, network_formats, random_integer_model, run_cell, with_network
+from eskin.golden.model import Fixed, Float, network_formats, run_cell
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model
 from eskin.training.network import RecurrentClassifier
 from tests.support.table import each_row
 

@@ -1,18 +1,11 @@
 """Image networks: accumulators at their ends, in float against torch; integers are held by hardware and C."""
 
 import numpy as np
-import pytest
 import torch
 
-from eskin.golden.core import AcceleratorConfig, Conv, InputError, Pool
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    float_images,
-    network_shapes,
-    random_images,
-    run_images,
-)
+from eskin.golden.core import AcceleratorConfig, Conv, Pool
+from eskin.golden.model import FloatModel, IntegerModel, float_images, network_shapes, run_images
+from eskin.training.made_up import random_images
 from tests.support.image_scenes import random_image_model
 
 LISTS = [
@@ -77,18 +70,3 @@ def test_streams_hold_what_the_hardware_keeps():
     rows, offsets = streams["decision"]
     assert rows.shape == (6, 6) and offsets.tolist() == [0, 2, 4, 6]
     assert rows[2:4].tolist() == [[flag, 0, trace.decision[1], trace.margin[1], 0, 0] for flag in (0, 1)]
-
-
-def test_a_model_folder_keeps_both_networks(tmp_path):
-    model = model_of(0, 4)
-    FloatModel(model.config, {name: array / 7 for name, array in model.arrays.items()}).save(
-        tmp_path / "m", {}
-    )
-    model.save(tmp_path / "m")
-    again = IntegerModel.load(tmp_path / "m", images=True)
-    with pytest.raises(InputError, match="is a network for images, which this verb does not take"):
-        IntegerModel.load(tmp_path / "m")
-    assert again.config == model.config and all(
-        (again.arrays[name] == model.arrays[name]).all() for name in model.arrays
-    )
-    assert (FloatModel.load(tmp_path / "m", images=True).arrays["W_0"] == model.arrays["W_0"] / 7).all()

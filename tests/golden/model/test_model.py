@@ -5,19 +5,9 @@ import pytest
 import torch
 
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.model import (
-    Float,
-    FloatModel,
-    IntegerModel,
-    load_config,
-    load_training,
-    network_shapes,
-    normalise,
-    normaliser_constants,
-    random_integer_model,
-    run_cell,
-    with_network,
-)
+from eskin.golden.model import FloatModel, IntegerModel, load_config, load_training, normalise
+from eskin.training.formats import normaliser_constants, with_network
+from eskin.training.made_up import random_integer_model
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
 from tests.support.table import each_row
@@ -150,17 +140,6 @@ def test_a_spread_too_small_for_the_scale_is_refused():
         normaliser_constants(config, 0.0, 0.0005)
 
 
-@each_row("name", list(PRESETS))
-@each_row("network", [{}, {"reset": "after"}, {"cell": "lstm"}])
-def test_random_models_are_whole_and_repeat_by_seed(name, network):
-    config = with_network(PRESETS[name], **network)
-    first, again, other = (random_integer_model(config, seed) for seed in (1, 1, 2))
-    assert set(first.arrays) == {*network_shapes(config, real=False), "mean", "scale"}
-    assert all((first.arrays[key] == again.arrays[key]).all() for key in first.arrays)
-    assert any((first.arrays[key] != other.arrays[key]).any() for key in first.arrays)
-    assert all((first.arrays[key] != 0).all() for key in first.arrays if key.startswith("b"))
-
-
 # ---------------------------------------------------------------------- changes of the network
 def test_with_network_moves_the_state_format_and_the_windows():
     lstm = with_network(PRESETS["thesis"], cell="lstm", hidden=10)
@@ -173,16 +152,3 @@ def test_with_network_moves_the_state_format_and_the_windows():
     for name in ("thesis", "pvdf"):
         with pytest.raises(InputError, match="field steps"):
             with_network(PRESETS[name], steps=0)
-
-
-def test_masked_taxels_do_not_reach_the_float_network():
-    config = SMALL.replace(masked_taxels=(1,))
-    model = float_model(config)
-    means = np.random.default_rng(2).normal(0, 50, (3, 6, 4))
-    broken = means.copy()
-    broken[..., 1] = 1e6
-    np.testing.assert_array_equal(model.features(means), model.features(broken))
-    features = model.features(means)
-    tensors = {name: torch.tensor(array) for name, array in model.arrays.items()}
-    expected = run_cell(Float(config), config, tensors, torch.tensor(features))[1]
-    np.testing.assert_allclose(model.forward(features)[1], expected.numpy(), rtol=0, atol=1e-12)

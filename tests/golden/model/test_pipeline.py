@@ -3,8 +3,9 @@
 import numpy as np
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import find_touches, step_times
+from eskin.golden.model import find_touches
 from eskin.golden.model.pipeline import decide, global_steps
+from eskin.training.times import step_times
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 

@@ -13,12 +13,10 @@ import eskin.golden.model.preprocess as preprocess
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, signed_bits
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_touches, normalise, real_features
-from eskin.golden.model.preprocess import window_spans
+from eskin.golden.model import find_touches, normalise
 from tests.support.front_end_cases import detect
 from tests.support.strategies import configurations
 from tests.support.table import each_row
-from tests.support.touch_scenes import SMALL, scene
 
 THESIS = PRESETS["thesis"]
 REST = 26400  # inside the thesis band, codes
@@ -169,10 +167,6 @@ def test_equal_to_the_specification_frame_by_frame(config, seed, batch):
 
 
 # ---------------------------------------------------------------- normaliser
-def test_real_features_are_window_means():
-    sums = np.stack([np.array([615] * 19 + [311] + [615] * 2)] * 3, axis=1)[None] * np.array([1, -2, 3])
-    assert np.array_equal(real_features(THESIS, sums), np.broadcast_to([1.0, -2.0, 3.0], (1, 22, 3)))
-    assert [last - first + 1 for first, last in window_spans(THESIS, 22)] == [615] * 19 + [311] + [615] * 2
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
@@ -228,31 +222,3 @@ def test_every_indentation_is_detected_where_an_offline_detector_sees_it(shared_
         lag.append(onset - (np.argmax(beyond) + 65))
     lag = np.array(lag)
     assert np.quantile(np.abs(lag), 0.98) <= 18 and lag.min() >= -4 and lag.max() <= 100  # frames of 0.5 ms
-
-
-def test_every_slide_opens_at_once(shared_data):
-    config = PRESETS["fabric"]
-    touches = find_touches(
-        config, load_recordings(shared_data / "fabric_slide" / "recordings.npz", config=config)
-    )
-    assert len(touches) == 774
-    assert (touches.start_frame == 1).all()
-    assert (touches.onset_frame == 0).all()
-    assert (touches.completed == 20).all()
-
-
-def test_taking_touches_carries_all_that_is_known_of_them():
-    touches = find_touches(SMALL.replace(fault_frames=16, fault_activity=17), scene(12, seed=3))
-    assert touches.faults.any()
-    rows = np.array([5, 2, 7])
-    for taken, steps in ((touches.take(rows), SMALL.windows.steps), (touches.take(rows, 2), 2)):
-        for field in dataclasses.fields(touches):
-            whole, some = getattr(touches, field.name), getattr(taken, field.name)
-            if field.name in ("recordings", "flagged"):  # of recordings, not of touches
-                np.testing.assert_array_equal(some, whole)
-            elif field.name == "completed":
-                np.testing.assert_array_equal(some, np.minimum(whole[rows], steps))
-            else:
-                np.testing.assert_array_equal(some, whole[rows][:, :steps] if whole.ndim > 1 else whole[rows])
-    assert touches.take(touches.completed < 0).sums.shape == (0, SMALL.windows.steps, SMALL.sensor.taxels)
-    np.testing.assert_array_equal(touches.take(touches.partial).recording, touches.recording[touches.partial])

@@ -7,16 +7,10 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import (
-    IntegerModel,
-    Stream,
-    decide_touches,
-    find_touches,
-    random_integer_model,
-    run,
-    with_network,
-)
+from eskin.golden.model import IntegerModel, Stream, decide_touches, find_touches, run
 from eskin.golden.model.prototypes import forget, taught_in_use, teach, trajectory_codes
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model
 from tests.golden.model.test_stream import check_same
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -133,7 +127,7 @@ def test_a_stream_is_not_taught_during_a_touch():
 @each_row(
     ("fields", "rule", "words"),
     [
-        ({}, {"readout": "dense", "taught": 2}, "field taught: is set with readout 'dense'"),
+        ({}, {"readout": "dense", "taught": 2}, "field taught: belongs to readout 'prototypes'"),
         (
             {"steps": 20},
             RULE | {"state_code_bits": 8, "hidden": 32},
@@ -146,8 +140,12 @@ def test_a_stream_is_not_taught_during_a_touch():
             "field unknown_above: is set with decision 'vote'",
         ),
         ({}, RULE | {"unknown_above": 181}, "field unknown_above: is 181, and no touch.* at most 180"),
-        ({}, RULE | {"taught": 0, "taught_shift": 1}, "field taught_shift: is 1, and there is no place"),
-        ({"loadable": False}, RULE, "field loadable: is false, and the memory of prototypes"),
+        ({}, RULE | {"taught": 0, "taught_shift": 1}, "field taught_shift: is 1, but there are no slots"),
+        (
+            {"loadable": False},
+            RULE,
+            "field loadable: is false, but the host must fill the memory of prototypes",
+        ),
         ({}, RULE | {"state_code_shift": 15}, "field state_code_shift: is 15 and the values have 14 bits"),
         ({}, RULE | {"state_code_bits": 2}, "field state_code_bits: is 2; it must lie in 3..8"),
     ],
@@ -161,20 +159,6 @@ def test_a_readout_that_cannot_be_is_refused(fields, rule, words):
             **rule,
             class_names=tuple(f"class {k}" for k in range(classes)),
         )
-
-
-def test_arrays_that_do_not_fit_the_readout_are_refused():
-    model = taught_model("gru")
-    for name, value in (("taught_count", 6), ("prototypes", 8), ("taught", -9)):
-        array = model.arrays[name].copy()
-        array.flat[0] = value
-        with pytest.raises(InputError, match=f"array {name}: holds"):
-            dataclasses.replace(model, arrays=model.arrays | {name: array})
-    dense = dataclasses.replace(model.config.with_readout())
-    with pytest.raises(InputError, match="is unknown to"):
-        IntegerModel(dense, model.arrays)
-    with pytest.raises(InputError, match="field readout: is 'dense', which is trained and not taught"):
-        teach(random_integer_model(dense, 1), model.arrays["taught"][0, 0], 0)
 
 
 def test_a_class_is_taught_by_index_or_name_and_nothing_else():

@@ -4,15 +4,8 @@ which the hardware gives it."""
 import numpy as np
 from hypothesis import given
 
-from eskin.golden.model import (
-    FloatModel,
-    Stream,
-    completing_frames,
-    network_shapes,
-    random_integer_model,
-    random_recordings,
-    run,
-)
+from eskin.golden.model import FloatModel, Stream, completing_frames, network_shapes, run
+from eskin.training.made_up import random_integer_model, random_recordings
 from tests.support.front_end_cases import CASES
 from tests.support.strategies import designs, examples
 from tests.support.table import each_row
@@ -66,18 +59,6 @@ def check_same(stream, trace, recordings, seed, *, stages=True):
             expected = values[bounds[index] : bounds[index + 1]].tolist()
             assert np.concatenate([np.zeros(0), *parts]).tolist() == expected
     return compared
-
-
-def test_windows_of_replayed_frames_alone_come_with_the_onset():
-    config = CASES["thesis"].replace(
-        pretrigger_frames=20, hop=5, window=10, touch_frames=40, steps=6, rearm_frames=40
-    )
-    model = random_integer_model(config, 3)
-    recordings = whole_recordings(model.config, 4)
-    trace = run(model, recordings)
-    assert check_same(Stream(model), trace, recordings, 5) > 0
-    rows, frames = trace.streams["decision"][0], completing_frames(trace)
-    assert (frames[1:][rows[1:, 1] == 1] == frames[:-1][rows[1:, 1] == 1]).any()  # two windows at one onset
 
 
 def test_random_designs():

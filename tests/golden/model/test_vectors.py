@@ -4,8 +4,10 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import completing_frames, random_integer_model, random_recordings, run, write_vectors
+from eskin.golden.model import completing_frames, run, write_vectors
 from eskin.golden.model.pipeline import STAGES
+from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.times import decision_times
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
@@ -52,7 +54,7 @@ def test_the_frame_that_completes_each_decision(frames, early, expected):
     if early:
         assert len(set(trace.local[0, :5])) == 1, "the model changes its mind: choose another seed"
         assert trace.streams["decision"][0][5].tolist()[:2] == [1, 4] and not trace.global_partial.any()
-        assert trace.decision_time_s().tolist() == [4 / 3000.0]
+        assert decision_times(trace).tolist() == [4 / 3000.0]
 
 
 def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):

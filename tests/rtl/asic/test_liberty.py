@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from eskin.golden.core import InputError
 from eskin.rtl.asic.buffers import buffer_of, insert
-from eskin.rtl.asic.liberty import WireLoad, corners, read
-from eskin.rtl.asic.nets import Nets, blocks_of
-from eskin.rtl.asic.synthesis import expression, model, process_of, without_initial
+from eskin.rtl.asic.liberty import corners, read
+from eskin.rtl.asic.synthesis import expression, model, process_of
 from tests.support.strategies import examples
 
 HEAD = """library (made) {{ /* a
@@ -128,23 +127,6 @@ def test_models_say_what_cells_do_and_begin_at_random(tmp_path):
     assert "posedge force_0" in model(cells["ff"]) and "if (G) IQ = D;" in model(cells["la"])
 
 
-def test_only_memories_that_are_written_lose_their_first_words():
-    cell = '  cell ${} ${}\n    parameter \\MEMID "\\\\{}"\n  end\n'
-    parts = [("meminit_v2", 1, "rom"), ("meminit_v2", 2, "ram"), ("memwr_v2", 3, "ram")]
-    text = "module \\a\n" + "".join(cell.format(*part) for part in parts) + "end\n"
-    left = without_initial(text)
-    assert "$1" in left and "$2" not in left and "$3" in left
-
-
-def test_wire_loads_between_and_behind_the_tables_lengths(tmp_path):
-    wire = read(file(tmp_path, "cells.lib", CELLS + GATE)).wire_loads["10k"]
-    assert wire.farad == pytest.approx(0.3e-15)
-    wire = WireLoad(lengths={1: 10.0, 5: 90.0}, slope=20.0, farad=1e-15)
-    assert [wire.capacitance(count) for count in (0, 1, 3, 5, 7)] == pytest.approx(
-        [0, 10e-15, 50e-15, 90e-15, 130e-15]
-    )
-
-
 def test_nets_with_many_receivers_get_trees_of_buffers_and_the_clock_does_not(tmp_path):
     cells = read(file(tmp_path, "cells.lib", CELLS + BUFFERS + GATE)).cells
     flip_flops = {
@@ -168,45 +150,3 @@ def test_nets_with_many_receivers_get_trees_of_buffers_and_the_clock_does_not(tm
         assert driver[reached[-1]] == 3
     assert max(map(reached.count, reached)) <= 16 and min(driver) > 200
     assert all(cell["connections"]["CLK"] == [2] for cell in flip_flops.values())
-
-
-def test_the_clocks_trunk_is_a_block_of_its_own(tmp_path):
-    cells = read(file(tmp_path, "cells.lib", CELLS + BUFFERS + GATE)).cells
-
-    def gate(clock: int, enable: int, out: int) -> dict:
-        return {"type": "gate", "connections": {"C": [clock], "E": [enable], "O": [out]}}
-
-    def flip_flop(clock: int, out: int) -> dict:
-        return {"type": "ff", "connections": {"CLK": [clock], "D": [9], "R": ["1"], "Q": [out]}}
-
-    names = {"top.chain.engine.sums.word": 5, "top.chain.control.mask": 6, "top.chain.engine.sums.gated": 3}
-    module = {
-        "ports": {"clk": {"bits": [2]}},
-        "netnames": {name: {"hide_name": 0, "bits": [bit]} for name, bit in names.items()},
-        "cells": {
-            "top": gate(2, 8, 3),
-            "own": gate(3, 7, 4),
-            "sums": flip_flop(4, 5),
-            "mask": flip_flop(3, 6),
-        },
-    }
-    found = {"top": "clock trunk", "own": "engine.sums", "sums": "engine.sums", "mask": "control"}
-    assert blocks_of(Nets(module, cells)) == found
-
-
-def test_a_constant_of_many_receivers_has_cells_of_its_own_in_place_of_buffers(tmp_path):
-    cells = read(file(tmp_path, "cells.lib", CELLS + BUFFERS + GATE)).cells
-    flip_flops = {
-        f"f{k}": {"type": "ff", "connections": {"CLK": [2], "D": [4], "R": [3], "Q": [100 + k]}}
-        for k in range(50)
-    }
-    module = {
-        "ports": {"clk": {"bits": [2]}, "always": {"bits": [3]}},
-        "netnames": {},
-        "cells": flip_flops | {"tie": {"type": "sg13g2_tiehi", "connections": {"L_HI": [3]}}},
-    }
-    insert(module, cells, 16)
-    ties = [cell["connections"] for cell in module["cells"].values() if cell["type"] == "sg13g2_tiehi"]
-    reached = [module["cells"][f"f{k}"]["connections"]["R"][0] for k in range(50)]
-    assert sorted(net for tie in ties for net in tie["L_HI"]) == sorted(set(reached)) and 3 in reached
-    assert len(ties) == 4 and max(map(reached.count, reached)) <= 16

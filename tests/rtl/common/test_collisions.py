@@ -7,8 +7,6 @@ from amaranth.hdl import Cat, Module, Signal, Value, unsigned
 from amaranth.lib.memory import Memory
 
 from eskin.rtl.common.collisions import NO_COLLISION, without_contents
-from tests.rtl.decision import test_classifier
-from tests.rtl.engine import test_engine as test_engine_bench
 from tests.rtl.top import test_accelerator
 from tests.support.stream_bench import simulate
 
@@ -58,21 +56,6 @@ def test_a_collision_shows(attributes, value):
 )
 def test_whole_design(name, stall):
     test_accelerator.test_bit_exact_at_every_stage(name, stall)
-
-
-@pytest.mark.parametrize(
-    ("cell", "reset", "lanes", "lane_type"),
-    [("gru", "before", 4, "dsp"), ("gru", "after", 1, "plain"), ("lstm", "before", 1, "dsp")],
-)
-def test_engine(garbage, cell, reset, lanes, lane_type):
-    config = test_engine_bench.small(cell, reset, lanes, lane_type=lane_type)
-    test_engine_bench.check_exact_and_cycles(config, 1)
-    assert len(garbage) >= 3, "program, data, weights are not marked"
-
-
-@pytest.mark.parametrize("decision", ["vote", "last"])
-def test_classifier_scores(decision):
-    test_classifier.test_decisions(test_classifier.RULES.index({"decision": decision}))
 
 
 def test_only_large_memories_begin_as_anything():

@@ -2,7 +2,6 @@
 or wrong."""
 
 import numpy as np
-import pytest
 from amaranth.hdl import Module, Signal, signed, unsigned
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,13 +57,6 @@ def test_saturate_every_code(source, target):
     assert got == [formats.clamp(code, target) for code in codes]
 
 
-@each_row("shift", range(10))
-def test_narrow_every_code(shift):
-    target, codes = QFormat(2, 3), list(span(signed(9)))
-    got, _ = evaluate(signed(9), lambda value: fixed.narrow(value, shift, target), codes)
-    assert got == [formats.narrow(code, shift, target) for code in codes]
-
-
 @examples(60, 600)
 @given(
     width=st.integers(2, 40),
@@ -89,18 +81,7 @@ def test_clip_every_code(bound):
     assert got == [min(max(code, -bound), bound) for code in codes]
 
 
-def test_wrapping_keeps_the_low_bits():
-    codes = np.arange(-700, 700)
-    assert (formats.clamp(codes, QFormat(3, 5), "WRAP") == codes.astype(np.int8)).all()
-    assert (formats.clamp(codes, QFormat(3, 5, False), "WRAP") == codes.astype(np.uint8)).all()
-
-
 @each_row("shift", range(1, 6))
 def test_convergent_rounding_takes_ties_to_the_even_code(shift):
     codes = np.arange(-200, 200)
     assert (formats.shift_right(codes, shift, "RND_CONV") == np.rint(codes / 2**shift)).all()
-
-
-def test_negative_shift_is_refused():
-    with pytest.raises(ValueError, match="not by -1"):
-        fixed.round_half_up(Signal(4), -1)

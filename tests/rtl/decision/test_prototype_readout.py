@@ -8,13 +8,14 @@ import pytest
 from amaranth.hdl import Const
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import class_distances, forget, narrowed, taught_in_use, teach
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.common.status import TEACHING
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.timing import readout_cycles
+from eskin.training.made_up import random_integer_model
 from tests.support.stream_bench import simulate
 
 
@@ -288,17 +289,3 @@ def test_a_place_with_a_damaged_code_is_left_out_and_flagged(decision):
 
     again = Player(model, 12, 0.2)
     again.run(mended)
-
-
-@pytest.mark.parametrize(
-    "fields", [{"taught": 0}, {"taught": 0, "prototypes": 1}, {"prototypes": 3, "taught": 1}]
-)
-def test_every_number_of_places(fields):
-    player = Player(small_model(3, **fields), 5, 0.2)
-
-    async def act(ctx):
-        for _ in range(6):
-            await player.touch(ctx, 3)
-
-    player.run(act)
-    assert player.latencies == {readout_cycles(player.config)}

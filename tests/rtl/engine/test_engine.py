@@ -7,12 +7,13 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, narrow
-from eskin.golden.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.engine import Engine
 from eskin.rtl.engine.window_queue import WindowQueue
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import schedule
+from eskin.training.made_up import random_integer_model
 from tests.support.stream_bench import Bench, put, simulate, values
 
 

@@ -1,7 +1,5 @@
 """Words slot by slot, repeats, waiting, beginning again: against the microcode's own unrolled words."""
 
-import random
-
 import pytest
 from amaranth.hdl import ResetInserter, Signal
 
@@ -10,7 +8,6 @@ from eskin.rtl.engine.sequencer import Sequencer
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 from eskin.rtl.program.schedule import schedule
 from tests.support.stream_bench import simulate
-from tests.support.table import each_row
 
 FIELDS = (*ADDRESSES, *CONTROLS)
 
@@ -94,15 +91,6 @@ def test_waiting_freezes_the_slot_until_go(code):
     assert waits[:40] == list(range(wait + 1, late + 1))
     assert [cycle for cycle, _, _ in taken][wait - 1 : wait + 3] == [wait, late, late + 1, late + 2]
     assert len(waits) == 40, "go is only asked for at the wait"
-
-
-@each_row("lane_type", ["plain", "dsp"])
-def test_goes_at_random_change_no_order(lane_type):
-    code, rng = microcode(2, lane_type=lane_type), random.Random(3)
-    goes = [rng.random() < 0.2 for _ in range(2500)]
-    taken, waits = play(code, 2500, go=lambda cycle: goes[cycle])
-    check(code, taken, [False] * 40)
-    assert len(taken) > 3 * len(code.slots) and len(waits) > 10
 
 
 def test_a_checked_program_is_right_word_by_word_and_a_changed_word_is_told():

@@ -14,14 +14,12 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
-from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga import wiring as wired
 from eskin.rtl.fpga.implementation import DoesNotFit, place
-from eskin.rtl.fpga.synthesis import ICE40, Netlist, PoweredOn, synthesise
+from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
-from eskin.rtl.top.board import Board
+from eskin.training.made_up import random_integer_model
 from eskin.verbs import build_job as job
 from tests.support.result_case import CONFIG
 from tests.support.table import each_row
@@ -88,9 +86,6 @@ class TwoBlocks(wiring.Component):
         return m
 
 
-PINS = {"clk": "35", "i": "4", "o": "2"}
-
-
 NO_MULTIPLIERS = dataclasses.replace(
     target("icebreaker"),
     name="small",
@@ -100,37 +95,6 @@ NO_MULTIPLIERS = dataclasses.replace(
     pins=("112", "113", "114", "115", "116", "117", "118", "119", "78"),
 )
 """A part that lacks what the boards' parts have."""
-
-
-@pytest.fixture(scope="module")
-def two_blocks(tmp_path_factory) -> Netlist:
-    return synthesise(PoweredOn(TwoBlocks()), ICE40, tmp_path_factory.mktemp("two"), top="two")
-
-
-def test_a_cell_belongs_to_the_block_that_drives_its_output(two_blocks, tmp_path):
-    result = place(two_blocks, target("icebreaker"), PINS, tmp_path, seed=1)
-    assert {name: counts["ff"] for name, counts in result.blocks.items()} == {
-        "classifier": 8,
-        "control": 12,
-        "top": 8,
-    }
-    assert sum(counts["cells"] for counts in result.blocks.values()) == result.utilisation["logic cells"][0]
-    every = [result.utilisation[what][1] for what in ("logic cells", "block memories", "multipliers")]
-    assert every == list(target("icebreaker").room or ())
-    # The adder's carries lie in the block that adds, with the two-bit room that nextpnr needs at a chain's
-    # end at most.
-    assert 7 <= result.blocks["classifier"]["carry"] <= 9 and 11 <= result.blocks["control"]["carry"] <= 13
-    assert "to control" in result.path and "ns through" in result.path
-
-
-def test_a_seed_gives_its_own_bitstream_every_time(two_blocks, tmp_path):
-    made = [
-        place(two_blocks, target("icebreaker"), PINS, tmp_path / str(run), seed=seed)
-        for run, seed in enumerate((1, 1, 2))
-    ]
-    first, again, other = (one.bitstream.read_bytes() for one in made)
-    assert bytes.fromhex("7eaa997e") in first[:64]  # the word that wakes an iCE40
-    assert first == again and first != other
 
 
 # ---------------------------------------------------------------------- multipliers
@@ -369,35 +333,6 @@ def test_a_boards_pins_are_told_apart(name):
     pins = Wiring(config=CONFIG.replace(class_names=tuple("abcdefg")), target=board, link=True).sites()
     assert len(set(pins.values())) == len(pins) == 4 + 1 + 7
     assert board.clock_hz in (12e6, 25e6, 27e6)
-
-
-def test_twenty_classes_are_a_number_on_an_icebreakers_pins():
-    config = CONFIG.replace(class_names=tuple("abcdefghijklmnopqrst"))
-    wiring = Wiring(config=config, target=target("icebreaker"), link=True)
-    assert wiring.shown == "binary" and dataclasses.replace(wiring, target=target("ulx3s")).shown == "each"
-    pins = wiring.sites()
-    assert {name for name in pins if name.startswith("decision[")} == {f"decision[{k}]" for k in range(5)}
-    top = Board(random_integer_model(config, 1).config, clock_hz=12e6, class_pins="binary")
-    top._MustUse__silence = True  # its ports are all that is wanted
-    ports = set(top.signature.members)
-    assert {name.partition("[")[0] for name in pins} == ports | {"clk"}
-
-
-@each_row("board", TARGETS)
-def test_four_lanes_of_the_type_that_suits_the_board(board):
-    hardware = job.suited(CONFIG, target(board)).hardware
-    assert hardware.lanes == 4 and (hardware.lane_type == "dsp") == (board in ("icebreaker", "upduino"))
-    assert job.suited(CONFIG, target(board), 2, "plain").hardware == CONFIG.with_lanes(2, "plain").hardware
-
-
-def test_sums_too_wide_for_dsp_lanes_are_made_on_plain_ones():
-    """512 inputs; ``train`` and ``build`` refused them by the type that they chose themselves."""
-    config = AcceleratorConfig.of(
-        taxels=256, feature_kinds=("mean", "activity"), window=614, sample_rate_hz=100.0
-    )
-    assert config.accumulator_bits == 33
-    assert job.suited_lane_type(config, target("icebreaker")) == "plain"
-    assert job.suited_lane_type(config.replace(taxels=128), target("icebreaker")) == "dsp"
 
 
 class Program(wiring.Component):

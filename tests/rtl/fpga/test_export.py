@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from amaranth.back import rtlil
 
-from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.export import TOP, export, rom, verilog
 from eskin.rtl.fpga.tools import ToolError
-from eskin.rtl.frontend import front_end
 from eskin.rtl.top.bus_top import BusTop
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.sensing import Sensing
@@ -57,34 +55,6 @@ def test_text_is_deterministic_portable_and_complete():
         "rst",
     ):
         assert port in text
-
-
-def test_kinds_of_feature_that_are_off_leave_no_trace(monkeypatch):
-    """The Verilog of the mean alone is that of a configuration written before there were other kinds,
-    whatever their fields hold."""
-    config = PRESETS["thesis"].replace(hidden=4, feature_shift=(5, 4))
-    untold = config.to_dict()
-    for field in (
-        "feature_kinds",
-        "activity_rule",
-        "activity_block",
-        "integral_knee",
-        "integral_frac",
-        "feature_scale",
-    ):
-        del untold["features"][field]
-    told = config.replace(activity_rule="change", activity_block=64, integral_knee=3, integral_frac=5)
-    shifts = config.features.feature_shift * 2
-    both = config.replace(feature_kinds=("mean", "integral"), feature_shift=shifts)
-    assert "feature_expander" in rtlil.convert(make_accelerator(both), name="both", emit_src=False)
-
-    def never(config):
-        raise AssertionError("an expander is made")
-
-    monkeypatch.setattr(front_end, "FeatureExpander", never)
-    configs = (AcceleratorConfig.from_dict(untold), config, told)
-    designs = {rtlil.convert(make_accelerator(one), name="top", emit_src=False) for one in configs}
-    assert len(designs) == 1
 
 
 def exported(design) -> tuple[Any, str, str]:

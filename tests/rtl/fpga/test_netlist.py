@@ -12,18 +12,12 @@ import numpy as np
 import pytest
 
 from eskin.cosim import flow, runner
-from eskin.cosim.activity import FILE, Count, instrument, read_count
+from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.netlist import ECP5_CELLS, GOWIN_CELLS, Hardware, netlist_hardware
-from eskin.golden.model import (
-    IntegerModel,
-    random_integer_model,
-    random_recordings,
-    run,
-    with_network,
-    write_vectors,
-)
-from eskin.rtl.fpga.blocks import block_of
+from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
+from eskin.training.formats import with_network
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.verbs.flow import cosimulate, netlist_of
 from tests.support.lut_fault import flip_lut_bit
 from tests.support.small_designs import SMALL
@@ -191,41 +185,6 @@ endmodule
 """
 
 
-def test_counters_cover_every_register_multiplier_and_memory():
-    text = instrument(NETLIST, lambda name: name.split(".")[0])
-    assert (
-        "now_0 = {q[0]}" in text
-        and "now_1 = {q[1]}" in text
-        and "toggles engine" in text
-        and "toggles front_end" in text
-    )
-    assert (
-        "operands_0 = {{ d, 14'h0000 }, 16'h0003}" in text
-        and "64'(d[0] && 1'h1)" in text
-        and "64'd0 + 64'(d[1])" in text
-        and text.count("endmodule") == 1
-    )
-
-
-def test_a_block_that_only_adds_is_a_register():
-    for value, counts in (("2'h0", True), ("32'sd0", True), ("2'h2", False)):
-        adder = NETLIST.replace("A_REG(1'h0)", f"TOPADDSUB_LOWERINPUT({value})").replace(
-            ".B(16'h0003)", ".B(16'h0003),\n    .O(total)"
-        )
-        text = instrument(adder, lambda name: name.split(".")[0])
-        assert ("wire [32:0] now_0 = {q[0], total}" in text) == counts
-        assert ("operands_0" in text) != counts
-
-
-def test_a_count_is_read_back(tmp_path):
-    (tmp_path / FILE).write_text(
-        "cycles 100\ntoggles cell 30\ntoggles ring 4\nmultiplies 5\nram_reads 6\nlarge_uses 7\n"
-    )
-    assert read_count(tmp_path) == Count(
-        cycles=100, toggles={"cell": 30, "ring": 4}, multiplies=5, ram_reads=6, large_uses=7
-    )
-
-
 CLOCKS = 40
 DRIVER = f"""
 `timescale 1ns / 1ps
@@ -282,28 +241,6 @@ def test_counters_count_what_changes(tmp_path):
     assert count.cycles == CLOCKS and count.toggles == {"engine": toggles[0], "front_end": toggles[1]}
     assert count.multiplies == changes and count.ram_reads == sum(value & 1 for value in driven[:CLOCKS])
     assert count.large_uses == sum(value >> 1 for value in driven[:CLOCKS])
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-def test_counts_depend_on_the_work_and_not_on_the_pace(model, play, tmp_path):
-    hardware, _ = netlist_of(model.config, model.arrays, "icebreaker", probes=False)
-    counted = tmp_path / "counted.v"
-    counted.write_text(instrument(hardware.sources[0].read_text(), block_of))
-    hardware = dataclasses.replace(hardware, sources=(counted, *hardware.sources[1:]))
-    results, counts = [], []
-    for options in ({}, {"pace": "declared", "clock_hz": 48e3}):
-        results.append(play(hardware, "verilator", **options))
-        counts.append(read_count(tmp_path / "work"))
-    assert all(result["bit_exact"] for result in results)
-    assert (
-        counts[1].cycles - counts[0].cycles
-        == results[1]["simulated_cycles"] - results[0]["simulated_cycles"]
-        > 0
-    )
-    assert counts[0].multiplies == pytest.approx(counts[1].multiplies, rel=0.02)
-    assert counts[0].multiplies >= 0.8 * results[0]["steps"] * CONFIG.multiplies
-    assert counts[0].toggles["cell"] == pytest.approx(counts[1].toggles["cell"], rel=0.02)
 
 
 def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):

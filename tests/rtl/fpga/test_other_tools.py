@@ -9,8 +9,8 @@ import pytest
 
 from eskin.cosim.runner import verilator_command
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.export import WAIVER
+from eskin.training.made_up import random_integer_model
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import make
 from tests.support.image_scenes import random_image_model

@@ -4,9 +4,9 @@ designs), and few of its names are anonymous."""
 import re
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.readable import ports_named, readable
+from eskin.training.made_up import random_integer_model
 
 MODULE = """module top(a, b, s, o);
   wire [3:0] _0_;

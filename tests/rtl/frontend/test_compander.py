@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import real_features
 from eskin.golden.model.preprocess import compand
 from eskin.rtl.frontend.compander import Compander
 from tests.support.stream_bench import play, values
@@ -58,13 +57,3 @@ def test_companding_is_odd_and_monotone_and_can_be_undone(knee, fraction):
     # fraction
     true = np.log2(1 + np.abs(sums) / 2**knee)
     assert (np.abs(np.abs(found) / 2**fraction - true) < 0.0861 + 2.0**-fraction).all()
-
-
-def test_without_companding_nothing_changes_and_with_it_features_are_the_logarithm():
-    sums = np.array([[[0, 5, -700, 960]] * 4])
-    plain = companding(5, 5, compand="none")
-    np.testing.assert_array_equal(compand(plain, sums), sums)
-    np.testing.assert_array_equal(real_features(plain, sums), sums / 16)
-    assert plain.feature_units == (16.0,) and companding(5, 5).feature_units == (32.0,)
-    logarithms = np.log2([1, 37 / 32, 732 / 32, 992 / 32]) * [1, 1, -1, 1]
-    np.testing.assert_allclose(real_features(companding(5, 5), sums)[0, 0], logarithms, atol=0.12)

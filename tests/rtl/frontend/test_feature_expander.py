@@ -117,23 +117,4 @@ def test_documented_pace_and_latency(subset):
     assert taken == (np.cumsum(slots) - 1).tolist()
 
 
-def test_extremes_neither_wrap_nor_saturate():
-    """The largest and smallest deviations for a whole touch, and changes from one end to the other with every
-    block."""
-    for name in ("thesis", "pvdf", "immediate touch", "fabric"):
-        config = config_of(name, FEATURE_KINDS, "change")
-        bound, block = config.deviation_bound, config.features.activity_block
-        low = config.sample_format.min_code if config.rest_level.rest == "none" else -bound
-        frames = 2 * config.last_frame
-        for pattern in (
-            np.full(frames, bound),
-            np.full(frames, low),
-            np.where(np.arange(frames) // block % 2, bound, low),
-        ):
-            seen = detect(config, make_stream(config, frames, seed=5, touches=[20]))
-            seen.values[:] = pattern[:, None]
-            out, _ = play(FeatureExpander(config), window_beats(config, seen))
-            assert values(out) == expected_beats(config, seen)
-
-
 # ---------------------------------------------------------------------- the whole chain

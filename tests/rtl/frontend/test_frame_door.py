@@ -4,7 +4,6 @@ import pytest
 from amaranth.hdl import ResetInserter, Signal
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.common.layouts import has_door
 from eskin.rtl.frontend.frame_door import FrameDoor
 from tests.support.stream_bench import Bench, values
 
@@ -43,24 +42,6 @@ def test_the_first_of_every_k_frames_passes_and_without_every_all_do(k, every, s
         assert taken == list(range(taken[0], taken[0] + len(sent)))
 
 
-def test_a_dropped_frame_is_taken_whatever_the_chain_waits_for():
-    dut = FrameDoor(PRESETS["pvdf"].replace(scan_every=4))
-    bench = Bench(dut, seed=1)
-
-    async def chain(ctx):
-        ctx.set(dut.every, 1)
-        ctx.set(dut.o.ready, 1)
-        while not (ctx.get(dut.o.valid) and ctx.get(dut.o.p.last)):
-            await ctx.tick()
-        await ctx.tick()
-        ctx.set(dut.o.ready, 0)  # for ever
-
-    bench.process(chain)
-    taken = bench.drive(dut.i, frames(4))
-    bench.run()
-    assert len(taken) == 12 and taken[-1] - taken[0] == 11
-
-
 def test_a_reset_begins_a_count_and_frames_are_counted_where_they_begin():
     dut, clear = FrameDoor(PRESETS["pvdf"].replace(scan_every=4)), Signal()
     bench = Bench(ResetInserter(clear)(dut), seed=1)
@@ -94,9 +75,3 @@ def test_a_reset_begins_a_count_and_frames_are_counted_where_they_begin():
     bench.process(play)
     bench.run()
     assert got == [(0, 0), (1, 0), (2, 0), (9, 3), (10, 4), (11, 4), (12, 4), (22, 8), (23, 8), (24, 8)]
-
-
-def test_only_frames_from_outside_have_a_door():
-    config = PRESETS["synthetic"].replace(converter="ads7953")
-    assert [has_door(c) for c in (config, config.replace(scan_every=2), PRESETS["pvdf"])] == [False] * 3
-    assert has_door(PRESETS["pvdf"].replace(scan_every=2))

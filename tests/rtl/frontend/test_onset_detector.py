@@ -105,19 +105,6 @@ def test_a_band_and_a_threshold_must_be_exceeded(name, sign, excess):
     assert len(flags["started"]) == excess
 
 
-@pytest.mark.parametrize("name", ["thesis", "pvdf"])
-def test_a_masked_taxel_never_counts(name):
-    config = CASES[name]
-    stream = make_stream(config, 250, seed=21)
-    unmasked = detect(config, stream).touches
-    busiest = next(
-        taxel for taxel in range(config.sensor.taxels) if detect(config, stream, (taxel,)).touches != unmasked
-    )
-    seen = detect(config, stream, masked=(busiest,))
-    out, _, _ = run(config, sample_beats(stream), masked=(busiest,))
-    assert values(out) == frame_beats(config, seen)
-
-
 FRAMING_FAULTS = ("early first", "early last", "late last", "stray beats")
 
 

@@ -55,19 +55,6 @@ def test_frames_of_every_touch(name, one_port):
     assert values(out) == touch_beats(config, seen)
 
 
-@pytest.mark.parametrize("one_port", [False, True])
-@pytest.mark.parametrize("taxels", [1, 2, 3])
-def test_few_taxels_behind_a_slow_reader(taxels, one_port):
-    """Frames as close as the detector lets them; a touch may begin while those behind the last one are still
-    too many."""
-    config = CASES["thesis"].replace(taxels=taxels, one_port=one_port, rearm_frames=13, masked_taxels=())
-    seen = detect(config, make_stream(config, 250, seed=11, touches=[20, 73, 126, 179]))
-    assert len(seen.touches) >= 4
-    gaps = ([2] + [0] * (taxels - 1)) * len(seen.values)
-    out, _ = play(Ring(config), frame_beats(config, seen), (0.0, 0.9), seed=2, quiet=100, gaps=gaps)
-    assert values(out) == touch_beats(config, seen)
-
-
 @pytest.mark.parametrize(("taxels", "gap", "pause"), [(4, 0, 1), (8, 0, 0), (4, 1, 0)])
 def test_latency_and_full_rate(taxels, gap, pause):
     """The replay begins 3 cycles after the onset's last beat, and every cycle brings a beat until it has
@@ -121,32 +108,6 @@ def test_what_has_caught_up_passes_by(wait):
     assert 5 * 4 < caught_up < late and delays[caught_up:late] == [0] * (late - caught_up)
     behind = 0 if not wait else next(k for k, delay in enumerate(delays[late:]) if delay == 0)
     assert behind == {0: 0, 1: 1, 20: 24}[wait] and delays[late + behind :] == [0] * (160 - late - behind)
-
-
-def test_input_waits_only_for_a_full_ring():
-    """With a dead output ``ring_frames`` whole frames and two beats are taken from s on, and none is lost."""
-    config = CASES["thesis"]
-    seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
-    dut = Ring(config)
-    bench = Bench(dut, quiet=300)
-    taken = bench.drive(dut.i, frame_beats(config, seen))
-    out, stuck = [], []
-
-    async def late_reader(ctx):
-        await ctx.tick().repeat(600)
-        stuck.append(len(taken))
-        ctx.set(dut.o.ready, 1)
-        while len(out) < len(touch_beats(config, seen)[: 40 * 4]):
-            _, _, valid, complement = await ctx.tick().sample(dut.o.valid, dut.o.p.complement)
-            if valid:
-                out.append({"complement": complement})
-
-    bench.process(late_reader)
-    bench.run()
-    start = seen.touches[0][1]
-    # one beat of frame s is in the output register, and one came while the ring was found full
-    assert stuck == [(start - 1 + config.ring_frames) * config.sensor.taxels + 2]
-    assert out == touch_beats(config, seen)[: 40 * 4]
 
 
 @pytest.mark.parametrize("cut_frame", [20, 60])

@@ -26,30 +26,6 @@ from tests.support.strategies import examples
 from tests.support.stream_bench import beats_after_reset, play, values
 from tests.support.table import each_row
 
-WINDOWS = (
-    "thesis 6 taxels",
-    "two end together, faults",
-    "three end together",
-    "even windows together",
-    "short first window",
-    "immediate touch, faults",
-    "band initial",
-    "pvdf faults",
-    "fabric",
-)
-"""One case for each way in which windows lie, in touches and in running hops; the onset rules before them
-make no difference here."""
-
-
-@pytest.mark.parametrize("name", WINDOWS)
-def test_sums_of_every_window(name):
-    config = CASES[name]
-    seen = detect(config, make_stream(config, 250, seed=11))
-    expected = sum_beats(config, seen)
-    assert len(expected) >= config.sensor.taxels * config.windows.steps
-    out, _ = play(WindowAverager(config), window_beats(config, seen), stalls=(0.3, 0.5), seed=3)
-    assert values(out) == expected
-
 
 @examples(25, 500)
 @given(

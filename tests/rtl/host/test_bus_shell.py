@@ -225,9 +225,3 @@ def test_arm_begins_anew(depth):
         assert await cpu.read(ShellRegister.NEXT_TAXEL) == 1
 
     play(body, depth=depth)
-
-
-def test_no_decision_is_all_ones_and_margins_saturate():
-    with pytest.raises(ValueError, match="all ones"):
-        decision_word(CONFIG, (1, 255, 127, 2**16 - 1, 1, 1))
-    assert decision_word(CONFIG, (0, 0, 0, 2**20, 0, 0)) >> 15 == 2**14 - 1

@@ -1,18 +1,18 @@
 """rtl/host/driver: the C driver, as compilers see it, and as it plays recordings into the Verilated shell."""
 
 import subprocess
-import sys
 
 import pytest
 
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.golden.model import Stream, random_integer_model, random_recordings, run
+from eskin.golden.model import Stream, run
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Event, Fault, Register, ShellRegister
 from eskin.rtl.program.register_files import entries
+from eskin.training.made_up import random_integer_model, random_recordings
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.c_driver import STRICT
 from tests.support.driver_board import Board
@@ -63,17 +63,6 @@ def test_compiles_without_a_warning(design):
     call = ["g++", "-x", "c++", "-std=c++17", *options, "-c", "eskin.c", "-o", "out.o"]
     done = subprocess.run(call, cwd=design, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize("target", ["", "riscv32-freestanding", "thumb-freestanding"])
-def test_compiles_for_small_processors(design, target):
-    pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
-    cpu = "generic_rv32" if "riscv" in target else "cortex_m0plus"
-    compiled(
-        design,
-        *(sys.executable, "-m", "ziglang", "cc"),
-        *(["-target", target, f"-mcpu={cpu}"] if target else []),
-    )
 
 
 def plays(model, design, recordings, lazy=False, pairs=False, **options):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eskin.golden.model import random_integer_model, random_recordings, run
+from eskin.golden.model import run
 from eskin.golden.model.decision_word import decision_word
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import (
@@ -18,6 +18,7 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.register_files import entries
 from eskin.rtl.program.schedule import step_cycles
+from eskin.training.made_up import random_integer_model, random_recordings
 from tests.rtl.host.test_driver import CONFIG
 from tests.support.driver_board import Board
 

@@ -5,16 +5,12 @@ import random
 from types import SimpleNamespace
 
 import pytest
-from amaranth.lib.crc.catalog import CRC16_IBM_SDLC
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.cosim import link
-from eskin.cosim.scoreboard import offered_row, unpack_decision
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.model.decision_word import decision_word
 from eskin.rtl.common.layouts import decision_layout
-from eskin.rtl.fpga.generate import pack_decision
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from tests.support.strategies import examples
@@ -163,39 +159,6 @@ def test_divisors_and_decisions(divisor):
         link.Decision(k, payload) for k, payload in enumerate(payloads)
     ]
     assert seen.frames == [[9, 8, 7, 6]]
-
-
-def test_a_decision_of_many_classes_is_the_decision_word():
-    config = CONFIG.replace(class_names=tuple(f"class {k}" for k in range(100)), decision="vote")
-    rows = [(0, 255, 99, 0xFFFF, 1, 0), (1, 2, 64, 20, 0, 1)]
-    words = [decision_word(config, row) for row in rows]
-    layout, fields = decision_layout(config), ("is_global", "step", "class", "margin", "partial", "unsure")
-    decisions = [
-        dict(zip(fields, row, strict=True)) | {"margin": word >> 15 & 0x3FFF}
-        for row, word in zip(rows, words, strict=True)
-    ]
-    seen = play([*frame(0, [9, 8, 7, 6]), *[None] * 5], config=config, decisions=decisions)
-    assert [link.parse(body) for body in seen.bodies] == [
-        link.Decision(k, word) for k, word in enumerate(words)
-    ]
-    assert (
-        words
-        == [pack(layout, fields) for fields in decisions]
-        == [pack_decision(config, row) for row in rows]
-    )
-    assert [list(unpack_decision(config, word).values()) for word in words] == [
-        offered_row(config, row) for row in rows
-    ]
-    assert offered_row(config, rows[0])[3] == 0xFFFC and offered_row(config, rows[1])[3] == 20
-
-
-def test_the_check_sequence_is_crc_16_ibm_sdlc():
-    rng = random.Random(3)
-    reference = CRC16_IBM_SDLC(data_width=8)
-    assert link.frame_check(b"123456789") == 0x906E  # the catalogue's check value
-    for length in (0, 1, 2, 36, 300):
-        body = rng.randbytes(length)
-        assert link.frame_check(body) == reference.compute(body)
 
 
 @examples(200, 2000)

@@ -8,7 +8,6 @@ import pytest
 from eskin.rtl.common.load_port import image_lines
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.image.image_engine import ImageEngine
-from eskin.rtl.program.image_passes import PASS_WORDS
 from eskin.rtl.program.image_signature import with_parity
 from eskin.rtl.program.memory_map import ImageMemory, image_memories
 from tests.support.image_case import LOGIT, ImageCase, make_case, random_case
@@ -127,13 +126,6 @@ def test_a_wrong_bit_of_any_memory_is_seen_before_the_last_logit(checked, seed):
         bits = with_parity(-1).bit_length() if select == ImageMemory.BIASES else 16
         wrong = (select, rng.randrange(len(words)), rng.randrange(bits))
         assert run(checked, "plain", 1, wrong), wrong
-
-
-def test_a_program_without_an_end_is_seen(checked):
-    flags = (len(checked.plan.passes) - 1) * (PASS_WORDS + 1)
-    assert run(checked, "plain", 1, (ImageMemory.PASSES, flags, 4)), (
-        "the bit that says which pass is the last"
-    )
 
 
 def test_the_checksum_changes_no_cycle_and_sees_no_fault_where_none_is(checked):

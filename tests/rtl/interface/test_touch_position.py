@@ -77,16 +77,6 @@ def as_told(golden: list[Position]) -> list[tuple]:
     return [(p.frame, p.x, p.y, p.peak, p.ended, p.direction) for p in golden]
 
 
-@each_row("size", SIZES)
-def test_bit_exact_on_generated_touches(size):
-    rows, columns = SIZES[size]
-    config = config_of(rows, columns)
-    samples, _, _ = touches(rows, columns, count=3, seed=rows, frames=6)
-    golden = positions(samples, config)
-    assert len(golden) > 20 and {p.direction for p in golden} - {0}
-    assert hardware(samples, config) == as_told(golden)
-
-
 @each_row(
     "fields",
     [

@@ -1,33 +1,24 @@
 """The linear cell: golden against a direct formula, hardware on every lane type, cycles, checksum, fit,
 import, what fits a part."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, narrow
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    describe_formats,
-    random_integer_model,
-    random_recordings,
-    with_network,
-)
+from eskin.golden.model import FloatModel
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue
+from eskin.training.formats import with_network
 from eskin.training.linear_fit import fit_linear
+from eskin.training.made_up import random_integer_model, random_recordings
 from eskin.training.quantise import quantise_model, signals
 from eskin.training.recipe import RECIPES, choose_recipe
 from eskin.training.train import TrainingRequest, train
 from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
 from tests.support.table import each_row
 from tests.support.unseen import unseen
-
-BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
 
 
 def linear(lanes: int = 1, *, classes: int = 3, **changes) -> AcceleratorConfig:
@@ -68,46 +59,6 @@ def test_logits_are_a_running_sum_that_is_never_narrowed(sets):
                 )
                 assert logits[touch, step, row] == want
     assert 0 < saturated < logits.size
-
-
-def test_the_accumulator_holds_the_worst_case_of_all_steps():
-    """The bound is reached by the most negative codes at every step, and one bit less would not hold it."""
-    config = linear(steps=4, touch_frames=64)
-    lowest = {name: config.value(f"{name}_format").min_code for name in ("dense", "feature", "dense_bias")}
-    arrays = random_integer_model(config, seed=1).arrays
-    worst = dict(arrays, V=np.full_like(arrays["V"], lowest["dense"]))
-    largest = lowest["dense"] * lowest["feature"] * config.inputs * config.windows.steps
-    top = (config.formats.dense_bias_format.max_code << config.dense_bias_shift) + (
-        1 << config.logit_shift - 1
-    )
-    assert largest + top <= config.dense_bound < largest + top + (2 << config.dense_bias_shift)
-    assert config.accumulator_bits == max(18, config.dense_bound.bit_length() + 1)
-    features = np.full((1, config.windows.steps, config.inputs), lowest["feature"])
-    assert (
-        IntegerModel(random_integer_model(config, 1).config, worst).forward(features)[1]
-        == config.formats.logit_format.max_code
-    ).any()
-
-
-def test_sizes_and_what_a_linear_cell_has_not():
-    config = with_network(PRESETS["pvdf"], cell="linear")
-    assert (config.multiplies, config.step_ideal, config.parameter_count, config.network.decision) == (
-        40,
-        10,
-        805,
-        "last",
-    )
-    assert config.replace(weight_sets="one").parameter_count == 45
-    assert set(describe_formats(config)) == {"feature", "dense", "dense_bias", "logit"}
-    for change in ({"hidden": 8}, {"reset": "after"}):
-        with pytest.raises(InputError, match=f"field {next(iter(change))}: is .* a linear cell has none"):
-            with_network(PRESETS["pvdf"], cell="linear", **change)
-    assert (
-        config.replace(
-            state_format=QFormat(4, 12), table_entries=1024, recurrent_format=QFormat(8, 0)
-        ).operand_bits
-        == 12
-    )
 
 
 # ---------------------------------------------------------------------- hardware

@@ -4,7 +4,6 @@ writes that load them."""
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Memory,
     Register,
@@ -16,6 +15,7 @@ from eskin.rtl.program.memory_map import (
     memory_words,
 )
 from eskin.rtl.program.schedule import schedule
+from eskin.training.made_up import random_integer_model
 from tests.support.small_designs import reference
 from tests.support.table import each_row
 

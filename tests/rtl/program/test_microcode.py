@@ -65,37 +65,6 @@ def test_a_length_or_ed_into_the_address_of_scale_or_check_leads_to_its_own_word
     assert counts == {1, 2, 3}
 
 
-def test_jumps_and_waits_begin_a_word(codes):
-    for code in codes.values():
-        begins = [
-            sum(word["repeat"] + 1 for word in code.words[:number]) for number in range(len(code.words))
-        ]
-        assert begins[code.again_word] == code.again
-        assert code.words[begins.index(code.wait)] == {
-            **code.words[begins.index(code.wait)],
-            "wait": 1,
-            "repeat": 0,
-        }
-        assert code.words[-1]["end"] and not code.words[-1]["repeat"]
-        steps = range(code.again, code.wait + code.plan.decision_slots + 1)
-        assert [word["in_step"] for word in code.words] == [int(slot in steps) for slot in begins]
-
-
-def test_no_memory_is_read_in_the_slot_that_writes_the_word(codes):
-    """What `eskin.rtl.engine.engine.NO_COLLISION` promises: only the slots that use an address count."""
-    for code in codes.values():
-        for number, fields in enumerate(code.slots):
-            if fields.get("state_write"):
-                assert fields["state_to"] not in (fields.get("vector"), fields.get("element"))
-            if fields.get("gate_write"):
-                assert fields["result"] != fields.get("gate")
-            # the prologue writes the word for 0 once, before anything is added to it
-            if fields.get("t_write") and not (number < code.again and fields["result"] == code.layout.t_zero):
-                assert fields["result"] != fields.get("t")
-            if fields.get("partial"):
-                assert fields["partial_to"] != fields.get("addend")
-
-
 def test_every_address_lies_in_its_memory_and_no_lane_has_two_tasks(codes):
     """Constants are never written, and the words for 0 in the prologue alone."""
     for (lane_type, _), code in codes.items():
@@ -112,30 +81,6 @@ def test_every_address_lies_in_its_memory_and_no_lane_has_two_tasks(codes):
             assert not (lane_type == "dsp" and word["swap"] and word["valid"])
             assert not (plan.shared and word["swap"] and word["element_first"])
             assert not (plan.shared and word["valid"] and word["element_valid"])
-
-
-def test_vector_counts_within_a_word_and_nothing_else_does():
-    plan = schedule(reference())
-    code = Microcode(plan)
-    code.slots = [{}] * code.wait + [
-        {"mac": 1, "vector": 5},
-        {"mac": 1, "vector": 6, "t": 3},
-        {"mac": 1, "vector": 7},
-        {"mac": 1, "vector": 9},
-        {"mac": 1, "vector": 10, "t": 4},
-        {"mac": 1, "vector": 11, "t": 4},
-        {"mac": 1, "vector": 12, "t": 5},
-        {"mac": 1, "vector": 0},
-        {},
-    ]
-    words = [word for word in code.words[code.again_word + 1 :] if not word["wait"] and word["mac"]]
-    # the slot that waits is a word of its own, and so is the slot after it
-    assert [(word["vector"], word["repeat"], word["t"]) for word in words] == [
-        (6, 1, 3),
-        (9, 2, 4),
-        (12, 0, 5),
-        (0, 0, 0),
-    ]
 
 
 def test_a_schedule_with_two_uses_of_one_slot_is_refused():

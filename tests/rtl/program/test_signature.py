@@ -2,11 +2,11 @@
 check words make the sum zero."""
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import WIDTH, reads, residue
+from eskin.training.made_up import random_integer_model
 from tests.support.unseen import unseen
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, random_integer_model, run, with_network
+from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.rtl.program.memory_map import (
     ID_VALUE,
@@ -22,6 +22,7 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.top.accelerator import Accelerator
+from eskin.training.made_up import random_integer_model
 from tests.support.stream_bench import Bench, bus_accesses, give_frame, values
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
@@ -203,21 +204,6 @@ def check(model: IntegerModel, data: Recordings, streams) -> None:
     trace = run(model, data)
     for stage in (*STAGES, "decision"):
         assert streams[stage] == trace.streams[stage][0].tolist(), stage
-
-
-def test_an_enrolled_model_takes_the_place_of_the_first():
-    """The host loads MODEL, which decides; then MODEL2 into the same design, which decides as if it had been
-    there from the start."""
-    config = with_network(small(), cell="linear")
-    first = random_integer_model(config, seed=1)
-    other = random_integer_model(first.config, seed=2)  # every word of every memory is another one
-    data = recordings(config, 42, [150, 60, 33])
-    streams, statuses = play(first, data, then=other)
-    traces = [run(one, data).streams for one in (first, other)]
-    for stage in (*STAGES, "decision"):
-        assert streams[stage] == [value for trace in traces for value in trace[stage][0].tolist()], stage
-    assert traces[0]["decision"][0].tolist() != traces[1]["decision"][0].tolist()
-    assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN) for status in statuses)
 
 
 FAULTS = {"fault_frames": 16, "fault_activity": 10}

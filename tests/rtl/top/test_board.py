@@ -5,12 +5,12 @@ from amaranth.back import rtlil
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import random_integer_model
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top import board
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board import Board, class_pin_count, reaches_pins
+from eskin.training.made_up import random_integer_model
 from tests.support.silent import Silent
 from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
@@ -73,20 +73,3 @@ def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decisio
         assert taken == ([1, 1, 1, 0, 0, 1, 1, 0, 1, 1] if decision == "early" else [1] * 10)
 
     simulate(m, bench)
-
-
-def test_lines_are_idle_and_pins_low_after_reset():
-    dut = Board(random_integer_model(PRESETS["fabric"], 1).config, clock_hz=12e6)
-
-    async def bench(ctx):
-        ctx.set(dut.rx, 1)
-        for _ in range(50):
-            assert (
-                ctx.get(dut.tx),
-                ctx.get(dut.decision),
-                ctx.get(dut.decision_valid),
-                ctx.get(dut.led),
-            ) == (1, 0, 0, 0)
-            await ctx.tick()
-
-    simulate(dut, bench)

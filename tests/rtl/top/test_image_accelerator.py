@@ -4,13 +4,14 @@ long."""
 import pytest
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import random_images, run_images
+from eskin.golden.model import run_images
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.image_passes import Word
 from eskin.rtl.program.memory_map import Control, Fault, ImageMemory, Register
 from eskin.rtl.program.schedule import step_cycles
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.watchdog import bound
+from eskin.training.made_up import random_images
 from tests.support.image_scenes import random_image_model
 from tests.support.stream_bench import bus_accesses, give_frame, simulate
 

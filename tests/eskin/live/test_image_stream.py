@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model import random_images, run_images
-from eskin.golden.model.image_stream import ImageStream
+from eskin.golden.model import run_images
+from eskin.live.image_stream import ImageStream
+from eskin.training.made_up import random_images
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 

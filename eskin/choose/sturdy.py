@@ -1,0 +1,109 @@
+"""Front ends that hold under disturbance: what networks are tried on where they are judged under one, too.
+
+An onset rule that checks several times, a tracked rest level, and a clip near the largest deviations cost logic
+cells and no energy. Longer windows cost energy, and only as much as the rule allows is tried. No label is
+looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from eskin.choose.candidate import CLEAN_LOSS, Stress
+from eskin.choose.front_ends import Screen, block_of, scanning_half, valid
+from eskin.golden.core import AcceleratorConfig
+
+GATES = (
+    (1, 1, 1.0),
+    (2, 2, 1.0),
+    (3, 4, 1.0),
+    (6, 6, 1.0),
+    (3, 4, 1.5),
+    (5, 6, 1.5),
+    (5, 6, 2.0),
+    (5, 6, 3.0),
+)
+"""Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
+the rule's mean for four judged frames."""
+
+CLIPPED, CLIPS = 0.01, (1.5, 0.75)
+"""A sturdier clip is so many times what this share of a touch's samples is beyond."""
+
+LONGER = (1.15, 1.33, 2.0)
+"""Hops that are tried, over the one before."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hardening:
+    """What makes front ends sturdier. stress: the disturbances. screen: the touches of front ends; None: the
+    front end was asked for, and stays."""
+
+    stress: Stress
+    screen: Screen | None = None
+
+    def sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
+        """``config`` with a tracked rest level, the first of GATES that a disturbance before the touch does not
+        open (else the one that it opens least) and that misses hardly more touches, and each of CLIPS; where it
+        opens at once with these alone. Without what it has already, or no accelerator has."""
+        if self.screen is None or config.onset_rule.onset == "band":
+            return []
+        level = config if config.opens_at_once else valid(config, rest="tracked")
+        if level is None or not len(touches := self.screen.touches(level)):
+            return []
+        touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
+        # what is not taken off is no deviation, so less of it may be cut
+        share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
+        most = np.quantile(np.concatenate(touched), 1 - share)
+        fewest = len(self.screen.touches(config)) - CLEAN_LOSS * len(self.screen.recordings)
+        found: list[AcceleratorConfig | None] = []
+        for over in CLIPS:
+            clip = min(max(int(np.ceil(over * most)), 1), config.rest_level.clip or 65535)
+            if not found:
+                found.append(self._gate(level, clip, fewest))
+            elif found[0] is not None:
+                least = 0 if config.opens_at_once else 2 * found[0].onset_rule.onset_threshold
+                found.append(valid(found[0], clip=max(clip, least)))
+        return [one for one in dict.fromkeys(found) if one and one != config.replace(name=one.name)]
+
+    def _gate(self, level: AcceleratorConfig, clip: int, fewest: float) -> AcceleratorConfig | None:
+        """``level`` with this clip and the gate that disturbances open least, of those that find so many touches."""
+        if level.opens_at_once:
+            return valid(level, clip=clip)
+        rule, best, least = level.onset_rule, None, np.inf
+        for hits, span, over in GATES:
+            threshold = max(1, round(over * rule.onset_threshold))
+            gate = dict(onset_hits=hits, onset_span=span, onset_threshold=threshold)
+            one = valid(level, clip=max(clip, 2 * threshold), **gate)
+            opened = self.stress.false_onsets(one) if one else np.inf
+            if one and self.screen and opened < least and len(self.screen.touches(one)) >= fewest:
+                best, least = one, opened
+            if not least:
+                break
+        return best
+
+    def longer(self, config: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
+        """``config`` with longer windows, with fewer kinds of feature and longer windows, and with half the
+        scans in windows of as many frames, as far as recordings go."""
+        if self.screen is None or config.windows.window_mode != "free":
+            return
+        ends = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[0]
+        kinds = config.features.feature_kinds
+        alike = [
+            config,
+            *([valid(config, feature_kinds=("mean",))] if len(kinds) > 1 and "mean" in kinds else []),
+        ]
+        for one in filter(None, alike):
+            for factor in LONGER:
+                if longer := _with_hop(one, round(factor * one.windows.hop)):
+                    yield from [longer] * (longer.last_frame <= ends)
+        if (half := scanning_half(config)) and (longer := _with_hop(half, config.windows.hop)):
+            yield from [longer] * (longer.last_frame <= ends // 2)
+
+
+def _with_hop(config: AcceleratorConfig, hop: int) -> AcceleratorConfig | None:
+    hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)
+    block = block_of(hop) if config.features.activity_block > 1 else 1
+    return valid(config, hop=hop, window=2 * hop, activity_block=block)

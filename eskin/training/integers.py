@@ -1,0 +1,251 @@
+"""The integer half of a model folder: the float network rounded, or trained on as integers."""
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from eskin.data.fit import check_fit
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, IntegerModel, find_touches, images_of, load_config
+from eskin.golden.model.model import TRAINING_FILE
+from eskin.training.datasets import find_dataset, touch_rows
+from eskin.training.fit import fine_tune, one_thread
+from eskin.training.image_formats import (
+    check_weight_bits,
+    choose_image_formats,
+    equalised,
+    integers_of,
+    profile_images,
+)
+from eskin.training.prototypes import of_recordings, training_groups
+from eskin.training.quantise import (
+    LAST_LOGIT,
+    Range,
+    check_given,
+    check_widths,
+    profile,
+    quantise_model,
+    range_records,
+    signals,
+)
+from eskin.training.recipe import noted_recipe
+from eskin.training.train_images import ImageRecipe, tune_network
+from eskin.training.trained import Trained, load_trained, written_by
+
+Progress = Callable[[int, int], None]
+
+
+def _noted_ranges(
+    model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]
+) -> dict[str, Range]:
+    """The ranges that the training record notes."""
+    fix = "give the recordings it was trained on (--data)"
+    entries = record.get("ranges", [])
+    if not entries:
+        raise InputError(f"model '{model_dir}': has no ranges noted at training; {fix}")
+    try:
+        ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
+        needed = [signal for signal in signals(config) if signal in ranges or signal != LAST_LOGIT]
+        endless = [signal for signal in needed if not all(map(math.isfinite, ranges[signal]))]
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputError(
+            f"{model_dir}/{TRAINING_FILE}, field ranges: is damaged ({error!r}); {fix}"
+        ) from None
+    if endless:
+        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: {endless[0]} is not finite; {fix}")
+    return ranges
+
+
+def quantise(
+    model_dir: str | Path,
+    recordings: Recordings | None = None,
+    *,
+    readout: Mapping[str, Any] | Literal["dense"] | None = None,
+    aware: Progress | None = None,
+    **widths: Any,
+) -> IntegerModel:
+    """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go
+    into training.json. What config.json says beside formats stays.
+
+    Parameters
+    ----------
+    recordings:
+        Recordings to profile ranges on (the training data). Without them the ranges noted at training are
+        used.
+    readout:
+        ``dense``: logits decide. A mapping: prototypes do, made of ``recordings``: groups (None: those of the
+        training) and what else `eskin.training.prototypes.with_prototypes` takes. None: as config.json says.
+    aware:
+        Quantisation-aware: the network is trained on with the integers of these widths, by the seed and the recipe
+        of its training; called with the updates done. It takes recordings.
+    widths:
+        weight_bits, state_bits, feature_bits, gate_bits, table_entries: see ``choose_formats``.
+
+    Raises
+    ------
+    InputError
+        When the folder is no model folder, or no format of the asked widths works; naming a field of
+        config.json that cannot be kept.
+    """
+    if load_config(model_dir).is_image:
+        return _images(model_dir, recordings, aware, **widths)
+    trained = load_trained(model_dir, ranges=recordings is None)
+    model, record = trained.model, trained.record
+    options: Mapping[str, Any] = readout if isinstance(readout, Mapping) else {}
+    prototypes = readout != "dense" and (readout is not None or model.config.has_prototypes)
+    if prototypes and aware:
+        raise InputError(
+            f"model '{model_dir}', field readout: is 'prototypes', which weights trained on would not fit; quantise "
+            "it with --readout dense first"
+        )
+    if prototypes:
+        options = _of_prototypes(trained, options, recordings)
+    if recordings is None:
+        ranges, aware = _noted_ranges(model_dir, model.config, record), None
+    elif not aware:
+        ranges = profile(model, find_touches(model.config, recordings))
+    if aware and recordings is not None:
+        integer, ranges = _trained_on(model, record, recordings, aware, widths)
+    else:
+        integer = quantise_model(model, ranges, **widths)
+        check_given(integer.config, widths.get("feature_bits"))
+    if prototypes and recordings is not None:
+        groups = training_groups(recordings, record, options.get("groups"))
+        integer = of_recordings(
+            integer, recordings, groups, **{k: v for k, v in options.items() if k != "groups"}
+        )
+    trained.check_kept(integer.config, {**widths, **(readout if isinstance(readout, Mapping) else {})})
+    record |= {
+        "quantisation_aware": aware is not None,
+        "widths": widths,
+        "ranges": range_records(integer.config, ranges),
+        **written_by(model.config, integer),
+    }
+    integer.save(model_dir, training=record, unchanged=trained.files)
+    return integer
+
+
+def _trained_on(
+    model: FloatModel, record: Record, recordings: Recordings, progress: Progress, widths: Record
+) -> tuple[IntegerModel, dict[str, Range]]:
+    """The integers of the network trained on, and its ranges before."""
+    check_widths(model.config, **widths)
+    check_fit(recordings, model.config)
+    recipe = noted_recipe(record, model.config)
+    data, seed = find_dataset(recordings, model.config, recipe), int(record.get("seed", 0))
+    rows = touch_rows(data, np.arange(len(recordings)))
+    (integer,) = fine_tune(data, recipe, [rows], [model], seed, widths, progress)
+    return integer, profile(model, data.touches)
+
+
+KEPT_OF_READOUT = ("prototypes", "taught", "state_code_bits", "spare_classes", "unknown_above")
+"""Fields that prototypes are made anew with, where no option says otherwise."""
+
+
+IN_LOGITS = ("margin_threshold", "early_margin")
+"""Fields of a margin, of logits or of distances."""
+
+
+def _of_prototypes(
+    trained: Trained, asked: Mapping[str, Any], recordings: Recordings | None
+) -> Mapping[str, Any]:
+    """Settings of prototypes: as requested, otherwise from config.json.
+
+    Raises
+    ------
+    InputError
+        There are no recordings to make them of; a margin is of logits.
+    """
+    config = trained.current
+    if recordings is None:
+        raise InputError(
+            f"model '{trained.folder}', field readout: is 'prototypes', which are made of the recordings of the "
+            "training; give them (--data), or --readout dense"
+        )
+    if config.has_prototypes:
+        kept = {name: config.value(name) for name in KEPT_OF_READOUT}
+        if asked.get("unknown") is not None:
+            del kept["unknown_above"]
+        return {**kept, **asked}
+    if config.network.decision != "vote":  # which counts steps, whatever decides them
+        for field in IN_LOGITS:
+            if config.value(field):
+                raise InputError(
+                    f"model '{trained.folder}', field {field}: is {config.value(field)} in config.json, of logits, "
+                    "and prototypes decide by distances; set it to 0 there, and to one of distances afterwards"
+                )
+    return asked
+
+
+def _images(
+    model_dir: str | Path,
+    recordings: Recordings | None = None,
+    aware: Progress | None = None,
+    *,
+    weight_bits: int | None = None,
+    **other: Any,
+) -> IntegerModel:
+    """As `quantise`, of a model for images: weights of 8 or 4 bits, a format
+    for each layer, profiled on ``recordings``, for which the network is brought to scales that suit them
+    (``equalised``), or of the ranges noted at training.
+
+    Raises
+    ------
+    InputError
+        Other widths than ``weight_bits``, which networks for images do not have; no ranges.
+    """
+    for name, value in other.items():
+        if value:
+            raise InputError(
+                f"{name}: networks for images have no such width; leave it out, or give --weight-bits 4"
+            )
+    bits = weight_bits or 8
+    check_weight_bits(bits)
+    trained = load_trained(model_dir, images=True)
+    model, record = trained.model, trained.record
+    model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
+    if recordings is None:
+        ranges, aware = _noted(model_dir, model.config, record), None
+    else:
+        check_fit(recordings, model.config)
+        images = images_of(recordings)
+        model = model if aware else equalised(model, images, bits)
+        ranges = profile_images(model, images)
+    if aware and recordings is not None:
+        recipe, seed = ImageRecipe(**record.get("recipe", {})), int(record.get("seed", 0))
+        with one_thread():
+            model, integer = tune_network(
+                model, images, recordings.labels, weight_bits=bits, recipe=recipe, seed=seed, progress=aware
+            )
+    else:
+        integer = integers_of(model, choose_image_formats(model, ranges, bits))
+    trained.check_kept(integer.config, {"weight_bits": weight_bits})
+    record |= {
+        "quantisation_aware": aware is not None,
+        "widths": {"weight_bits": bits},
+        "ranges": ranges,
+        **written_by(trained.model.config, integer),
+    }
+    # the float network too: the same function at other scales, beside which the integers are judged layer by layer
+    model.save(model_dir, record, integer, trained.files)
+    return integer
+
+
+def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]) -> dict[str, float]:
+    """The ranges that the training record notes."""
+    ranges = record.get("ranges")
+    names = {str(stage.number) for stage in config.weighted_stages}
+    try:
+        noted = {name: float(ranges[name]) for name in names}  # type: ignore[index]
+    except (TypeError, KeyError, ValueError):
+        noted = {}
+    if not noted or not all(np.isfinite(value) and value >= 0 for value in noted.values()):
+        raise InputError(
+            f"{model_dir}/{TRAINING_FILE}, field ranges: is missing or damaged; give the images it was "
+            "trained on (--data)"
+        )
+    return noted
