@@ -86,7 +86,7 @@ def test_the_text_is_the_design_proved_block_by_block(design, tmp_path):
     [
         ("classifier.search", "margin + above", "margin - above", "unproven"),
         ("engine.lane_0", " * ", " + ", "unproven"),
-        ("accelerator", ".offered(i__valid)", ".offered(frame_beat)", "unproven"),
+        ("accelerator", ".frames__offered(i__valid)", ".frames__offered(frames__taken)", "unproven"),
         ("control.state", "= 1'h0;", "= 1'h1;", "begins otherwise"),
     ],
     ids=["operator", "product", "instance", "initial value"],
