@@ -16,7 +16,6 @@ import numpy as np
 from cocotb.queue import Queue
 from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 
-from eskin.cosim.latency import Measured
 from eskin.cosim.scoreboard import (
     REGISTERS,
     Mismatch,
@@ -24,7 +23,6 @@ from eskin.cosim.scoreboard import (
     Scoreboard,
     flat_stages,
     loading,
-    local_decisions,
     recordings_of,
 )
 from eskin.golden.core import AcceleratorConfig
@@ -270,8 +268,8 @@ class Bench:
     """Source, bus, monitors, scoreboard and budgets around one wrapper.
 
     ``bench.json`` holds: design (the generated folder), block, bits, period (as of `FrameSource`), patience (cycles
-    without progress that are a standstill), stalls (a seed, or null), probes (false: the hardware has none), measure (of
-    register MEASURE), and what `play_recording` does beside playing.
+    without progress that are a standstill), stalls (a seed, or null), probes (false: the hardware has none), and what
+    `play_recording` does beside playing.
     """
 
     def __init__(self, dut) -> None:
@@ -288,7 +286,6 @@ class Bench:
             dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
         )
         self.scoreboard = Scoreboard(self.config, self.recordings[0].arrays, probes=self.settings["probes"])
-        self.measured = Measured()
         self.scans = None
         if self.settings["frames"] == "codes":
             self.scans = ScanMonitor(dut, self.source, self.events, self.settings["fault"])
@@ -322,7 +319,7 @@ class Bench:
         )
         for address, word in self.boot:
             await self.bus.write(address, word)
-        await self.bus.write("MEASURE", self.map["measures"][self.settings["measure"]])
+        await self.bus.write("MEASURE", self.map["measures"]["STEP"])
 
     async def play_recording(self, recording: Recording) -> None:
         """ARM, all frames, FINISH, and the registers at the end."""
@@ -357,8 +354,7 @@ class Bench:
         status = {name: await self.bus.read(name) for name in REGISTERS}
         flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
         self.result["registers"] = status
-        self.scoreboard.end(status | {"TAXEL_FAULTS": flags})
-        self.measured.end(recording["decision_frame"].tolist(), source.taken)
+        self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.taken)
 
     async def refused_write(self) -> dict[str, int]:
         """A weight write in an open touch: FAULTS before, after, and once cleared."""
@@ -390,14 +386,8 @@ class Bench:
 
     async def _follow(self, monitor: StageMonitor) -> None:
         async for codes, cycles in monitor:
-            if monitor.stage == "step":
-                self.measured.steps(codes)
-                continue
             if monitor.stage == "decision":
                 codes = codes.view(np.uint32)
-                self.measured.decisions(cycles)
-                if not self.settings["probes"]:
-                    self.measured.counts["steps"] += local_decisions(codes)
             if monitor.stage == "feature" and self.scans:
                 seen, size = self.scoreboard.seen("feature"), self.config.inputs
                 self.scans.features += cycles[-seen % size :: size].tolist()
@@ -422,7 +412,7 @@ class Bench:
             counts[name] = getattr(dut, name).value.to_unsigned()
         if self.scans:
             self.result["conversion"] = self.scans.result
-        self.result |= {**counts, **self.measured.counts, "compared": dict(self.scoreboard.compared)}
+        self.result |= {**counts, **self.scoreboard.counts, "compared": dict(self.scoreboard.compared)}
         Path("result.json").write_text(json.dumps(self.result))
 
     async def _guarded(self, task: Coroutine[Any, Any, None]) -> None:

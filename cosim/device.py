@@ -167,7 +167,7 @@ class Device:
             It never is: more than ``limit`` cycles pass without a decision.
         """
         if not self._library.settle_device(self._device, quiet, limit):
-            raise SimulationError("the simulated hardware stands still: it stays busy")
+            raise SimulationError("the simulated hardware hangs: it stays busy")
         self._rested()
 
     def frames(self, frames: np.ndarray, period: float = 0.0, limit: int = STUCK) -> None:
@@ -187,7 +187,7 @@ class Device:
         if not self._library.play_frames(
             self._device, samples.ctypes.data, *samples.shape, self._bits, period, limit
         ):
-            raise SimulationError("the simulated hardware stands still: a beat is not taken")
+            raise SimulationError("the simulated hardware hangs: it does not accept a beat")
         self._rested()
 
     def line(self, levels: np.ndarray) -> bytes:
@@ -241,4 +241,4 @@ class Device:
 
     def _rested(self) -> None:
         if self.state.failed:
-            raise SimulationError("the netlist does not come to rest within a clock cycle")
+            raise SimulationError("the netlist does not settle within a clock cycle")

@@ -1,8 +1,8 @@
 """One co-simulation: a generated accelerator, a file of vectors, a simulator; the CONTRACT's result."""
 
-import copy
 import json
 import operator
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ import numpy as np
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.device import Design, Model
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import Mismatch, loading, part_of, recordings_of, stages_of
+from eskin.cosim.scoreboard import REGISTERS, Mismatch, loading, part_of, recordings_of, stages_of
 from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
@@ -29,7 +29,6 @@ from eskin.golden.core import (
 )
 
 PACES = ("full", "declared")
-MEASURES = ("frame", "step", "windows")
 COMPILED = "compiled"
 """The simulator of a chip's netlist, in this process."""
 SLOWEST_CYCLES_PER_S = {
@@ -96,7 +95,6 @@ class Run:
             "period": clock_hz / config.sensor.scan_rate_hz if pace == "declared" else 0.0,
             "patience": latency.standstill_cycles(config),
             "probes": hardware.probes,
-            "measure": "STEP",
             "stalls": None,
             "fault": None,
         }
@@ -156,7 +154,6 @@ def cosim(
     seed: int = 1,
     probe: bool = False,
     hardware: Hardware | None = None,
-    measure: str = "step",
     waves: bool = True,
     cocotb: Sequence[int] | None = None,
     work: Path,
@@ -182,9 +179,6 @@ def cosim(
         Try a weight write during a touch; it must be refused and flagged, and the streams must not change.
     hardware:
         A netlist of the same design; default: the design's own Verilog.
-    measure:
-        What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as
-        ``registers`` LONGEST.
     waves:
         On a mismatch, play its recording once more and keep waves.
     cocotb:
@@ -218,9 +212,7 @@ def cosim(
         design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
     )
     config, hardware = run.config, run.hardware
-    if measure not in MEASURES:
-        raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
-    settings: Record = {"measure": measure.upper(), "stalls": seed & 0x7FFFFFFF if stalls else None}
+    settings: Record = {"stalls": seed & 0x7FFFFFFF if stalls else None}
     if probe and config.hardware.loadable:
         settings["write_at"] = _open_touch(config, run.expected)
     played: Record = {
@@ -240,65 +232,50 @@ def cosim(
     shown = [*everything] if here is None or cocotb is None else sorted({*cocotb} & {*everything})
     others = sorted({*everything} - {*shown})
     results = []
-    if shown:
-        results.append(_under_cocotb(run.of_recordings(shown), settings, played, Path(work), waves=waves))
-    if others and here is not None:
-        results.append(_in_bulk(run.of_recordings(others), here, settings, played, Path(work), waves=waves))
-    return joined(config, results) if len(results) > 1 else results[0]
+    for positions, model in ((shown, None), (others, here)):
+        if positions:
+            part = run.of_recordings(positions)
+            results.append(_played(part, model, settings, played, Path(work), waves=waves))
+    return joined(config, results)
 
 
-def _under_cocotb(run: Run, settings: Record, played: Record, work: Path, *, waves: bool) -> Record:
-    config, hardware = run.config, run.hardware
-    said, wall_s = run.play(work, settings)
-    converting = config.interface.converter.name != "none"
-    if converting:
-        said["overruns"] = said["conversion"]["faults"] >> 2 & 1
-    result = result_of(run, said, played, wall_s=wall_s)
-    refused = said["probe"]
-    if "-DCLOCKED" in hardware.options:
-        result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
-    if converting:
-        result["conversion"] = said["conversion"] | {
-            "converter": config.interface.converter.name,
-            "code_bits": converters.code_bits(config),
-            "violations": said["violations"],
-        }
-    result["passed"] = (
-        result["passed"]
-        and not (converting and (said["violations"] or said["conversion"]["faults"]))
-        and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
-    )
-    if said["mismatch"] and waves:
-        result["waves"] = str(_keep_waves(run, said["mismatch"], settings, work))
-    return result
-
-
-def _in_bulk(
-    run: Run, here: Callable[[int], Model], settings: Record, played: Record, work: Path, *, waves: bool
+def _played(
+    run: Run,
+    here: Callable[[int], Model] | None,
+    settings: Record,
+    played: Record,
+    work: Path,
+    *,
+    waves: bool,
 ) -> Record:
+    """The result of recordings played under cocotb, or in bulk with the model ``here``; played: as of `result_of`."""
     begun = time.monotonic()
-    registers, boot = loading(Path(run.settings["design"]))
-    said = bulk.play(
-        run.config,
-        here,
-        recordings_of(run.expected),
-        registers,
-        boot,
-        probes=run.hardware.probes,
-        measure=settings["measure"],
-        period=run.settings["period"],
-        seed=played["seed"],
-    )
-    result = result_of(run, said, played, wall_s=time.monotonic() - begun, in_bulk=True)
-    if said["mismatch"] and waves and played["simulator"] in runner.SIMULATORS:
+    if here is None:
+        said, wall_s = run.play(work, settings)
+    else:
+        registers, boot = loading(Path(run.settings["design"]))
+        said = bulk.play(
+            run.config,
+            here,
+            recordings_of(run.expected),
+            registers,
+            boot,
+            probes=run.hardware.probes,
+            period=run.settings["period"],
+            seed=played["seed"],
+            threads=1 if run.simulator == COMPILED else os.cpu_count() or 1,
+        )
+        wall_s = time.monotonic() - begun
+    result = result_of(run, said, played, wall_s=wall_s, in_bulk=here is not None)
+    if said["mismatch"] and waves and run.simulator in runner.SIMULATORS:
         result["waves"] = str(_keep_waves(run, said["mismatch"], settings, work))
     return result
 
 
 def result_of(
-    run: Run, said: Mapping[str, Any], played: Mapping[str, Any], *, wall_s: float, in_bulk: bool = False
+    run: Run, said: Mapping[str, Any], played: Mapping[str, Any], *, wall_s: float, in_bulk: bool
 ) -> Record:
-    """The result as `cosim` describes it. ``passed`` leaves out what only a bench in a simulator tries.
+    """The result as `cosim` describes it.
 
     Parameters
     ----------
@@ -307,53 +284,49 @@ def result_of(
     played:
         simulator, level, target, pace, stalls, seed: into the result as they are.
     """
-    config, clock_hz, recordings = run.config, run.clock_hz, len(run.expected["numbers"])
-    mismatch = (
-        Mismatch(**{k: v for k, v in said["mismatch"].items() if k != "since_arm"})
-        if said["mismatch"]
-        else None
-    )
-    cycles = {
-        "frame_max": said["longest"],
-        **{name: said[name] for name in ("step_min", "step_max")},
-        "step_ideal": config.step_ideal,
-        "decision_latency_max": said["latency_max"],
-    }
-    declared = played["pace"] == "declared"
-    overruns = said["overruns"] if declared else 0
-    rows = latency.budgets(config, cycles, clock_hz, declared=declared, overruns=overruns)
-    compared = sum(said["compared"].values())
-    exact = mismatch is None and compared > 0
-    result = {
+    config, recordings, told = run.config, len(run.expected["numbers"]), dict(said["mismatch"] or {})
+    told.pop("since_arm", None)
+    mismatch = Mismatch(**told) if told else None
+    result: Record = {
         "recordings": recordings,
         "cocotb_recordings": 0 if in_bulk else recordings,
         "bulk_recordings": recordings if in_bulk else 0,
         **{name: said[name] for name in ("frames", "steps", "decisions")},
-        "compared_values": compared,
+        "compared_values": sum(said["compared"].values()),
         "mismatches": int(mismatch is not None),
         "stages": stages_of(said["compared"], mismatch),
-        "bit_exact": exact,
         "golden": "torch",
         "gave_up": {"recording": mismatch.recording, "frame": mismatch.frame}
         if mismatch and mismatch.stage == "input"
         else None,
         **played,
         "lanes": config.hardware.lanes,
-        "clock_hz": clock_hz,
-        "cycles": cycles,
-        "budgets": rows,
+        "clock_hz": run.clock_hz,
+        "cycles": {
+            "frame_max": said["longest"],
+            **{name: said[name] for name in ("step_min", "step_max")},
+            "step_ideal": config.step_ideal,
+            "decision_latency_max": said["latency_max"],
+        },
         "simulated_cycles": said["cycle"],
-        "wall_s": round(wall_s, 3),
-        "cycles_per_s": round(said["cycle"] / wall_s),
-        "overruns": overruns,
+        "wall_s": wall_s,
+        "overruns": said["overruns"] if played["pace"] == "declared" else 0,
         "input_stalls": said["waited"],
-        "registers": said.get("registers") or dict.fromkeys(("STATUS", "FAULTS", "TOUCHES", "LONGEST")),
-        "probe": said.get("probe"),
+        "registers": said.get("registers") or dict.fromkeys(REGISTERS),
+        "probe": said["probe"],
         "mismatch_list": [str(mismatch)] if mismatch else [],
         "waves": None,
-        "passed": exact and all(row["met"] or row["reference"] for row in rows),
     }
-    return result | {"verdict": verdict_of(result)}
+    if "-DCLOCKED" in run.hardware.options and not in_bulk:
+        result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
+    if "conversion" in said:
+        result["overruns"] = said["conversion"]["faults"] >> 2 & 1
+        result["conversion"] = said["conversion"] | {
+            "converter": config.interface.converter.name,
+            "code_bits": converters.code_bits(config),
+            "violations": said["violations"],
+        }
+    return result
 
 
 def verdict_of(result: Mapping[str, Any]) -> str:
@@ -389,59 +362,51 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
 JOINED: dict[str, Callable[[list[Any]], Any]] = {
     **dict.fromkeys(
         "recordings cocotb_recordings bulk_recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
-        "wall_s conversion.violations".split(),
-        sum,
+        "wall_s violations mismatch_list".split(),
+        lambda values: sum(values[1:], values[0]),
     ),
-    **dict.fromkeys(
-        "cycles.frame_max cycles.step_max cycles.decision_latency_max registers.LONGEST "
-        "conversion.scan_cycles conversion.jitter_cycles".split(),
-        lambda values: max(values, default=None),
-    ),
-    "cycles.step_min": lambda values: min(values, default=None),
-    **dict.fromkeys(
-        ("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values, 0)
-    ),
-    **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1] if values else None),
-    "conversion.feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)] if pairs else None,
-    "mismatch_list": lambda values: [*chain.from_iterable(values)],
-    "gave_up": lambda values: next(iter(values), None),
+    **dict.fromkeys("frame_max step_max decision_latency_max LONGEST scan_cycles jitter_cycles".split(), max),
+    **dict.fromkeys(("FAULTS", "faults"), lambda values: reduce(operator.or_, values)),
+    **dict.fromkeys(("STATUS", "TOUCHES"), lambda values: values[-1]),
+    "step_min": min,
+    "bit_exact": all,
+    "feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)],
 }
-"""Functions that join the parts' values, by their place in a result; None is left out."""
-JOINED |= {
-    f"without_probes.{name}": JOINED[name] for name in ("compared_values", "mismatches", "mismatch_list")
-}
-JOINED["without_probes.bit_exact"] = all
+"""Functions that join the parts' values, by their name in a result; of others the first part's is taken."""
+
+
+def _joined(name: str, values: list[Any]) -> Any:
+    values = [value for value in values if value is not None]
+    if values and isinstance(values[0], dict):
+        return {
+            key: _joined(key, [value.get(key) for value in values]) for key in dict.fromkeys(chain(*values))
+        }
+    return JOINED.get(name, operator.itemgetter(0))(values) if values else None
 
 
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> Record:
     """One result from those of parts of the recordings, in their order and played alike: counts and seconds
     are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
-    faults of all and the longest of what LONGEST measures.
+    faults of all and the longest step.
     """
-    result: Record = copy.deepcopy(dict(results[0]))
-    for place, join in JOINED.items():
-        *way, name = place.split(".")
-        whole: Any
-        whole, *parts = (reduce(lambda at, key: at.get(key, {}), way, part) for part in (result, *results))
-        if name in whole:
-            whole[name] = join([part[name] for part in parts if part[name] is not None])
-    for name in dict.fromkeys(name for part in results for name in part["stages"]):
-        counts = [part["stages"].get(name, {}) for part in results]
-        result["stages"][name] = {
-            key: sum(count.get(key, 0) for count in counts) for key in ("compared_values", "mismatches")
-        }
+    result: Record = _joined("", [dict(part) for part in results])
+    result["budgets"] = latency.budgets(
+        config,
+        result["cycles"],
+        result["clock_hz"],
+        declared=result["pace"] == "declared",
+        overruns=result["overruns"],
+    )
+    wall_s, refused = result["wall_s"], result.get("probe")
+    result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
     result["verdict"] = verdict_of(result)
-    declared, wall_s = result["pace"] == "declared", result["wall_s"]
-    result["budgets"] = latency.budgets(
-        config, result["cycles"], result["clock_hz"], declared=declared, overruns=result["overruns"]
-    )
-    result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
     result["passed"] = (
         result["bit_exact"]
         and all(row["met"] or row["reference"] for row in result["budgets"])
         and not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
         and result.get("without_probes", {}).get("bit_exact", True)
+        and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
     )
     return result
 

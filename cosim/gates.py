@@ -64,6 +64,8 @@ def _ticks(cell: Any, pin: str) -> int:
 
 _Placed = tuple[str, Any, dict]
 """A cell of the netlist: name, library cell, connections."""
+_Function = tuple[int, list[int], int, int]
+"""Net, nets of its inputs, truth table, delay."""
 
 
 class Program:
@@ -95,14 +97,9 @@ class Program:
     ) -> None:
         self._expression, self._wrong = expression, wrong
         root = module["ports"]["clk"]["bits"][0]
-        nets = [
-            bit
-            for cell in module["cells"].values()
-            for bits in cell["connections"].values()
-            for bit in bits
-            if isinstance(bit, int)
-        ]
-        nets += [bit for port in module["ports"].values() for bit in port["bits"] if isinstance(bit, int)]
+        ends = [bits for cell in module["cells"].values() for bits in cell["connections"].values()]
+        ends += [port["bits"] for port in module["ports"].values()]
+        nets = [bit for bits in ends for bit in bits if isinstance(bit, int)]
         self.nets = 1 + max(nets)
         by_kind: defaultdict[str, list[_Placed]] = defaultdict(list)
         for name, cell in module["cells"].items():
@@ -122,29 +119,24 @@ class Program:
             }
             for _, kind, connections in by_kind["gate"]
         ]
-        of_net = {role["output"]: number for number, role in enumerate(roles)}
-
-        def gates_before(number: int) -> int:
-            clock = roles[number]["clock"]
-            return 0 if clock == root else 1 + gates_before(of_net[clock])
-
-        roles = [roles[k] for k in sorted(range(len(roles)), key=gates_before)]
-        self.gates = [role["output"] for role in roles]
+        of_net = {role["output"]: role for role in roles}
+        order = TopologicalSorter({net: {role["clock"]} for net, role in of_net.items()}).static_order()
+        self.gates = [net for net in order if net in of_net]
+        roles = [of_net[net] for net in self.gates]
         self._gate_of = {root: -1} | {net: number for number, net in enumerate(self.gates)}
         entered = [number for number, role in enumerate(roles) if role["clock"] == root]
         self.top = entered[0] if len(entered) == nets.count(root) - 1 == 1 else None
         self.enable = self.net(roles[self.top]["enable"]) if self.top is not None else 0
-        functions = [self._follower(*row) for row in self._logic(by_kind["logic"])]
-        """Functions of outputs of logic, then of flip-flops that take more than a pin: net, nets of its
-        inputs, truth table, delay."""
-        flops = self._flip_flops(by_kind["flip-flop"], functions)
-        latches = self._latches(by_kind["latch"])
-        rows: list[Any] = [*((net, -1, *row) for net, *row in functions), *(row for _, *row in latches)]
+        functions = self._logic(by_kind["logic"])
+        """Then those of flip-flops that take more than a pin."""
+        flops = self._states(by_kind["flip-flop"], "clocked_on", "next_state", functions)
+        latches = self._states(by_kind["latch"], "enable", "data_in", functions)
+        rows: list[Any] = [(net, -1, *row) for net, *row in functions]
+        rows += [(q, inverse, [data], 0b10, delay) for _, data, q, inverse, delay in latches]
         memory = self._memories(by_kind["memory"])
         self.macros = [name for name, *_ in by_kind["memory"]]
         self.states = len(flops) + len(latches)
-        shown = [(q, inverse) for *_, q, inverse, _ in flops] + [row[1:3] for row in latches]
-        self.state_nets = [[net for net in nets if net >= 0] for nets in shown]
+        self.state_nets = [[net for net in row[2:4] if net >= 0] for row in (*flops, *latches)]
         columns = np.array(flops, np.int32).reshape(-1, 5).T
         arrays: Record = {
             "output": [row[0] for row in rows],
@@ -173,35 +165,25 @@ class Program:
             **{name: values.ctypes.data for name, values in self._arrays.items()},
         )
 
-    def _flip_flops(self, cells: Sequence[_Placed], functions: list) -> list[tuple[int, ...]]:
-        """(gate, net of its input, nets of its outputs, delay) of each, by gate.
+    def _states(
+        self, cells: Sequence[_Placed], clock: str, data: str, functions: list[_Function]
+    ) -> list[tuple[int, ...]]:
+        """(gate, net of its input, nets of its outputs, delay) of each, by gate. clock, data: their names in the library.
 
         An input that is a function of several pins is one more of ``functions``.
         """
-        flops = []
+        states = []
         for _, kind, connections in cells:
-            gate = self._gate_of[connections[kind.state["clocked_on"]][0]]
-            q, inverse, delay = self._state(kind, connections)
-            following = kind.state["next_state"]
-            if following in connections:
-                flops.append((gate, self.net(connections[following][0]), q, inverse, delay))
-                continue
-            if q < 0:  # a net that nobody else sees, for the function that reads the state
-                q, self.nets = self.nets, self.nets + 1
-            ends = {pin: bits[0] for pin, bits in connections.items() if bits} | {kind.state["state"]: q}
-            functions.append((self.nets, *self._evaluated(following, ends), 1))
-            flops.append((gate, self.nets, q, inverse, delay))
-            self.nets += 1
-        return sorted(flops, key=lambda row: row[0])
-
-    def _latches(self, cells: Sequence[_Placed]) -> list[tuple]:
-        """(gate, nets of its outputs, inputs, truth table of a wire, delay) of each, by gate."""
-        latches = []
-        for _, kind, connections in cells:
-            q, inverse, delay = self._state(kind, connections)
-            gate = self._gate_of[connections[kind.state["enable"]][0]]
-            latches.append((gate, q, inverse, [self.net(connections[kind.state["data_in"]][0])], 0b10, delay))
-        return sorted(latches, key=lambda row: row[0])
+            ends = {pin: bits[0] for pin, bits in connections.items() if bits}
+            gate, following = self._gate_of[ends[kind.state[clock]]], kind.state[data]
+            q, inverse, delay = self._outputs(kind, ends)
+            if following not in ends:
+                if q < 0:  # a net that nobody else sees, for the function that reads the state
+                    q, self.nets = self.nets, self.nets + 1
+                functions.append((self.nets, *self._evaluated(following, ends | {kind.state["state"]: q}), 1))
+                ends[following], self.nets = self.nets, self.nets + 1
+            states.append((gate, self.net(ends[following]), q, inverse, delay))
+        return sorted(states, key=lambda row: row[0])
 
     def _memories(self, cells: Sequence[_Placed]) -> list[int]:
         """The macros, one behind the other, as the C++ program reads them; counts their ``words``."""
@@ -229,12 +211,12 @@ class Program:
         """Number of a net; 0 and 1 are those that never change."""
         return self._fixed.get(bit, bit) if isinstance(bit, int) else int(bit == "1")
 
-    def _state(self, kind: Any, connections: Mapping[str, list]) -> tuple[int, int, int]:
+    def _outputs(self, kind: Any, ends: Mapping[str, int]) -> tuple[int, int, int]:
         """Nets of a state and of its opposite, -1 where there is none; delay."""
         nets, delay = {True: -1, False: -1}, 1
         for pin, port in kind.pins.items():
-            if port.direction == "output" and connections.get(pin):
-                nets[port.function == kind.state["state"]] = connections[pin][0]
+            if port.direction == "output" and pin in ends:
+                nets[port.function == kind.state["state"]] = ends[pin]
                 delay = _ticks(kind, pin)
         return nets[True], nets[False], delay
 
@@ -244,37 +226,19 @@ class Program:
         names = tuple(sorted(set(NAME.findall(text))))
         return [self.net(ends[name]) for name in names], _truth(text, names)
 
-    def _follower(
-        self, name: str, kind: Any, connections: Mapping[str, list], pin: str
-    ) -> tuple[int, list[int], int, int]:
-        """An output of a logic cell: its net, nets of its inputs, truth table, delay."""
-        inputs, table = self._evaluated(
-            kind.pins[pin].function, {end: bits[0] for end, bits in connections.items() if bits}
-        )
-        if name == self._wrong:
-            table ^= (1 << (1 << len(inputs))) - 1
-        return connections[pin][0], inputs, table, _ticks(kind, pin)
-
-    def _logic(self, rows: list[tuple[str, Any, dict]]) -> list[tuple[str, Any, dict, str]]:
+    def _logic(self, cells: Sequence[_Placed]) -> list[_Function]:
         """Outputs of logic cells, each behind those that it reads."""
-        driver = {
-            bits[0]: name
-            for name, kind, connections in rows
-            for pin, bits in connections.items()
-            if bits and kind.pins[pin].direction == "output"
-        }
-        reads = {
-            name: {driver[bit] for bits in connections.values() for bit in bits if bit in driver} - {name}
-            for name, _, connections in rows
-        }
-        by_name = {row[0]: row for row in rows}
-        return [
-            (*by_name[name], pin)
-            for name in TopologicalSorter(reads).static_order()
-            for _, kind, connections in [by_name[name]]
-            for pin, port in kind.pins.items()
-            if port.direction == "output" and port.function and connections.get(pin)
-        ]
+        functions: dict[int, _Function] = {}
+        for name, kind, connections in cells:
+            ends = {pin: bits[0] for pin, bits in connections.items() if bits}
+            for pin, port in kind.pins.items():
+                if port.direction == "output" and port.function and pin in ends:
+                    inputs, table = self._evaluated(port.function, ends)
+                    if name == self._wrong:
+                        table ^= (1 << (1 << len(inputs))) - 1
+                    functions[ends[pin]] = ends[pin], inputs, table, _ticks(kind, pin)
+        order = TopologicalSorter({net: row[1] for net, row in functions.items()}).static_order()
+        return [functions[net] for net in order if net in functions]
 
 
 def _library(builds: Path) -> ctypes.CDLL:
@@ -310,7 +274,7 @@ class Chip:
     Raises
     ------
     InputError, SimulationError
-        There is no g++; the netlist does not come to rest.
+        There is no g++; the netlist does not settle.
     """
 
     def __init__(
@@ -351,28 +315,8 @@ class Chip:
         words = (ctypes.c_uint32 * (program.words + 1))(
             *(rng.getrandbits(WORD_BITS) for _ in range(program.words))
         )
-        self._rested(self.library.begin(self._chip, states, words))
-
-    @staticmethod
-    def _rested(wrong: int) -> None:
-        if wrong:
-            raise SimulationError("the netlist does not come to rest within a clock cycle")
-
-    def put(self, name: str, value: int) -> None:
-        """Drive an input."""
-        self.library.put(self._chip, *self._ports[name], value)
-
-    def get(self, name: str) -> int:
-        """Value of an output, once settled."""
-        return self.library.get(self._chip, *self._ports[name])
-
-    def settle(self) -> None:
-        """Let what comes in reach every net."""
-        self._rested(self.library.settle(self._chip))
-
-    def edge(self) -> None:
-        """A rising edge of the clock."""
-        self._rested(self.library.edge(self._chip))
+        if self.library.begin(self._chip, states, words):
+            raise SimulationError("the netlist does not settle within a clock cycle")
 
     def open(self) -> int:
         """As `eskin.cosim.device.Model`; another one's states are this one's."""
@@ -385,9 +329,9 @@ class Chip:
             return self.library.port_of(opened, (ctypes.c_int32 * len(nets))(*nets), len(nets), 1)
         return self.library.port_of(opened, *self._ports[name], 0) if name in self._ports else -1
 
-    def count_into(self, joule: np.ndarray, costs: Sequence[np.ndarray]) -> Callable[[], None]:
-        """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through. A
-        device does so after every edge; who steps the chip itself calls what this gives.
+    def count_into(self, joule: np.ndarray, costs: Sequence[np.ndarray]) -> None:
+        """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through, from every edge
+        of a device on.
 
         Parameters
         ----------
@@ -403,4 +347,3 @@ class Chip:
         kinds = len(joule) // (1 if self.delays is None else 2)
         self.library.costs(self._chip, joule.ctypes.data, kinds, *(part.ctypes.data for part in arrays))
         self._kept = arrays, joule
-        return lambda: self.library.count(self._chip)

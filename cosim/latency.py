@@ -5,9 +5,8 @@ first rising edge at which that window's decision can be taken, in cycles.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, Record
 
@@ -18,39 +17,6 @@ REFERENCES = {"reference: LSTM on a GPU": 5e-3, "reference: SVM on an FPGA": 0.3
 def standstill_cycles(config: AcceleratorConfig) -> int:
     """Cycles without progress after which a run has come to a standstill."""
     return 20 * (config.step_ideal + 1000)
-
-
-class Measured:
-    """Counts cycles as values come. counts: steps, decisions, step_min, step_max, latency_max; None: there was none."""
-
-    def __init__(self) -> None:
-        self.counts: dict[str, Any] = {"steps": 0, "decisions": 0}
-        self.counts |= dict.fromkeys(("step_min", "step_max", "latency_max"))
-        self._offered: list[int] = []
-
-    def steps(self, cycles: Iterable[int]) -> None:
-        """Cycles of each step, from the probe ``step``."""
-        for count in map(int, cycles):
-            self.counts["steps"] += 1
-            self._extreme("step_min", min, count)
-            self._extreme("step_max", max, count)
-
-    def decisions(self, offered: Iterable[int]) -> None:
-        """The cycles in which the next decisions of a recording could first be taken."""
-        self._offered += map(int, offered)
-
-    def end(self, frames: Iterable[int], taken: Sequence[int]) -> None:
-        """A recording is over. frames: that complete the decisions' windows, from 1 on, 0: none does. taken: cycle of the
-        last taxel of each frame."""
-        self.counts["decisions"] += len(self._offered)
-        for frame, cycle in zip(frames, self._offered, strict=False):
-            if 0 < frame <= len(taken):
-                self._extreme("latency_max", max, cycle - taken[frame - 1])
-        self._offered = []
-
-    def _extreme(self, name: str, which: Callable[[int, int], int], value: int) -> None:
-        now = self.counts[name]
-        self.counts[name] = value if now is None else which(now, value)
 
 
 def step_limit_frames(config: AcceleratorConfig) -> int:

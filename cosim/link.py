@@ -4,13 +4,15 @@ playing a recording.
 Plain Python over anything that reads and writes bytes, so that a board and a simulation run the same code.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-FLAG, ESCAPE, FLIP = 0x7E, 0x7D, 0x20
+FLIP = 0x20
+ESCAPED = re.compile(rb"\x7d(.)", re.DOTALL)
 READ, FRAME = 0x80, 0x40
 """Commands; a write has neither bit. The low 6 bits are the register's address."""
 REACH, WINDOW = 0x40, 0x3C
@@ -102,15 +104,7 @@ class Unpacker:
 def _unstuff(stuffed: bytes) -> bytes | None:
     if stuffed.endswith(b"\x7d"):
         return None
-    head, *escaped = stuffed.split(b"\x7d")
-    body = bytearray(head)
-    parts = iter(escaped)
-    for part in parts:
-        if not part:  # the escaped byte is itself 0x7D, which splits once more
-            part = b"\x7d" + next(parts)
-        body.append(part[0] ^ FLIP)
-        body += part[1:]
-    return bytes(body)
+    return ESCAPED.sub(lambda escaped: bytes([escaped[1][0] ^ FLIP]), stuffed)
 
 
 Packet = tuple[int, Sequence[int] | np.ndarray]
@@ -199,7 +193,8 @@ class Link:
 
     Attributes
     ----------
-    repeated: packets sent again. replayed: recordings played again. unanswered: questions asked again.
+    decisions: payloads of the present recording's that have come so far. lost: one of them got lost on the way. repeated:
+    packets sent again. replayed: recordings played again. unanswered: questions asked again.
     """
 
     def __init__(
@@ -216,9 +211,9 @@ class Link:
         self._unpacker = Unpacker()
         self._next = 0  # number of the next write or frame
         self._seen = 0  # decisions received, as the device numbers them
-        self._lost = False
+        self.lost = False
         self._heard = 0  # bytes
-        self._decisions: list[int] = []
+        self.decisions: list[int] = []
         self._burst = burst
         self.repeated = self.replayed = self.unanswered = 0
 
@@ -322,7 +317,7 @@ class Link:
         self._command("ARM", "CLEAR_FAULTS")
         answer = self.settle()
         # what came before this answer was offered before `arm` took hold: it belongs to the recording before
-        self._seen, self._lost, self._decisions = answer.decisions, False, []
+        self._seen, self.lost, self.decisions = answer.decisions, False, []
 
     def feed(self, frames: np.ndarray, progress: Callable[[int], None] = lambda taken: None) -> None:
         """The recording's next frames (frames, taxels); returns when the device has taken them."""
@@ -332,30 +327,17 @@ class Link:
         """Finish the recording; its decisions are whole unless ``lost``."""
         self._command("FINISH")
         status = self.settle().value
-        return Played(self._decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
+        return Played(self.decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
 
     def listen(self, timeout_s: float) -> list[int]:
         """Decisions, 32-bit payloads, that a device sends by itself; waits for the first byte, at most
         ``timeout_s``."""
-        self._decisions = []
+        self.decisions = []
         self._receive(timeout_s)
-        return self._decisions
-
-    @property
-    def decisions(self) -> list[int]:
-        """Payloads of the present recording's decisions that have come so far."""
-        return self._decisions
-
-    @property
-    def lost(self) -> bool:
-        """A decision of the present recording got lost on the way."""
-        return self._lost
+        return self.decisions
 
     def _command(self, *names: str) -> None:
-        word = 0
-        for name in names:
-            word |= self._bits["CONTROL"][name]
-        self.write([(self._registers["CONTROL"], word)])
+        self.write([(self._registers["CONTROL"], sum(self._bits["CONTROL"][name] for name in names))])
 
     def settle(self) -> Answer:
         """The answer that says nothing is under way in the device any more."""
@@ -442,11 +424,11 @@ class Link:
         answers = []
         for message in map(parse, self._unpacker.feed(data)):
             if isinstance(message, Decision):
-                self._lost |= message.number != self._seen % NUMBERS
+                self.lost |= message.number != self._seen % NUMBERS
                 self._seen = message.number + 1
-                self._decisions.append(message.payload)
+                self.decisions.append(message.payload)
             elif message is not None:
-                self._lost |= message.decisions != self._seen % NUMBERS
+                self.lost |= message.decisions != self._seen % NUMBERS
                 self._seen = message.decisions
                 answers.append(message)
         return answers if data else None

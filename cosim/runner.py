@@ -285,7 +285,7 @@ def plain_folder() -> str:
         if PLAIN.fullmatch(folder) and os.access(folder, os.W_OK):
             return folder
     raise InputError(
-        f"co-simulation: make takes no path with a blank or sign as in '{tempfile.gettempdir()}'; set TMPDIR to a "
+        f"co-simulation: make accepts no path with a blank or special character, as in '{tempfile.gettempdir()}'; set TMPDIR to a "
         "folder without"
     )
 

@@ -4,9 +4,10 @@ first that differs: a wrong one, one too many, one that is missing, one with an 
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,11 +57,6 @@ def offered_row(config: AcceleratorConfig, row: Sequence[int]) -> list[int]:
     values = dict(zip(DECISION_FIELDS, row, strict=True))
     values["margin"] -= values["margin"] % _margin_unit(config, values["is_global"])
     return list(values.values())
-
-
-def local_decisions(words: np.ndarray) -> int:
-    """Number of local decisions among these decision words: one per step, where no probe counts the steps."""
-    return int((words >> DECISION_FIELDS["is_global"][0] & 1 == 0).sum())
 
 
 def _margin_unit(config: AcceleratorConfig, is_global: int) -> int:
@@ -158,7 +154,8 @@ class Scoreboard:
 
     Attributes
     ----------
-    compared: values compared so far, by stage.
+    compared: values compared so far, by stage. counts: steps, decisions, their cycles step_min, step_max, latency_max; None:
+    there was none.
     """
 
     def __init__(self, config: AcceleratorConfig, expected: Arrays, *, probes: bool = True) -> None:
@@ -173,23 +170,36 @@ class Scoreboard:
         self.compared = Counter(
             {stage: 0 for stage in chain if stage != "fault" or config.faults.fault_frames}
         )
+        self.counts: dict[str, Any] = {"steps": 0, "decisions": 0}
+        self.counts |= dict.fromkeys(("step_min", "step_max", "latency_max"))
 
     def begin(self, recording: Recording) -> None:
         """Start ``recording``: later values belong to it."""
         self.recording = recording
         self._seen = dict.fromkeys((*self._flat, "decision"), 0)
+        self._offered: list[int] = []
 
     def seen(self, stage: str) -> int:
         """Values of the present recording that came so far."""
         return self._seen[stage]
 
     def check(self, stage: str, values: np.ndarray, cycles: np.ndarray | None = None) -> None:
-        """The next values of a stage, and the cycles they came in.
+        """The next values of a stage, and the cycles they came in; of ``step``, the cycles of each, there is no
+        expectation.
 
         Raises
         ------
         Mismatch
         """
+        if stage == "step":
+            self.counts["steps"] += len(values)
+            self._extreme("step_min", min, values)
+            self._extreme("step_max", max, values)
+            return
+        if stage == "decision" and cycles is not None:
+            self._offered += np.asarray(cycles).tolist()
+        if stage == "decision" and not self._flat:  # one local decision a step
+            self.counts["steps"] += int((values >> DECISION_FIELDS["is_global"][0] & 1 == 0).sum())
         low = self._seen[stage]
         self._seen[stage] = high = low + len(values)
         wanted = self.recording[stage][low:high]
@@ -207,9 +217,16 @@ class Scoreboard:
         for index, place, want, got in wrong[:1]:
             raise self.mismatch(stage, low + index, place, want, got, -1 if cycles is None else cycles[index])
 
-    def end(self, status: Mapping[str, int]) -> None:
-        """The recording is over, and these are the registers STATUS, FAULTS, TOUCHES and, where there are fault flags,
-        TAXEL_FAULTS (all of its words as one number).
+    def end(self, status: Mapping[str, int], taken: Sequence[int] = ()) -> None:
+        """The recording is over.
+
+        Parameters
+        ----------
+        status:
+            Registers STATUS, FAULTS, TOUCHES and, where there are fault flags, TAXEL_FAULTS (all of its words as one
+            number).
+        taken:
+            Cycle of the last taxel of each frame, for the decisions' latency.
 
         Raises
         ------
@@ -241,6 +258,16 @@ class Scoreboard:
         for index, (place, (want, got)) in enumerate(values.items()):
             if want != got:
                 raise self.mismatch("status", index, place, want, got)
+        self.counts["decisions"] += self._seen["decision"]
+        frames = self.recording["decision_frame"].tolist()
+        ends = ((cycle, frame) for frame, cycle in zip(frames, self._offered, strict=False) if frame)
+        self._extreme(
+            "latency_max", max, [cycle - taken[frame - 1] for cycle, frame in ends if frame <= len(taken)]
+        )
+
+    def _extreme(self, name: str, which: Callable[..., int], values: Iterable[int]) -> None:
+        now = self.counts[name]
+        self.counts[name] = which([*([] if now is None else [now]), *map(int, values)], default=None)
 
     def mismatch(
         self, stage: str, index: int, place: str, want: int | None, got: int | str | None, cycle: int = -1

@@ -244,7 +244,7 @@ class Model(Estimator):
         """
         from eskin.choose.choice import train_chosen
         from eskin.training.integers import quantise
-        from eskin.verbs.cost import market
+        from eskin.verbs.cost import cost_model
 
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":
             recordings = load_recordings(recordings, config=self._asked)
@@ -252,7 +252,7 @@ class Model(Estimator):
             recordings = self._of_arrays(recordings, labels, sample_rate_hz)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
-            prices = market(self._parameters["prefer"], self._parameters["fits"])
+            prices = cost_model(self._parameters["prefer"], self._parameters["fits"])
             train_chosen(
                 recordings,
                 self._asked,

@@ -125,8 +125,7 @@ class Jobs:
             stop()
             if isinstance(error, BrokenProcessPool):
                 raise InputError(
-                    "a worker process died, out of memory perhaps; what was finished is kept: run the same "
-                    "again"
+                    "a worker process ended, perhaps out of memory; finished work is kept, so run the same command again"
                 ) from None
             raise
         finally:
@@ -249,6 +248,5 @@ def _check_workers(client: Any, address: str, version: Callable[[], str] | None)
     foreign = sorted(where for where, code in versions.items() if code != version())
     if foreign:
         raise InputError(
-            f"--dask {address}: {foreign[-1]} has other code or libraries than this machine; install the same "
-            "there"
+            f"--dask {address}: {foreign[-1]} has code or libraries that differ from this machine; install the same there"
         )

@@ -80,7 +80,7 @@ def lanes_of(text: str | None) -> tuple[int | None, Any]:
 
 
 # ---------------------------------------------------------------------- what verbs share
-class Grouped:
+class GroupOptions:
     """A request that names group arrays."""
 
     group: str | None
@@ -92,27 +92,27 @@ class Grouped:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OfModel:
+class ModelOptions:
     model: Annotated[Path, argument("A quantised model folder.")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class OfData:
+class DataOptions:
     data: Annotated[str, option(DATA)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelOnData(OfModel, OfData):
+class ModelDataOptions(ModelOptions, DataOptions):
     """A model and recordings for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class InJson:
+class JsonOptions:
     json: Annotated[Path | None, option("Also write the result as JSON.")] = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnCluster:
+class ClusterOptions:
     dask: Annotated[
         str | None,
         option("A dask scheduler, tcp://HOST:PORT. Default: one process per core.", metavar="ADDRESS"),
@@ -120,14 +120,14 @@ class OnCluster:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnFrontEnd(OfData):
+class FrontEndOptions(DataOptions):
     """Recordings, and the front end that they go through."""
 
     config: Annotated[str | None, option(CONFIG)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judged(Grouped, OnFrontEnd):
+class EvaluationOptions(GroupOptions, FrontEndOptions):
     """Recordings to judge networks on, by what is left out."""
 
     group: Annotated[
@@ -136,7 +136,7 @@ class Judged(Grouped, OnFrontEnd):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chosen(Grouped, OnFrontEnd):
+class ChoiceOptions(GroupOptions, FrontEndOptions):
     """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
 
     group: Annotated[str | None, option("Group arrays A[,B..] kept on one side of every split.")] = None
@@ -163,7 +163,7 @@ class Chosen(Grouped, OnFrontEnd):
 
 # ---------------------------------------------------------------------- recordings
 @dataclass(frozen=True, kw_only=True)
-class InspectRequest(InJson):
+class InspectRequest(JsonOptions):
     data: Annotated[str, argument(DATA)]
     config: Annotated[str | None, option(CONFIG)] = None
     out: Annotated[Path | None, option("Picture to write. Default: build/inspect/NAME.png.")] = None
@@ -217,7 +217,7 @@ class ConvertRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WatchRequest(OfModel):
+class WatchRequest(ModelOptions):
     data: Annotated[str | None, option(f"Recordings to play. {DATA}")] = None
     port: Annotated[str | None, option("Serial port of a board. Without --data: show its own sensor.")] = None
     simulate: Annotated[bool, option("Also simulate the RTL and compare it in lock step.", "--simulate")] = (
@@ -228,7 +228,7 @@ class WatchRequest(OfModel):
 
 # ---------------------------------------------------------------------- networks
 @dataclass(frozen=True, kw_only=True)
-class RunRequest(Chosen):
+class RunRequest(ChoiceOptions):
     data: Annotated[str, option(DATA)] = "synthetic"
     recordings: Annotated[
         str | None, option("Recordings to co-simulate. Default: 8 per class.", metavar="N|all")
@@ -251,7 +251,7 @@ class ReportRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainRequest(Chosen):
+class TrainRequest(ChoiceOptions):
     out: ModelOut
     reset: GateOfReset = None
     folds: Annotated[int, option("Folds of the cross-validation; 0: none.")] = 5
@@ -270,7 +270,7 @@ ENROL_MODES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnrolRequest(Grouped, InJson):
+class EnrolRequest(GroupOptions, JsonOptions):
     model: Annotated[Path | None, argument("A quantised model folder; it is not changed.")] = None
     data: Annotated[
         str | None, option(f"Touches to train on, 1 to 5 per class; with --evaluate all. {DATA}")
@@ -325,7 +325,7 @@ class EnrolRequest(Grouped, InJson):
 
 
 @dataclass(frozen=True, kw_only=True)
-class QuantiseRequest(Grouped):
+class QuantiseRequest(GroupOptions):
     model: Annotated[Path, argument("A model folder.")]
     data: Annotated[
         str | None, option("Measure value ranges on these recordings. Default: ranges from training.")
@@ -387,12 +387,12 @@ class QuantiseRequest(Grouped):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluateRequest(ModelOnData, InJson):
+class EvaluateRequest(ModelDataOptions, JsonOptions):
     pass
 
 
 @dataclass(frozen=True, kw_only=True)
-class CompareRequest(OfModel, InJson):
+class CompareRequest(ModelOptions, JsonOptions):
     data: Annotated[str | None, option(f"{DATA} Default: random touches.")] = None
 
 
@@ -420,7 +420,7 @@ class ImportRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(OfModel):
+class ExportRequest(ModelOptions):
     to: Annotated[Literal["c", "onnx"], option("c: integer model as C99; onnx: float network.")]
     out: Annotated[Path, option("Folder to write: new, or an earlier export to replace.")]
     prefix: Annotated[str | None, option("C: prefix of all names. Default: eskin.")] = None
@@ -428,7 +428,7 @@ class ExportRequest(OfModel):
 
 # ---------------------------------------------------------------------- studies
 @dataclass(frozen=True, kw_only=True)
-class SweepRequest(Judged, OnCluster):
+class SweepRequest(EvaluationOptions, ClusterOptions):
     out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the chart.")] = Path("build/sweep")
     grid: Annotated[str, option("default (84 points), or JSON: {field: [values]}.")] = "default"
     accuracy_floor: Annotated[float | None, option("Required accuracy on new recordings, 0 to 1.")] = None
@@ -439,12 +439,12 @@ class SweepRequest(Judged, OnCluster):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BaselinesRequest(Judged, OnCluster):
+class BaselinesRequest(EvaluationOptions, ClusterOptions):
     out: Annotated[Path, option("Folder for baselines.json.")] = Path("build/baselines")
 
 
 @dataclass(frozen=True, kw_only=True)
-class StabilityRequest(ModelOnData, OnCluster):
+class StabilityRequest(ModelDataOptions, ClusterOptions):
     out: Annotated[Path, option("Folder for stability.html, stability.json and recommended.json.")] = Path(
         "build/stability"
     )
@@ -458,12 +458,12 @@ class StabilityRequest(ModelOnData, OnCluster):
 
 # ---------------------------------------------------------------------- hardware
 @dataclass(frozen=True, kw_only=True)
-class OnLanes(OfModel):
+class LaneOptions(ModelOptions):
     lanes: Lanes = None
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayRequest(ModelOnData, InJson):
+class ReplayRequest(ModelDataOptions, JsonOptions):
     model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")]
     port: Annotated[str, option("Serial port of the board.")]
     teach: Annotated[
@@ -476,7 +476,7 @@ class ReplayRequest(ModelOnData, InJson):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnergyRequest(ModelOnData):
+class EnergyRequest(ModelDataOptions):
     configuration: Annotated[
         list[str] | None,
         option("Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"),
@@ -493,7 +493,7 @@ class ScheduleRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GenerateRequest(OnLanes):
+class GenerateRequest(LaneOptions):
     out: Annotated[Path, option("Folder to write: new, or an earlier design to replace.")]
     data: Annotated[
         str | None, option("The bench plays the first of these recordings. Default: a synthetic one.")
@@ -510,7 +510,7 @@ class GenerateRequest(OnLanes):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
+class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
     recordings: Annotated[str, option("Number of recordings, spread over the classes.", metavar="N|all")] = (
         "all"
     )
@@ -542,7 +542,7 @@ class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoardRequest(OfModel):
+class BoardRequest(ModelOptions):
     target: Annotated[str, option("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")]
     lanes: Annotated[
         str | None,
@@ -572,7 +572,7 @@ class BoardRequest(OfModel):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AsicRequest(OfModel):
+class AsicRequest(ModelOptions):
     pdk: Annotated[str, option("Process: ihp-sg13g2 or sky130hd.", metavar="NAME")]
     liberty: Liberty
     lanes: Annotated[int | None, option("Parallel multipliers. Default: the model's.")] = None

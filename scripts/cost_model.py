@@ -26,12 +26,12 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
 from eskin.study.energy import PARTS, estimate
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import energy_job
 from eskin.verbs.build_job import suited
 from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
 from eskin.verbs.flow import BUILD, expected_of
+from tests.support.random_models import random_integer_model
 
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
 AT_ONCE: Record = dict(rest="none", rest_frames=0, onset="immediate")
@@ -172,37 +172,31 @@ def read_rows(document: str) -> dict[str, Record]:
     return found
 
 
+def terms(name: str, row: Record) -> tuple[float, np.ndarray, np.ndarray]:
+    """Of a counted design: joule of clock and products, joule of each toggle constant's unit, its `parts_of`."""
+    part, config = PARTS[target(BOARD).device], suited(DESIGNS[name], target(BOARD))
+    frames, steps = (row[what] * row[f"cycles a {what[:-1]}"] for what in ("frames", "steps"))
+    products = row["steps"] * (config.multiplies + config.inputs)
+    toggling = part.toggle_j * np.array([steps, frames, frames * (not config.opens_at_once)])
+    fixed = (steps + frames) * part.clock_j + products * part.multiply_j
+    return fixed, toggling, np.array(list(parts_of(config).values()))
+
+
 def fit(counted_rows: dict[str, Record]) -> tuple[np.ndarray, np.ndarray]:
     """(STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES), and CELLS in their order: least squares of the errors as
     shares, none of CELLS below 0."""
-    part = PARTS[target(BOARD).device]
-    cycles, multiplies, joule, has, cells = [], [], [], [], []
-    for name, row in counted_rows.items():
-        config = suited(DESIGNS[name], target(BOARD))
-        frames, steps = (row[what] * row[f"cycles a {what[:-1]}"] for what in ("frames", "steps"))
-        products = row["steps"] * (config.multiplies + config.inputs)
-        cycles.append([steps, frames, frames * (not config.opens_at_once)])
-        multiplies.append((steps + frames) * part.clock_j + products * part.multiply_j)
-        joule.append(1e-6 * row["counted uJ"])
-        has.append(list(parts_of(config).values()))
-        cells.append(row["LUT"])
-    energy, count = np.array(joule), np.array(cells)
-    left = 1 - np.array(multiplies) / energy
-    toggles = np.linalg.lstsq(np.array(cycles) * part.toggle_j / energy[:, None], left, rcond=None)[0]
-    of_cells = nnls(np.array(has) / count[:, None], np.ones(len(count)))[0]
-    return toggles, of_cells
+    fixed, toggling, has = map(np.array, zip(*map(terms, counted_rows, counted_rows.values()), strict=True))
+    energy, cells = (np.array([row[key] for row in counted_rows.values()]) for key in ("counted uJ", "LUT"))
+    energy = 1e-6 * energy
+    toggles = np.linalg.lstsq(toggling / energy[:, None], 1 - fixed / energy, rcond=None)[0]
+    return toggles, nnls(has / cells[:, None], np.ones(len(cells)))[0]
 
 
 def errors(counted_rows: dict[str, Record], constants: tuple[np.ndarray, np.ndarray], name: str) -> Any:
     """Errors of energy and cells of a design with these constants, as shares of the counted ones."""
-    part, row, config = PARTS[target(BOARD).device], counted_rows[name], suited(DESIGNS[name], target(BOARD))
-    (step, frame, onset), of_cells = constants
-    frame += onset * (not config.opens_at_once)
-    joule = row["frames"] * row["cycles a frame"] * (part.clock_j + frame * part.toggle_j)
-    joule += row["steps"] * row["cycles a step"] * (part.clock_j + step * part.toggle_j)
-    joule += row["steps"] * (config.multiplies + config.inputs) * part.multiply_j
-    cells = float(np.dot(of_cells, list(parts_of(config).values())))
-    return 1e6 * joule / row["counted uJ"] - 1, cells / row["LUT"] - 1
+    (fixed, toggling, has), row = terms(name, counted_rows[name]), counted_rows[name]
+    toggles, of_cells = constants
+    return 1e6 * (fixed + toggling @ toggles) / row["counted uJ"] - 1, has @ of_cells / row["LUT"] - 1
 
 
 def show(counted_rows: dict[str, Record]) -> None:

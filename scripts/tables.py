@@ -17,6 +17,9 @@ features [KINDS ...]
     another.
 runs FOLDER ...
     Results of ``eskin run``, a row per result folder.
+stress FOLDER ...
+    Of each result folder, or model folder of ``eskin train``, the network that clean accuracy alone would choose and
+    the one chosen, under the panel of ``--stress``.
 steps
     Cycles of a step against the ideal, formats of preset ``thesis``.
 checks
@@ -42,6 +45,7 @@ from typing import Any
 
 import numpy as np
 
+from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
 from eskin.rtl.fpga.generate import generate
@@ -59,8 +63,8 @@ from eskin.rtl.program.schedule import (
 )
 from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.study.energy import estimate, scheduled_activity
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import build_job
+from tests.support.random_models import random_integer_model
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "figures.md"
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
@@ -270,6 +274,27 @@ def run_rows(asked: argparse.Namespace) -> Iterator[Row]:
         )
 
 
+def stress_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """Two rows of each folder: without and with the panel."""
+    for folder in map(Path, asked.rows):
+        found = [path for path in (folder / "model/training.json", folder / "training.json") if path.exists()]
+        training = json.loads(found[0].read_text())
+        groups = ", ".join(training["cross_validation"][0]["groups"])
+        for kind in ("calm", "chosen"):
+            row = next(row for row in training["candidates"] if row[kind])
+            held = sum(mode["held"] for mode in row["stress"])
+            yield (
+                f"{folder.name}, {groups}",
+                "off" if kind == "calm" else "on",
+                f"{network_name(row)}, {front_end_words(row['front_end'])}",
+                *(f"{100 * row[name]:.1f} %" for name in ("accuracy", "stressed_accuracy")),
+                f"{row['worst']['mode']}, {100 * row['worst']['figure']:.0f} %",
+                f"{held} of {len(row['stress'])}",
+                f"{1e6 * row['energy_touch_j']:.2f} uJ",
+                row["cells"],
+            )
+
+
 def step_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """Cells, three sizes and 1 to 12 lanes."""
     base = PRESETS["thesis"]
@@ -310,6 +335,10 @@ TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
         "recordings | left out | network | new, integer | new, float | own folds | agreement | a touch | cells "
         "| block memories | onset to decision | values compared | last sample to decision | lowest clock",
         run_rows,
+    ),
+    "stress": (
+        "recordings, left out | `--stress` | network | clean | stressed | worst | held | energy of a touch | cells",
+        stress_rows,
     ),
     "checks": ("checks | cells | flip-flops | block memories | cycles a step", check_rows),
 }

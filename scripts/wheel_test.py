@@ -52,7 +52,7 @@ def must(*command: str | Path, status: int = 0, words: str = "") -> None:
 def main() -> None:
     """Build, install, try."""
     from eskin.golden.core import PRESETS
-    from eskin.training.made_up import random_integer_model
+    from tests.support.random_models import random_integer_model
 
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)

@@ -26,8 +26,8 @@ from eskin.rtl.host.control import HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Measure, Memory, Register
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
-from eskin.training.made_up import random_integer_model
 from tests.rtl.top import test_accelerator as chain
+from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, simulate, unpack
 
 PORTS = {

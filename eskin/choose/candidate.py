@@ -3,7 +3,7 @@
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
 by its decisions on recordings that it has not seen. **The rule** (`choose`): of those that are level with the
 most accurate, the cheapest. Level is what `eskin.training.level` says; what is cheap says
-`eskin.choose.cost.Market`. The rule serves front ends alone, which are judged with a linear network that is
+`eskin.choose.cost.CostModel`. The rule serves front ends alone, which are judged with a linear network that is
 solved in closed form (`eskin.choose.front_ends`), whole networks (`eskin.choose.networks`), and both again
 inside the training part of every fold.
 
@@ -23,7 +23,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from eskin.choose.choice_table import beyond
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import IntegerModel
 from eskin.training.crossval import FoldDecisions
@@ -91,12 +91,13 @@ class Stress(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ScoredCandidate:
     """A candidate and its decisions on recordings that it has not seen.
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
     recordings without a touch or a completed window. runs: what each network decided, seed by seed. stress: the
-    disturbances. disturbed: gives the share of networks that were wrong under each (cases, recordings).
+    disturbances. disturbed: gives the share of networks that were wrong under each (cases, recordings). calm: the
+    rule takes it by sound recordings alone.
     """
 
     candidate: Candidate
@@ -105,6 +106,7 @@ class Judged:
     runs: tuple[FoldDecisions, ...] = ()
     stress: Stress | None = None
     disturbed: Callable[[], np.ndarray] | None = None
+    calm: bool = False
 
     @cached_property
     def wrong(self) -> np.ndarray | None:
@@ -183,7 +185,7 @@ class Judged:
         """So near 100 % that no other can be better by more than TIE standard errors."""
         return self.accuracy >= 1.0 - TIE * least_error(len(self.correct))
 
-    def joined(self, other: Judged) -> Judged:
+    def joined(self, other: ScoredCandidate) -> ScoredCandidate:
         """With the networks of other seeds."""
         first, more = len(self.runs), len(other.runs)
 
@@ -200,12 +202,12 @@ class Judged:
         )
 
 
-def best_of(judged: Sequence[Judged]) -> Judged:
+def best_of(judged: Sequence[ScoredCandidate]) -> ScoredCandidate:
     """The first of those with the highest accuracy."""
     return max(judged, key=lambda one: one.accuracy)
 
 
-def choose(judged: Sequence[Judged], market: Market) -> Judged:
+def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
     """The cheapest of the candidates that are level with the most accurate; at equal price the first. A board
     decides between level ones; a named board must also hold the best.
 
@@ -214,44 +216,47 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
     InputError
         Nothing fits the named board.
     """
-    usable = [one for one in judged if market.is_candidate(one.config)]
+    usable = [one for one in judged if prices.is_candidate(one.config)]
     if not usable:
         raise InputError(
-            f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
-            "larger board"
+            f"--fits {prices.board}: is too small for all {len(judged)} candidates; name a larger board"
         )
     best = best_of(usable)
-    return _cheapest([one for one in usable if is_level(best.correct, one.correct)], market)
+    return _cheapest([one for one in usable if is_level(best.correct, one.correct)], prices)
 
 
-def _cheapest(level: Sequence[Judged], market: Market) -> Judged:
+def _cheapest(level: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
     """Of candidates that are level."""
-    level = sorted(level, key=lambda one: market.price(one.config))
-    return next((one for one in level if market.fits(one.config)), level[0])
+    level = sorted(level, key=lambda one: prices.price(one.config))
+    return next((one for one in level if prices.fits(one.config)), level[0])
 
 
-def affordable(config: AcceleratorConfig, calm: Judged, market: Market) -> bool:
+def affordable(config: AcceleratorConfig, calm: ScoredCandidate, prices: CostModel) -> bool:
     """It costs at most DEARER times as much as ``calm``, which `choose` took."""
-    dearest = DEARER * market.price(calm.config)[0]
-    return market.is_candidate(config) and market.price(config)[0] <= dearest * (1 + 1e-9)
+    dearest = DEARER * prices.price(calm.config)[0]
+    return prices.is_candidate(config) and prices.price(config)[0] <= dearest * (1 + 1e-9)
 
 
-def in_reach(judged: Sequence[Judged], calm: Judged, market: Market) -> list[Judged]:
-    """Those that `choose_stable` may take in place of ``calm``, and itself."""
+def in_reach(
+    judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel, loss: float = CLEAN_LOSS
+) -> list[ScoredCandidate]:
+    """Those that `choose_stable` may take in place of ``calm``, and itself; loss: of accuracy."""
     return [
         one
         for one in judged
         if one.candidate == calm.candidate
-        or (one.accuracy >= calm.accuracy - CLEAN_LOSS and affordable(one.config, calm, market))
+        or (one.accuracy >= calm.accuracy - loss and affordable(one.config, calm, prices))
     ]
 
 
-def choose_stable(judged: Sequence[Judged], calm: Judged, market: Market) -> Judged:
+def choose_stable(
+    judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel
+) -> ScoredCandidate:
     """The cheapest of the candidates that are level with the best score; at equal price the one with the higher
     score. Left out are those that lose more than CLEAN_LOSS of accuracy on sound recordings, or cost more than
     DEARER times as much, against ``calm``, which `choose` took."""
-    ranked = sorted(in_reach(judged, calm, market), key=lambda one: -one.score)
-    return _cheapest([one for one in ranked if is_level(ranked[0].scores, one.scores)], market)
+    ranked = sorted(in_reach(judged, calm, prices), key=lambda one: -one.score)
+    return _cheapest([one for one in ranked if is_level(ranked[0].scores, one.scores)], prices)
 
 
 def front_end_fields(config: AcceleratorConfig) -> Record:
@@ -269,7 +274,7 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
     return row | {"feature_scale": features.feature_scale, "inputs": config.inputs}
 
 
-def screened_row(one: Judged, best: Judged) -> Record:
+def screened_row(one: ScoredCandidate, best: ScoredCandidate) -> Record:
     """A row of ``front_end`` in training.json: the fields, accuracy, standard_error, missed, behind (the best,
     accuracy), behind_error (of the paired difference), level."""
     shortfall, error = behind(best.correct, one.correct)

@@ -21,11 +21,20 @@ from pathlib import Path
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.choose.candidate import Candidate, Judged, Stress, choose, front_end_fields, screened_row
+from eskin.choose.candidate import Candidate, ScoredCandidate, Stress, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
-from eskin.choose.cost import Market
-from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
-from eskin.choose.networks import AUTO, INSIDE, Effort, Part, Wish, check_units, network_choice, side_by_side
+from eskin.choose.cost import CostModel
+from eskin.choose.front_ends import FrontEnds, FrontEndScorer, Listed, blocked_ridge, listed, search
+from eskin.choose.networks import (
+    AUTO,
+    INSIDE,
+    Effort,
+    Part,
+    SearchOptions,
+    check_units,
+    network_choice,
+    side_by_side,
+)
 from eskin.choose.sturdy import Hardening
 from eskin.choose.yardsticks import linear_yardsticks
 from eskin.data.fit import check_fit
@@ -35,12 +44,12 @@ from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, 
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.training.crossval import (
-    Piece,
+    CrossValidationSettings,
+    FoldJob,
     Progress,
-    Terms,
     cross_validate,
     fold_records,
-    judge_pieces,
+    judge_folds,
     over_folds,
     record_of,
     share_right,
@@ -54,9 +63,9 @@ from eskin.training.splits import default_splits, held_out, split_folds
 from eskin.training.train import TrainingRequest, train
 
 LEAST = {
-    "energy": "takes the least energy a touch ({energy_touch_j:.3g} J)",
-    "cells": "takes the fewest logic cells ({cells})",
-    "latency": "has the shortest way from the last sample to the decision ({latency_s:.3g} s)",
+    "energy": "needs the least energy per touch ({energy_touch_j:.3g} J)",
+    "cells": "needs the fewest logic cells ({cells})",
+    "latency": "has the shortest time from the last sample to the decision ({latency_s:.3g} s)",
 }
 """A preference in words."""
 
@@ -66,7 +75,7 @@ LEAST = {
 class Plan:
     """The front end that was asked for or chosen, and the split to choose by.
 
-    config: it. reasons: in words. split, split_from: of ``choose_split``. market: what candidates cost.
+    config: it. reasons: in words. split, split_from: of ``choose_split``. prices: what candidates cost.
     front_ends: to choose from again inside folds; None where nothing is to be judged. screened: the front ends
     judged, best first; none where it was asked for. facts: of the judging, for training.json. guessed: too few
     recordings to choose on. doubts: about the recordings, of the judging.
@@ -76,9 +85,9 @@ class Plan:
     reasons: list[str]
     split: list[str]
     split_from: str
-    market: Market
+    prices: CostModel
     front_ends: FrontEnds | None = None
-    screened: tuple[Judged, ...] = ()
+    screened: tuple[ScoredCandidate, ...] = ()
     facts: Record = dataclasses.field(default_factory=dict)
     guessed: bool = False
     doubts: tuple[Record, ...] = ()
@@ -86,7 +95,7 @@ class Plan:
     @property
     def listed(self) -> Listed:
         """Front ends that networks are tried on."""
-        return listed(self.screened, self.market) if self.screened else Listed.alone(self.config)
+        return listed(self.screened, self.prices) if self.screened else Listed.alone(self.config)
 
     def hardening(self, stress: Stress | None) -> Hardening | None:
         """What makes them sturdier, where networks are judged under disturbance."""
@@ -109,7 +118,7 @@ class Plan:
             judged[taken] = screen.judged(taken, parts)
         rows = {
             config: screened_row(one, self.screened[0])
-            | {"energy_touch_j": self.market.cost_of(one.config).energy_touch_j}
+            | {"energy_touch_j": self.prices.cost_of(one.config).energy_touch_j}
             for config, one in judged.items()
         }
         rivals = [row for config, row in rows.items() if config != taken]
@@ -119,7 +128,7 @@ class Plan:
 def configure(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
-    market: Market,
+    prices: CostModel,
     *,
     groups: Sequence[str] | None = None,
     folds: int = 5,
@@ -139,7 +148,7 @@ def configure(
     if recordings.image_shape:
         derive_config(recordings)  # which refuses images
     if requested is None:
-        return choose_front_end(recordings, market, groups=groups, folds=folds, progress=progress)
+        return choose_front_end(recordings, prices, groups=groups, folds=folds, progress=progress)
     reasons = [f"'{requested.name}', as asked for"]
     if requested == PRESETS.get(requested.name) and requested.network.class_names != recordings.class_names:
         try:
@@ -149,7 +158,7 @@ def configure(
         reasons.append(f"its classes are those of the recordings: {', '.join(recordings.class_names)}")
     check_fit(recordings, requested)
     split, split_from = choose_split(recordings, groups)
-    return Plan(requested, reasons, split, split_from, market)
+    return Plan(requested, reasons, split, split_from, prices)
 
 
 def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[list[str], str]:
@@ -167,12 +176,12 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
         )
         if seen_twice and not no_group(values, recordings.labels):
             return [name], "the archive's first group"
-    return [], "the archive has no group that can be left out, so single recordings are"
+    return [], "the archive has no group to leave out, so single recordings are left out"
 
 
 def choose_front_end(
     recordings: Recordings,
-    market: Market,
+    prices: CostModel,
     *,
     groups: Sequence[str] | None = None,
     folds: int = 5,
@@ -208,11 +217,11 @@ def choose_front_end(
         enough = False
     if not enough:
         guess, why = derive_config(recordings)
-        why = [*why, "too few recordings to judge front ends on, so this is a guess by rules"]
-        return Plan(guess, why, split, split_from, market, guessed=True)
+        why = [*why, "there are too few recordings to compare front ends, so rules derived this one"]
+        return Plan(guess, why, split, split_from, prices, guessed=True)
     with one_thread():
-        screened = search(Judge(front_ends, np.arange(len(judged_on)), parts, talks=True), market)
-    chosen, best = choose(screened, market), screened[0]
+        screened = search(FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True), prices)
+    chosen, best = choose(screened, prices), screened[0]
     alone, frames = _level_alone(judged_on, parts)
     facts: Record = {
         "split": split,
@@ -221,13 +230,13 @@ def choose_front_end(
         "recordings_looked_at": len(judged_on),
         "recordings": len(recordings),
         "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
-        "tie": "shortfall of at most one standard error of the paired difference over recordings; ties go to "
-        f"what is least in {market.prefer}",
+        "tie": "at most one standard error of the paired difference over recordings worse than the best; a tie goes "
+        "to the least {prices.prefer}",
         "level_alone": alone,
         "wall_s": time.perf_counter() - began,
     }
     words = front_end_words(front_end_fields(chosen.candidate.front_end))
-    level = f"; the best, {front_end_words(front_end_fields(best.candidate.front_end))}, has {best.accuracy:.1%} and is level"
+    level = f"; the best, {front_end_words(front_end_fields(best.candidate.front_end))}, has {best.accuracy:.1%}, a tie"
     reasons = [
         *recordings.notes,
         *front_ends.reasons,
@@ -240,7 +249,7 @@ def choose_front_end(
         without = [one.accuracy for one in screened if one.config.rest_level.rest != "none"]
         found += doubts.level_tells(frames, alone, max(without, default=None), split)
     return Plan(
-        config, reasons, split, split_from, market, front_ends, tuple(screened), facts, doubts=tuple(found)
+        config, reasons, split, split_from, prices, front_ends, tuple(screened), facts, doubts=tuple(found)
     )
 
 
@@ -267,31 +276,41 @@ def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -
 
 
 def choose_inside(
-    plan: Plan, terms: Terms, wish: Wish, parts: Sequence[np.ndarray], effort: Effort = INSIDE
+    plan: Plan,
+    settings: CrossValidationSettings,
+    search_options: SearchOptions,
+    parts: Sequence[np.ndarray],
+    effort: Effort = INSIDE,
 ) -> list[Candidate]:
     """Choices on each of ``parts`` (recordings) alone."""
-    recordings, choices, held = terms.recordings, [], []
-    hardening = plan.hardening(terms.stress)
+    recordings, choices, held = settings.recordings, [], []
+    hardening = plan.hardening(settings.stress)
     for number, part in enumerate(parts):
-        if terms.progress:
-            terms.progress("front ends chosen again inside folds", number, len(parts))
+        if settings.progress:
+            settings.progress("front ends chosen again inside folds", number, len(parts))
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
-            front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
-        choices.append(network_choice(front_ends, wish, plan.market, effort, hardening))
-        held.append(Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), terms.groups)]))
-    return [candidate for candidate, _ in side_by_side(choices, held, terms)]
+            front_ends = search_inside(plan.front_ends, part, settings.groups, plan.prices)
+        choices.append(network_choice(front_ends, search_options, plan.prices, effort, hardening))
+        held.append(
+            Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), settings.groups)])
+        )
+    return [candidate for candidate, _ in side_by_side(choices, held, settings)]
 
 
-def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
+def search_inside(
+    front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], prices: CostModel
+) -> Listed:
     """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
-        judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market, brief=True), market)
+        judge = FrontEndScorer(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
+        return listed(search(judge, prices, brief=True), prices)
 
 
-def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:
+def unseen(
+    plan: Plan, settings: CrossValidationSettings, search_options: SearchOptions, split: Sequence[str]
+) -> Record:
     """Accuracy when each fold of ``split`` is left out of everything that looks at a label, and how it came
     about.
 
@@ -300,17 +319,17 @@ def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record
     {groups, folds, seeds, float_accuracy, integer_accuracy, agreement, standard_error (over recordings),
     per_fold: [{held_out, recordings, the three shares, front_end, front_end_words, network}], wall_s}.
     """
-    begin, recordings, seeds = time.perf_counter(), terms.recordings, list(map(int, terms.seeds))
-    tests = split_folds(recordings, list(split), terms.folds, None)
+    begin, recordings, seeds = time.perf_counter(), settings.recordings, list(map(int, settings.seeds))
+    tests = split_folds(recordings, list(split), settings.folds, None)
     parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-    brief = dataclasses.replace(terms, stress=terms.stress and terms.stress.brief)
-    chosen = choose_inside(plan, brief, wish, parts)
+    brief = dataclasses.replace(settings, stress=settings.stress and settings.stress.brief)
+    chosen = choose_inside(plan, brief, search_options, parts)
     pieces = [
-        Piece(candidate.config, candidate.recipe, part, test, copy)
+        FoldJob(candidate.config, candidate.recipe, part, test, copy)
         for copy in range(len(seeds))
         for candidate, part, test in zip(chosen, parts, tests, strict=True)
     ]
-    runs = judge_pieces(terms.datasets, pieces, seeds[0], terms.progress)
+    runs = judge_folds(settings.datasets, pieces, seeds[0], settings.progress)
     correct = share_right(recordings.labels, [piece.test for piece in pieces], runs)
     names = [held_out(recordings, split, test) for test in tests]
     of_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]
@@ -332,7 +351,7 @@ def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record
 
 
 # ---------------------------------------------------------------------- the network
-def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> Record:
+def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, prices: CostModel) -> Record:
     """A row of ``candidates`` in training.json. record: its cross-validation."""
     config, fields = one.config, front_end_fields(one.candidate.front_end)
     return {
@@ -345,9 +364,10 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
         "worst": one.worst,
         "stress": one.figures,
         "robust": one.candidate.recipe.robust,
+        "calm": one.calm,
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
-        **market.row(one.runs[0].config),
+        **prices.row(one.runs[0].config),
         "multiplies_touch": config.windows.steps * config.multiplies,
         "multiplies_step": config.multiplies,
         "parameters": config.parameter_count,
@@ -359,11 +379,13 @@ def candidate_row(one: Judged, record: Record, chosen: bool, market: Market) -> 
     }
 
 
-def cross_validation_of(one: Judged, terms: Terms, tests: Sequence[np.ndarray]) -> Record:
+def cross_validation_of(
+    one: ScoredCandidate, settings: CrossValidationSettings, tests: Sequence[np.ndarray]
+) -> Record:
     """The record of a candidate's runs, as `eskin.training.crossval.cross_validate` gives it."""
-    data = terms.datasets.of(one.config, one.candidate.recipe)
-    seeds = list(terms.seeds)[: len(one.runs) // len(tests)]
-    return record_of(terms.recordings, terms.groups, tests, one.runs, seeds, one.config, data)
+    data = settings.datasets.of(one.config, one.candidate.recipe)
+    seeds = list(settings.seeds)[: len(one.runs) // len(tests)]
+    return record_of(settings.recordings, settings.groups, tests, one.runs, seeds, one.config, data)
 
 
 def splits_to_report(
@@ -379,7 +401,7 @@ def splits_to_report(
 def train_chosen(
     recordings: Recordings,
     asked: AcceleratorConfig | None,
-    market: Market,
+    prices: CostModel,
     *,
     out: str | Path,
     group: Sequence[str] | None = None,
@@ -402,7 +424,7 @@ def train_chosen(
     ----------
     asked:
         The configuration that was asked for; None: the front end is chosen (``choose_front_end``).
-    market:
+    prices:
         What candidates cost, and what is wished of the one that is taken.
     plan:
         What ``configure`` gave for these recordings, when it is at hand.
@@ -428,7 +450,7 @@ def train_chosen(
     InputError
         As ``train``; ``hidden`` with a cell that has none or is chosen.
     """
-    wish = Wish(cell=cell, hidden=hidden, reset=reset, protocol=protocol)
+    search_options = SearchOptions(cell=cell, hidden=hidden, reset=reset, protocol=protocol)
     check_model_target(out)
     check_units(cell, hidden)
     common: Record = {"folds": folds, "seed": seed}
@@ -436,7 +458,9 @@ def train_chosen(
         if callback:
             raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
         options = common | {"out": out, "cell": cell, "group": group, "seeds": seeds or 1}
-        return _train_on_images(recordings, asked, market, wish, options | (of_images or {}), progress)
+        return _train_on_images(
+            recordings, asked, prices, search_options, options | (of_images or {}), progress
+        )
     if cell in NETWORKS:
         raise InputError(
             f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
@@ -444,35 +468,34 @@ def train_chosen(
         )
     if cell == AUTO and not folds:
         raise InputError(
-            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
-            "linear"
+            "--cell auto: needs cross-validation; leave --folds 0 out or name --cell gru, lstm or linear"
         )
-    plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
+    plan = plan or configure(recordings, asked, prices, groups=group, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
-    wish = dataclasses.replace(wish, open=bool(is_open and folds))
-    terms = Terms(
+    search_options = dataclasses.replace(search_options, open=bool(is_open and folds))
+    settings = CrossValidationSettings(
         recordings=recordings,
         groups=plan.split,
         datasets=Datasets(recordings),
         seeds=range(seed, seed + (seeds or 3)),
         folds=folds,
         progress=progress,
-        stress=stress if wish.open else None,
+        stress=stress if search_options.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
-    effort = Effort(seeds=len(terms.seeds))
+    effort = Effort(seeds=len(settings.seeds))
     choice = network_choice(
         plan.listed if folds else Listed.alone(plan.config),
-        wish,
-        market,
+        search_options,
+        prices,
         effort,
-        plan.hardening(terms.stress),
+        plan.hardening(settings.stress),
     )
-    ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
-    judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}
-    whole = taken in judged and len(judged[taken]["seeds"]) == len(terms.seeds)
-    rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, market) for one in tried]
-    touches = terms.datasets.of(taken.config, taken.recipe).touches
+    ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], settings)
+    judged = {one.candidate: cross_validation_of(one, settings, tests) for one in tried}
+    whole = taken in judged and len(judged[taken]["seeds"]) == len(settings.seeds)
+    rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, prices) for one in tried]
+    touches = settings.datasets.of(taken.config, taken.recipe).touches
     ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
     notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows), *ended]}
     if plan.screened:
@@ -483,23 +506,23 @@ def train_chosen(
     if group is not None:
         splits = [list(group)]
     elif protocol != "thesis" and (asked is None or is_open):
-        splits = splits_to_report(recordings, taken.config, terms.groups)
+        splits = splits_to_report(recordings, taken.config, settings.groups)
     return train(
         recordings,
         taken.config,
         TrainingRequest(
             **common,
             splits=splits,
-            seeds=len(terms.seeds),
+            seeds=len(settings.seeds),
             protocol=protocol,
             recipe=taken.recipe,
             known=[judged[taken]] if whole else [],
         ),
         out=out,
-        datasets=terms.datasets,
+        datasets=settings.datasets,
         progress=progress,
         callback=callback,
-        notes=lambda record: notes | _compared(record, plan, terms, wish, taken, rows),
+        notes=lambda record: notes | _compared(record, plan, settings, search_options, taken, rows),
     )
 
 
@@ -510,13 +533,12 @@ def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
         if row["chosen"]:
             reasons.append(
                 f"network chosen among {len(rows)}, leaving out {left_out(plan.split)} ({plan.split_from}): "
-                f"{network_name(row)} {LEAST[plan.market.prefer].format(**row)} of those within one standard "
+                f"{network_name(row)} {LEAST[plan.prices.prefer].format(**row)} of those within one standard "
                 "error (of the paired difference over recordings) of the best"
             )
     if plan.screened and taken.front_end != plan.config:
         reasons.append(
-            "the network stands on another front end than the linear classifier's: "
-            f"{front_end_words(front_end_fields(taken.front_end))}"
+            "the network uses another front end than the linear classifier: {front_end_words(front_end_fields(taken.front_end))}"
         )
     return reasons
 
@@ -527,25 +549,25 @@ def _ended_early(count: int, recordings: int, config: AcceleratorConfig) -> list
         return []
     return [
         f"{count} of {recordings} recordings end before the last window, {config.touch_s:.3g} s after the first begins, "
-        "and are decided on the windows that they hold"
+        "and use the windows that are complete"
     ]
 
 
-def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
+def _same_groups(settings: CrossValidationSettings, taken: Candidate) -> Record | None:
     """Accuracy to expect on new recordings of known groups: the chosen network with single recordings left
     out, one seed. None without groups, or with too few recordings of a class."""
-    if not terms.groups or not terms.folds:
+    if not settings.groups or not settings.folds:
         return None
     try:
         (single,) = cross_validate(
-            terms.recordings,
+            settings.recordings,
             taken.config,
             [[]],
-            terms.seeds[:1],
-            folds=terms.folds,
+            settings.seeds[:1],
+            folds=settings.folds,
             recipe=taken.recipe,
-            datasets=terms.datasets,
-            progress=terms.called("single recordings left out"),
+            datasets=settings.datasets,
+            progress=settings.called("single recordings left out"),
         )
     except InputError:
         return None
@@ -553,26 +575,31 @@ def _same_groups(terms: Terms, taken: Candidate) -> Record | None:
 
 
 def _compared(
-    record: Record, plan: Plan, terms: Terms, wish: Wish, taken: Candidate, rows: Sequence[Record]
+    record: Record,
+    plan: Plan,
+    settings: CrossValidationSettings,
+    search_options: SearchOptions,
+    taken: Candidate,
+    rows: Sequence[Record],
 ) -> Record:
     """Comparisons for training.json beside ``train``'s record. A linear classifier on the same integer
     features and folds is beside every split; each split gets its ``unseen`` figure if something was
     chosen."""
-    recordings, config = terms.recordings, taken.config
+    recordings, config = settings.recordings, taken.config
     splits = [split["groups"] for split in record["cross_validation"]]
-    baselines = linear_yardsticks(recordings, config, splits, terms.folds)
+    baselines = linear_yardsticks(recordings, config, splits, settings.folds)
     found = list(plan.doubts)
     if plan.screened and not config.recurrent:  # front ends are judged with a linear network
         found += doubts.still_climbing([(one.config, one.correct) for one in plan.screened])
     for split in record["cross_validation"]:
-        found += doubts.below_baselines(split, baselines, rows if wish.open else None)
+        found += doubts.below_baselines(split, baselines, rows if search_options.open else None)
         found += doubts.lost_classes(split, recordings.class_names)
-        if plan.screened or wish.open:
+        if plan.screened or search_options.open:
             split["nested"] = None
             try:
                 if plan.guessed:
                     raise InputError("recordings are too few; record more")
-                split["nested"] = unseen(plan, terms, wish, split["groups"])
+                split["nested"] = unseen(plan, settings, search_options, split["groups"])
                 found += doubts.by_choice(split)
             # a front end that a fold chose has no room for its network, or no touch
             except InputError as error:
@@ -580,10 +607,10 @@ def _compared(
     found += [doubts.doubt("wrong_rate", sentence) for sentence in wrong_rate(recordings)]
     found += doubts.missed_onsets(record["touched"], record["recordings"])
     groups = record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"]
-    found += doubts.look_alike(recordings, groups, terms.folds)
+    found += doubts.look_alike(recordings, groups, settings.folds)
     return {
         "baselines": baselines,
-        "same_groups": _same_groups(terms, taken),
+        "same_groups": _same_groups(settings, taken),
         "doubts": found,
         "warnings": doubts.sentences(found),
     }
@@ -592,16 +619,16 @@ def _compared(
 def _train_on_images(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
-    market: Market,
-    wish: Wish,
+    prices: CostModel,
+    search_options: SearchOptions,
     options: Record,
     progress: Progress | None,
 ) -> Record:
     """`eskin.training.image_models.train_image_model`, where nothing was asked for that networks for
     images do not have."""
-    asked = dataclasses.asdict(wish)
-    asked |= {"fits": market.named or None, "prefer": market.prefer != "energy" or None}
-    asked |= {"protocol": wish.protocol if wish.protocol != "default" else None}
+    asked = dataclasses.asdict(search_options)
+    asked |= {"fits": prices.named or None, "prefer": prices.prefer != "energy" or None}
+    asked |= {"protocol": search_options.protocol if search_options.protocol != "default" else None}
     for name, value in asked.items():
         if value is not None and name not in ("cell", "open"):
             raise InputError(

@@ -87,7 +87,8 @@ def beyond(row: Record) -> float:
 
 
 def where_it_fails(candidates: Sequence[Record]) -> Record | None:
-    """The network taken under disturbance beside the cheapest one that knows of none; None without a panel.
+    """The network taken under disturbance beside the one that sound recordings alone would take; None without a
+    panel.
 
     Returns
     -------
@@ -97,8 +98,7 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
     taken = next((row for row in candidates if row["chosen"] and row.get("stress")), None)
     if taken is None:
         return None
-    calm = [row for row in candidates if row["stress"] and not row["robust"]]
-    plain = min(calm or [taken], key=lambda row: row["energy_touch_j"])
+    plain = next((row for row in candidates if row.get("calm")), taken)
     of_plain = {row["mode"]: row["figure"] for row in plain["stress"]}
     rows = [row | {"plain": of_plain.get(row["mode"])} for row in taken["stress"]]
     rows.sort(key=beyond, reverse=True)

@@ -2,7 +2,7 @@
 
 Energy, cells and latency follow from a configuration by a formula; block memories take the elaborated design,
 so they are counted only where they decide. Golden knows no hardware: the figures come from
-``eskin.verbs.cost``, through the functions of a `Market`.
+``eskin.verbs.cost``, through the functions of a `CostModel`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +31,7 @@ class Cost:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Market:
+class CostModel:
     """Prices of candidates, and the user's preference.
 
     cost_of, blocks_of, fits: of a configuration its `Cost`, its block memories, and whether ``board`` holds

@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.choose.candidate import Candidate, Judged, best_of, choose
-from eskin.choose.cost import Market
+from eskin.choose.candidate import Candidate, ScoredCandidate, best_of, choose
+from eskin.choose.cost import CostModel
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.groups import Features
@@ -257,14 +257,14 @@ class Screen:
 
     def judged(
         self, config: AcceleratorConfig, folds: Sequence[np.ndarray], decide: Decide = blocked_ridge
-    ) -> Judged:
+    ) -> ScoredCandidate:
         """One front end, leaving out ``folds`` in turn."""
         touched, x = self.features(config)
         classes, labels = len(self.recordings.class_names), self.recordings.labels
         correct = decided_correctly(
             touched, labels, folds, lambda known, parts: decide(x, known, parts, classes, touched)
         )
-        return Judged(Candidate.screened(config), correct, len(labels) - len(np.unique(touched)))
+        return ScoredCandidate(Candidate.screened(config), correct, len(labels) - len(np.unique(touched)))
 
     def gates(self, base: Record, progress: Callable[[int, int], None]) -> list[list[AcceleratorConfig]]:
         """Candidates with means alone: of each gate all windows, those of the longest touch that nearly all
@@ -350,7 +350,7 @@ class FrontEnds:
         return np.searchsorted(rows, touched[seen]), gram[np.ix_(seen, seen)].astype(float)
 
 
-class Judge:
+class FrontEndScorer:
     """Judges front ends on ``rows`` of the recordings looked at, each once, leaving out ``folds`` of them in
     turn; ``judged``: all of them so far."""
 
@@ -360,22 +360,22 @@ class Judge:
         self.front_ends, self.rows, self._folds = front_ends, rows, folds
         self._labels = front_ends.recordings.labels[rows]
         self._talks = talks
-        self.judged: dict[AcceleratorConfig, Judged] = {}
+        self.judged: dict[AcceleratorConfig, ScoredCandidate] = {}
 
-    def __call__(self, config: AcceleratorConfig) -> Judged:
+    def __call__(self, config: AcceleratorConfig) -> ScoredCandidate:
         if config not in self.judged:
             touched, gram = self.front_ends.gram(config, self.rows)
             classes = len(self.front_ends.recordings.class_names)
             decide = lambda labels, folds: ridge_decisions(gram, labels, folds, classes, touched)
             correct = decided_correctly(touched, self._labels, self._folds, decide)
             missed = len(correct) - len(np.unique(touched))
-            self.judged[config] = Judged(Candidate.screened(config), correct, missed)
+            self.judged[config] = ScoredCandidate(Candidate.screened(config), correct, missed)
             if self._talks:
                 done = len(self.judged)
                 self.front_ends.progress("front ends judged", done, max(80, done))
         return self.judged[config]
 
-    def all(self, configs: Iterable[AcceleratorConfig]) -> list[Judged]:
+    def all(self, configs: Iterable[AcceleratorConfig]) -> list[ScoredCandidate]:
         """Each judged, best first."""
         return sorted(map(self, configs), key=lambda one: -one.accuracy)
 
@@ -387,7 +387,7 @@ def _how_many(recordings: Recordings) -> int:
 
 
 # ---------------------------------------------------------------------- the search
-def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
+def search(judge: FrontEndScorer, prices: CostModel, brief: bool = False) -> list[ScoredCandidate]:
     """The front ends judged, best first, by the coordinates that the module describes; ``brief``: of every
     gate three sets of windows, and behind the kinds of feature fewer scans alone."""
     screen = judge.front_ends.screen
@@ -410,21 +410,21 @@ def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
     if not brief:
         judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
     judged = list(judge.judged.values())
-    for one in dict.fromkeys([choose(judged, market), *[best_of(judged)] * (not brief)]):
+    for one in dict.fromkeys([choose(judged, prices), *[best_of(judged)] * (not brief)]):
         judge.all(_fewer_scans(one.candidate.front_end, by_gate))
     budget, judged = DESCENT, judge.all(list(judge.judged))
     while not brief:
-        at = choose(judged, market).candidate
-        price = market.price(at.config)
+        at = choose(judged, prices).candidate
+        price = prices.price(at.config)
         cheaper = [
             config
             for config in _smaller(at.front_end)
-            if config not in judge.judged and market.price(Candidate.screened(config).config) < price
+            if config not in judge.judged and prices.price(Candidate.screened(config).config) < price
         ][:budget]
         budget -= len(cheaper)
         judge.all(cheaper)
         judged = judge.all(list(judge.judged))
-        if not cheaper or choose(judged, market).candidate == at:
+        if not cheaper or choose(judged, prices).candidate == at:
             break
     return judged
 
@@ -453,18 +453,18 @@ class Listed:
         return list(dict.fromkeys(order))[:TRIED_RECURRENT]
 
 
-def listed(judged: Sequence[Judged], market: Market) -> Listed:
+def listed(judged: Sequence[ScoredCandidate], prices: CostModel) -> Listed:
     """The front ends to try networks on; none is HOPELESS.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
     """
-    taken, best = choose(judged, market), best_of(judged)
+    taken, best = choose(judged, prices), best_of(judged)
     near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
     groups = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
     groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]
-    smaller = [choose(group, market) for group in groups if group]
-    smaller.sort(key=lambda one: market.price(one.config))
+    smaller = [choose(group, prices) for group in groups if group]
+    smaller.sort(key=lambda one: prices.price(one.config))
     rivals: dict[Any, AcceleratorConfig] = {}
     for one in sorted(near, key=lambda one: -one.accuracy):
         if _kind_of_gate(one) != _kind_of_gate(taken):
@@ -473,7 +473,7 @@ def listed(judged: Sequence[Judged], market: Market) -> Listed:
     return Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
 
 
-def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:
+def _kind_of_gate(one: ScoredCandidate) -> tuple[str, bool] | str:
     config = one.candidate.front_end
     return "preset" if config.name in PRESETS else (config.rest_level.rest, config.opens_at_once)
 

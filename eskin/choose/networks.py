@@ -31,13 +31,22 @@ from typing import Any
 
 import numpy as np
 
-from eskin.choose.candidate import Candidate, Judged, affordable, best_of, choose, choose_stable, in_reach
+from eskin.choose.candidate import (
+    CLEAN_LOSS,
+    Candidate,
+    ScoredCandidate,
+    affordable,
+    best_of,
+    choose,
+    choose_stable,
+    in_reach,
+)
 from eskin.choose.choice_table import network_name
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import Listed
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
-from eskin.training.crossval import Piece, Terms, Trained, share_right, train_pieces
+from eskin.training.crossval import CrossValidationSettings, FoldJob, Trained, share_right, train_folds
 from eskin.training.formats import with_network
 from eskin.training.level import is_level
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
@@ -56,13 +65,12 @@ where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving 
 both, 100 level."""
 
 STURDY: dict[str, Record] = {
-    "sturdy" if strength == 1 else f"sturdy {strength:g}": {"squares": True, "sturdy": strength}
-    for strength in (1.0, 0.3, 0.1)
+    f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.3, 0.1, 0.03)
 }
 """Fits of a linear cell that are tried where it is judged under disturbance."""
 ROBUST, ROBUST_UPDATES = "robust", 400
 """Recipe of recurrent cells that are, and its updates."""
-AGAIN = 4
+AGAIN = 2
 """Of these so many are judged with other seeds at most."""
 
 RIDGES = (0.1, 0.01, 0.001)
@@ -95,7 +103,7 @@ class Effort:
     fits, units: of linear cells and of GRUs. share: of a recurrent network's updates one part in so many.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
     candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
-    standard error. sturdy: fits of linear cells under disturbance. ends: front ends that are made sturdier.
+    standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: front ends that are made sturdier.
     rounds: of longer windows.
     """
 
@@ -107,6 +115,7 @@ class Effort:
     seeds: int = 1
     brief: bool = False
     sturdy: tuple[str, ...] = tuple(STURDY)
+    robust: tuple[str, ...] = (ROBUST,)
     ends: int = 3
     rounds: int = 2
 
@@ -118,15 +127,16 @@ INSIDE = Effort(
     probe=8,
     probe_share=4,
     brief=True,
-    sturdy=("sturdy 0.3",),
-    ends=1,
+    sturdy=("sturdy 0.1",),
+    robust=(),
+    ends=2,
     rounds=0,
 )
 """Inside folds, where choices are many."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class SearchOptions:
     """The user's request about the network; None: no request. `eskin.choose.choice.train_chosen` defines
     each field. protocol: of the recipe. open: the network is chosen."""
 
@@ -199,13 +209,17 @@ class Round:
     other_seeds: bool = False
 
 
-NetworkChoice = Generator[Round, list[Judged], tuple[Candidate, list[Judged]]]
+NetworkChoice = Generator[Round, list[ScoredCandidate], tuple[Candidate, list[ScoredCandidate]]]
 """Yields rounds, gets what was judged (a linear fit whose formats find no room is left out), and returns the
 candidate taken and all that it was taken from, none where nothing was open."""
 
 
 def network_choice(
-    front_ends: Listed, wish: Wish, market: Market, effort: Effort, hardening: Hardening | None = None
+    front_ends: Listed,
+    options: SearchOptions,
+    prices: CostModel,
+    effort: Effort,
+    hardening: Hardening | None = None,
 ) -> NetworkChoice:
     """Choose a network on one of the front ends listed. hardening: they are judged under disturbance, too.
 
@@ -214,50 +228,54 @@ def network_choice(
     InputError
         No candidate fits an accelerator, or the named board.
     """
-    tried: list[Judged] = []
-    known: dict[tuple[Candidate, int], Judged] = {}
+    tried: list[ScoredCandidate] = []
+    known: dict[tuple[Candidate, int], ScoredCandidate] = {}
 
     def usable(candidates: Iterable[Candidate | None]) -> list[Candidate]:
         fitting = [
-            candidate for candidate in candidates if candidate and market.is_candidate(candidate.config)
+            candidate for candidate in candidates if candidate and prices.is_candidate(candidate.config)
         ]
         return [one for one in dict.fromkeys(fitting) if not (effort.brief and beaten(one))]
 
     def beaten(candidate: Candidate) -> bool:
-        price = market.price(candidate.config)
-        return any(one.settled and market.price(one.config) < price for one in tried)
+        price = prices.price(candidate.config)
+        return any(one.settled and prices.price(one.config) < price for one in tried)
 
-    def asked(candidates: Sequence[Candidate], share: int) -> Generator[Round, list[Judged], list[Judged]]:
+    def asked(
+        candidates: Sequence[Candidate], share: int
+    ) -> Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]:
         fresh = [candidate for candidate in candidates if (candidate, share) not in known]
         for one in (yield Round(fresh, share)) if fresh else []:
             known[one.candidate, share] = one
         return [known[candidate, share] for candidate in candidates if (candidate, share) in known]
 
-    def judged(candidates: Iterable[Candidate | None]) -> Generator[Round, list[Judged], list[Judged]]:
+    def judged(
+        candidates: Iterable[Candidate | None],
+    ) -> Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]:
         outcomes = yield from asked(usable(candidates), effort.share)
         tried.extend(outcomes)
         return outcomes
 
-    def best_probe(probes: Sequence[Candidate]) -> Generator[Round, list[Judged], Candidate]:
+    def best_probe(probes: Sequence[Candidate]) -> Generator[Round, list[ScoredCandidate], Candidate]:
         # the best, not the cheapest that is level: with few updates short touches look better than they are
         outcomes = yield from asked(probes, effort.probe_share)
-        outcomes.sort(key=lambda one: market.price(one.config))
+        outcomes.sort(key=lambda one: prices.price(one.config))
         return best_of(outcomes).candidate
 
-    cell, hidden = ("gru", effort.probe) if wish.open else (None, None)
-    probes = usable(wish.possible(on, cell, hidden) for on in front_ends.for_recurrent)
-    if not wish.open:
+    cell, hidden = ("gru", effort.probe) if options.open else (None, None)
+    probes = usable(options.possible(on, cell, hidden) for on in front_ends.for_recurrent)
+    if not options.open:
         if not probes:
-            cell = wish.candidate(front_ends.taken).config.network.cell  # or says why not
+            cell = options.candidate(front_ends.taken).config.network.cell  # or says why not
             raise InputError(
-                f"--fits {market.board}: does not hold {cell} on the front end asked for or chosen; name a "
+                f"--fits {prices.board}: does not hold {cell} on the front end asked for or chosen; name a "
                 "larger board, or leave the network open"
             )
         if len(probes) < 2 or not probes[0].config.recurrent:
             return probes[0], []
         return (yield from best_probe(probes)), []
     cheapest, *others = front_ends.smaller
-    fits = {fit: wish.possible(cheapest, "linear", None, fit) for fit in effort.fits}
+    fits = {fit: options.possible(cheapest, "linear", None, fit) for fit in effort.fits}
     first = yield from judged(fits.values())
     if first and not any(one.settled for one in first):
         best = best_of(first)
@@ -267,21 +285,21 @@ def network_choice(
         ]
         taken = [best_of(kind).candidate for kind in kinds if kind]
         kept = [fit for fit, candidate in fits.items() if candidate in taken]
-        yield from judged(wish.possible(on, "linear", None, fit) for on in others for fit in kept)
+        yield from judged(options.possible(on, "linear", None, fit) for on in others for fit in kept)
     on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
         on = (yield from best_probe(probes)).front_end
-    units = yield from judged(wish.possible(on, "gru", count) for count in effort.units)
+    units = yield from judged(options.possible(on, "gru", count) for count in effort.units)
     if len(units) > 1 and goes_on(tried):
-        yield from judged([wish.possible(on, "gru", LARGER_UNITS)])
+        yield from judged([options.possible(on, "gru", LARGER_UNITS)])
     if not tried:
-        board = f" and the board {market.board}" if market.named else ""
+        board = f" and the board {prices.board}" if prices.named else ""
         raise InputError(
             f"configuration '{front_ends.taken.name}': no network of the candidates fits it{board}; name one "
             "with --cell and --hidden"
         )
 
-    def with_other_seeds(near: Sequence[Judged]) -> Generator[Round, list[Judged], None]:
+    def with_other_seeds(near: Sequence[ScoredCandidate]) -> Generator[Round, list[ScoredCandidate], None]:
         if effort.seeds > 1 and near:
             more = yield Round([one.candidate for one in near], effort.share, other_seeds=True)
             further = {one.candidate: one for one in more}
@@ -297,54 +315,61 @@ def network_choice(
             if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not beaten(one.candidate)
         ]
     )
-    calm = choose(tried, market)
+    calm = choose(tried, prices)
     if hardening is None:
         return calm.candidate, tried
     # under disturbance: the same network, fitted to it, and more units, as far as they are in reach
     cell, hidden = calm.config.network.cell, calm.config.network.hidden if calm.config.recurrent else None
-    fits = dict.fromkeys((fit_of(calm), *effort.sturdy) if hidden is None else ("", ROBUST))
+    fits = dict.fromkeys((fit_of(calm), *(effort.sturdy if hidden is None else effort.robust)))
 
-    def stable(candidates: Iterable[Candidate | None]) -> Generator[Round, list[Judged], int]:
+    def stable(candidates: Iterable[Candidate | None]) -> Generator[Round, list[ScoredCandidate], int]:
         known_ones = {one.candidate for one in tried}
-        fresh = [one for one in dict.fromkeys(candidates) if one and affordable(one.config, calm, market)]
+        fresh = [one for one in dict.fromkeys(candidates) if one and affordable(one.config, calm, prices)]
         outcomes = yield from asked([one for one in fresh if one not in known_ones], effort.share)
         tried.extend(outcomes)
         return len(outcomes)
 
-    every = dict.fromkeys([calm.candidate.front_end, *front_ends.smaller, *front_ends.rivals])
-    on_each = {on: wish.possible(on, cell, hidden) for on in every}
-    ends = [on for on, one in on_each.items() if one and affordable(one.config, calm, market)]
-    ends = ends[: effort.ends if hidden is None else 1]
+    on, recurrent = calm.candidate.front_end, hidden is not None
+    every = dict.fromkeys([on, *hardening.denser(on), *front_ends.smaller, *front_ends.rivals])
+    on_each = {on: options.possible(on, cell, hidden) for on in every}
+    ends = [on for on, one in on_each.items() if one and affordable(one.config, calm, prices)]
+    # a recurrent network takes seconds
+    ends = ends[: 1 if recurrent else effort.ends]
     ends += [one for on in ends for one in hardening.sturdier(on)]
-    yield from stable(wish.possible(on, cell, hidden, fit) for on in ends for fit in fits)
+    yield from stable(options.possible(on, cell, hidden, fit) for on in ends for fit in fits)
     for _ in range(effort.rounds):
-        ahead = max(in_reach(tried, calm, market), key=lambda one: one.score)
+        # longer windows bring back some of what a sturdier fit loses
+        ahead = max(in_reach(tried, calm, prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
         on, fit = ahead.candidate.front_end, fit_of(ahead)
-        larger = [wish.possible(on, cell, hidden + 4, fit)] if hidden else []
-        longer = hardening.longer(on)
-        if not (yield from stable([*(wish.possible(on, cell, hidden, fit) for on in longer), *larger])):
+        further = (
+            [] if recurrent else [options.possible(one, cell, hidden, fit) for one in hardening.longer(on)]
+        )
+        larger = [options.possible(on, cell, hidden + 4, fit)] if hidden else []
+        if not (yield from stable([*further, *larger])):
             break
-    ranked = sorted(in_reach(tried, calm, market), key=lambda one: -one.score)
+    ranked = sorted(in_reach(tried, calm, prices), key=lambda one: -one.score)
     behind = [one for one in ranked if len(one.runs) < len(calm.runs)]
     yield from with_other_seeds([one for one in behind if is_level(ranked[0].scores, one.scores)][:AGAIN])
-    stablest = choose_stable(tried, calm, market)
+    stablest = choose_stable(tried, calm, prices)
     # what is out of reach is not judged under disturbance, but the most accurate one, which tells what more would buy
-    told = {one.candidate for one in (*in_reach(tried, calm, market), best_of(tried))}
-    return stablest.candidate, [
-        one if one.candidate in told else dataclasses.replace(one, stress=None, disturbed=None)
-        for one in tried
-    ]
+    told = {one.candidate for one in (*in_reach(tried, calm, prices), best_of(tried))}
+    for place, one in enumerate(tried):
+        if one.candidate not in told:
+            tried[place] = dataclasses.replace(one, stress=None, disturbed=None)
+        elif one.candidate == calm.candidate:
+            tried[place] = dataclasses.replace(one, calm=True)
+    return stablest.candidate, tried
 
 
-def fit_of(one: Judged) -> str:
-    """What `Wish.candidate` calls the fit of a candidate."""
+def fit_of(one: ScoredCandidate) -> str:
+    """What `SearchOptions.candidate` calls the fit of a candidate."""
     name = one.candidate.recipe.name
     if one.config.recurrent:
         return ROBUST if name == ROBUST else ""
     return name if name in FITS else "linear"
 
 
-def goes_on(tried: Sequence[Judged]) -> bool:
+def goes_on(tried: Sequence[ScoredCandidate]) -> bool:
     """GRU 12, the last of ``tried``, is not level: below the best, or still better than GRU 8, by more than a
     standard error."""
     *_, eight, twelve = tried
@@ -355,11 +380,11 @@ def goes_on(tried: Sequence[Judged]) -> bool:
 
 
 def side_by_side(
-    choices: Sequence[NetworkChoice], parts: Sequence[Part], terms: Terms
-) -> list[tuple[Candidate, list[Judged]]]:
+    choices: Sequence[NetworkChoice], parts: Sequence[Part], settings: CrossValidationSettings
+) -> list[tuple[Candidate, list[ScoredCandidate]]]:
     """Results of each choice on the part beside it. Networks of one candidate train at once."""
-    waiting, answers = dict(enumerate(choices)), dict[int, list[Judged]]()
-    outcomes: dict[int, tuple[Candidate, list[Judged]]] = {}
+    waiting, answers = dict(enumerate(choices)), dict[int, list[ScoredCandidate]]()
+    outcomes: dict[int, tuple[Candidate, list[ScoredCandidate]]] = {}
     while waiting:
         asked = {}
         for number, choice in list(waiting.items()):
@@ -368,29 +393,31 @@ def side_by_side(
             except StopIteration as end:
                 outcomes[number] = end.value
                 del waiting[number]
-        answers = _judged(asked, parts, terms)
+        answers = _judged(asked, parts, settings)
     return [outcomes[number] for number in range(len(choices))]
 
 
-def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> dict[int, list[Judged]]:
+def _judged(
+    asked: Mapping[int, Round], parts: Sequence[Part], settings: CrossValidationSettings
+) -> dict[int, list[ScoredCandidate]]:
     """The rounds asked for by the choices of these numbers."""
     together: dict[tuple[Candidate, int, bool], list[int]] = {}
     for number, wanted in asked.items():
         for candidate in wanted.candidates:
             together.setdefault((candidate, wanted.share, wanted.other_seeds), []).append(number)
-    answers: dict[int, list[Judged]] = {number: [] for number in asked}
+    answers: dict[int, list[ScoredCandidate]] = {number: [] for number in asked}
     for (candidate, share, others), numbers in together.items():
         recipe = shortened(candidate, share)
-        seeds = list(terms.seeds[1:] if others else terms.seeds[:1])
+        seeds = list(settings.seeds[1:] if others else settings.seeds[:1])
         pieces = [
-            Piece(candidate.config, recipe, np.setdiff1d(parts[number].rows, test), test, copy)
+            FoldJob(candidate.config, recipe, np.setdiff1d(parts[number].rows, test), test, copy)
             for copy in range(len(seeds))
             for number in numbers
             for test in parts[number].tests
         ]
-        called = terms.called(network_name(candidate.network))
+        called = settings.called(network_name(candidate.network))
         try:
-            trained = train_pieces(terms.datasets, pieces, int(seeds[0]), called)
+            trained = train_folds(settings.datasets, pieces, int(seeds[0]), called)
         except InputError:
             if candidate.config.recurrent:
                 raise
@@ -402,29 +429,31 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
         runs = [network.decided() for network in trained]
         for number, places in of_number.items():
             own, rows = [runs[at] for at in places], parts[number].rows
-            right = share_right(terms.recordings.labels, [pieces[at].test for at in places], own)
-            disturbed = partial(_wrong, candidate, [trained[at] for at in places], terms, rows)
+            right = share_right(settings.recordings.labels, [pieces[at].test for at in places], own)
+            disturbed = partial(_wrong, candidate, [trained[at] for at in places], settings, rows)
             answers[number].append(
-                Judged(
+                ScoredCandidate(
                     candidate,
                     right[rows],
                     runs=tuple(own),
-                    stress=terms.stress,
-                    disturbed=disturbed if terms.stress else None,
+                    stress=settings.stress,
+                    disturbed=disturbed if settings.stress else None,
                 )
             )
     return answers
 
 
-def _wrong(candidate: Candidate, networks: Sequence[Trained], terms: Terms, rows: np.ndarray) -> np.ndarray:
+def _wrong(
+    candidate: Candidate, networks: Sequence[Trained], settings: CrossValidationSettings, rows: np.ndarray
+) -> np.ndarray:
     """(cases, rows) the share of the networks that were wrong under each disturbance, of those that had not seen
     the recording."""
-    tests = [network.piece.test for network in networks]
+    tests = [network.job.test for network in networks]
     told = [
-        terms.stress.wrong(candidate.config, network.integer, test)
+        settings.stress.wrong(candidate.config, network.integer, test)
         for network, test in zip(networks, tests, strict=True)
     ]
-    total, judged = np.zeros((len(told[0]), len(terms.recordings))), np.zeros(len(terms.recordings))
+    total, judged = np.zeros((len(told[0]), len(settings.recordings))), np.zeros(len(settings.recordings))
     for wrong, test in zip(told, tests, strict=True):
         total[:, test] += wrong
         judged[test] += 1
@@ -443,6 +472,6 @@ def check_units(cell: str | None, hidden: int | None) -> None:
     """Refuse a number of units with a cell that has none, or that is to be chosen."""
     if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(
-            f"--hidden {hidden}: --cell {cell} takes no number of units; leave --hidden out, or name --cell "
+            f"--hidden {hidden}: --cell {cell} has no hidden units; leave --hidden out, or name --cell "
             "gru or lstm"
         )

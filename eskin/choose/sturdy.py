@@ -1,8 +1,8 @@
 """Front ends that hold under disturbance: what networks are tried on where they are judged under one, too.
 
 An onset rule that checks several times, a tracked rest level, and a clip near the largest deviations cost logic
-cells and no energy. Longer windows cost energy, and only as much as the rule allows is tried. No label is
-looked at.
+cells and no energy. More scans and longer windows cost energy, and only as much as the rule allows is tried.
+No label is looked at.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ GATES = (
 """Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
 the rule's mean for four judged frames."""
 
+SELDOM = 0.1
+"""Share of recordings, summed over disturbances."""
+
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
 """A sturdier clip is so many times what this share of a touch's samples is beyond."""
 
@@ -45,9 +48,9 @@ class Hardening:
     screen: Screen | None = None
 
     def sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
-        """``config`` with a tracked rest level, the first of GATES that a disturbance before the touch does not
-        open (else the one that it opens least) and that misses hardly more touches, and each of CLIPS; where it
-        opens at once with these alone. Without what it has already, or no accelerator has."""
+        """``config`` with a tracked rest level, a clip near the largest deviations and two gates: the first of
+        GATES that disturbances before the touch SELDOM open, and the first that they never do (else the one that
+        they open least). Where it opens at once with each of CLIPS. A gate may miss hardly more touches."""
         if self.screen is None or config.onset_rule.onset == "band":
             return []
         level = config if config.opens_at_once else valid(config, rest="tracked")
@@ -57,39 +60,59 @@ class Hardening:
         # what is not taken off is no deviation, so less of it may be cut
         share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
         most = np.quantile(np.concatenate(touched), 1 - share)
-        fewest = len(self.screen.touches(config)) - CLEAN_LOSS * len(self.screen.recordings)
-        found: list[AcceleratorConfig | None] = []
-        for over in CLIPS:
-            clip = min(max(int(np.ceil(over * most)), 1), config.rest_level.clip or 65535)
-            if not found:
-                found.append(self._gate(level, clip, fewest))
-            elif found[0] is not None:
-                least = 0 if config.opens_at_once else 2 * found[0].onset_rule.onset_threshold
-                found.append(valid(found[0], clip=max(clip, least)))
+        clips = [min(max(int(np.ceil(over * most)), 1), config.rest_level.clip or 65535) for over in CLIPS]
+        if config.opens_at_once:
+            found = [valid(level, clip=clip) for clip in clips]
+        else:
+            fewest = len(self.screen.touches(config)) - CLEAN_LOSS * len(self.screen.recordings)
+            found = list(self._gates(level, clips[0], fewest))
         return [one for one in dict.fromkeys(found) if one and one != config.replace(name=one.name)]
 
-    def _gate(self, level: AcceleratorConfig, clip: int, fewest: float) -> AcceleratorConfig | None:
-        """``level`` with this clip and the gate that disturbances open least, of those that find so many touches."""
-        if level.opens_at_once:
-            return valid(level, clip=clip)
+    def _gates(self, level: AcceleratorConfig, clip: int, fewest: float) -> Iterator[AcceleratorConfig]:
+        """``level`` with this clip and each of two gates, of those that find so many touches."""
+        assert self.screen is not None
         rule, best, least = level.onset_rule, None, np.inf
         for hits, span, over in GATES:
             threshold = max(1, round(over * rule.onset_threshold))
             gate = dict(onset_hits=hits, onset_span=span, onset_threshold=threshold)
             one = valid(level, clip=max(clip, 2 * threshold), **gate)
             opened = self.stress.false_onsets(one) if one else np.inf
-            if one and self.screen and opened < least and len(self.screen.touches(one)) >= fewest:
+            if one and opened < least and len(self.screen.touches(one)) >= fewest:
+                if least > SELDOM >= opened > 0:
+                    yield one
                 best, least = one, opened
             if not least:
                 break
-        return best
+        if best:
+            yield best
+
+    def denser(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
+        """``config`` with twice the scans and means alone, which see more before an onset and cost about as much;
+        or none."""
+        every, kinds = config.sensor.scan_every, config.features.feature_kinds
+        if self.screen is None or every == 1 or "mean" not in kinds or config.windows.window_mode != "free":
+            return []
+        rule, hop = config.onset_rule, 2 * config.windows.hop
+        one = valid(
+            config,
+            scan_every=every // 2,
+            rest_frames=2 * config.rest_level.rest_frames,
+            onset_mean_frames=2 * rule.onset_mean_frames,
+            onset_check_frames=2 * rule.onset_check_frames,
+            rearm_frames=2 * rule.rearm_frames,
+            fault_frames=2 * config.faults.fault_frames,
+            hop=hop,
+            window=2 * hop,
+            feature_kinds=("mean",),
+        )
+        return [one] if one else []
 
     def longer(self, config: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
         """``config`` with longer windows, with fewer kinds of feature and longer windows, and with half the
         scans in windows of as many frames, as far as recordings go."""
         if self.screen is None or config.windows.window_mode != "free":
             return
-        ends = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[0]
+        ends = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[-1]
         kinds = config.features.feature_kinds
         alike = [
             config,

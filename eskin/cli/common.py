@@ -4,8 +4,8 @@ configurations are read."""
 import functools
 import inspect
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -15,7 +15,7 @@ from rich.markup import escape
 
 from eskin.golden.core import InputError, Progress, Record, check_target, write_json
 from eskin.pages.views import Rows, parts, words
-from eskin.verbs.milestones import Milestones
+from eskin.verbs.milestones import shown
 
 OUTPUTS = ("out", "json", "record")
 """Parameters that name what a verb writes; every other file or folder is read."""
@@ -136,25 +136,9 @@ def stop(sentence: str, status: int) -> None:
     sys.exit(status)
 
 
-@contextmanager
-def progress_bars() -> Iterator[Progress]:
-    """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done.
-    ``Milestones`` where that is no terminal."""
-    from rich.progress import Progress, TaskID
-
-    if not messages.is_terminal:
-        with Milestones(lambda line: print(line, file=sys.stderr, flush=True)).alive("at work") as milestones:
-            yield milestones
-        return
-    with Progress(console=messages, transient=True) as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def report(task: str, done: int, total: int) -> None:
-            if task not in tasks:
-                tasks[task] = bars.add_task(task, total=total)
-            bars.update(tasks[task], completed=done, total=total)
-
-        yield report
+def progress_bars() -> AbstractContextManager[Progress]:
+    """Progress on standard error, moved by calling ``(what, done, total)``; gone when done."""
+    return shown(messages)
 
 
 def say(sentence: str) -> None:
@@ -197,11 +181,11 @@ def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, pric
     printed."""
     from eskin.choose.choice import configure
     from eskin.choose.choice_table import front_end_table, front_end_words
-    from eskin.verbs.cost import market
+    from eskin.verbs.cost import cost_model
 
     with progress_bars() as report:
         front_end = configure(
-            recordings, user_config, prices or market(), groups=groups, folds=folds, progress=report
+            recordings, user_config, prices or cost_model(), groups=groups, folds=folds, progress=report
         )
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")

@@ -35,10 +35,10 @@ def train(asked: TrainRequest) -> None:
     from eskin.study.stability.panel import panel_of
     from eskin.training.image_models import KEPT
     from eskin.training.splits import check_split
-    from eskin.verbs.cost import market
+    from eskin.verbs.cost import cost_model
 
     check_units(asked.cell, asked.hidden)
-    prices = market(asked.prefer, asked.fits)
+    prices = cost_model(asked.prefer, asked.fits)
     check_model_target(asked.out)
     recordings, user_config = load_data(asked.data, asked.config)
     groups = asked.groups

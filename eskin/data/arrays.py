@@ -84,7 +84,7 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, alon
     if not reading.columns and all(columns > rows for rows, columns in shapes):
         shape = f"{shapes[0][0]} x {shapes[0][1]}"
         why = f"has more taxels than frames ({shape} in recording 1) in {root.listed()}"
-        refuse(f"{why}; frames are rows: turn them, or say with --columns that columns are taxels")
+        refuse(f"{why}; frames must be rows; transpose the table, or name the taxels with --columns")
     return tables
 
 

@@ -49,7 +49,7 @@ def grouped_folds(
         An unknown group, a single group, or a number of folds that cannot be made.
     """
     if folds < 2:
-        raise InputError(f"{folds} folds were asked for; cross-validation needs at least 2")
+        raise InputError(f"{folds} folds are too few; cross-validation needs at least 2")
     for name in groups:
         if name not in recordings.groups:
             listed = ", ".join(sorted(recordings.groups)) or "none"
@@ -68,16 +68,14 @@ def grouped_folds(
     if count < 2:
         reason = f"group {' and '.join(groups)} has one value" if groups else "there is one recording"
         raise InputError(
-            f"recordings '{recordings.source}': {reason}; nothing can be left out, so choose another group "
-            "or add recordings"
+            f"recordings '{recordings.source}': {reason}; cross-validation needs two; choose another group or add recordings"
         )
     if groups and count <= folds:
         return [np.flatnonzero(keys == key) for key in range(count)]
     if count < folds:
         raise InputError(
-            f"recordings '{recordings.source}': {folds} folds were asked for and there are {count} "
-            "recordings; "
-            f"ask for fewer, --folds {count} of eskin train, or add recordings"
+            f"recordings '{recordings.source}': {folds} folds need as many recordings and there are {count}; "
+            f"use fewer, --folds {count} of eskin train, or add recordings"
         )
 
     table = np.zeros((count, len(recordings.class_names)), dtype=np.int64)

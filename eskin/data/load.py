@@ -199,7 +199,8 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
         refuse(folder, f"has no sub-folder (it holds {found(_files(folder))}), so no classes")
     if len(class_folders) > MOST_CLASSES and reading.label is None:
         refuse(
-            folder, f"has {len(class_folders)} sub-folders, one a class; a classifier has 2 to {MOST_CLASSES}"
+            folder,
+            f"has {len(class_folders)} sub-folders, one per class; a classifier has 2 to {MOST_CLASSES}",
         )
     files = _files(folder)
     kept = [file for file in files if file.parent != folder and _kind(file)]

@@ -80,7 +80,9 @@ def read_log(path: Path, reading: Reading) -> Table:
             empty = empty[:0]
         for _, row in empty.iterrows():
             where = f"'{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
-            refuse(f"no frame lies in the label {where}; give seconds from its first frame, or of its clock")
+            refuse(
+                f"no frame lies in the label {where}; give seconds from the first frame or on the log's clock"
+            )
         told = labels.drop(columns=["start", "end"]).iloc[number[inside]].reset_index(drop=True)
         told.insert(0, "recording", number[inside])
         frame = pd.concat([told, frame[inside].reset_index(drop=True)], axis=1)
@@ -92,7 +94,7 @@ def _topic(log: _Log, reading: Reading, refuse: Refuse) -> str:
     listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:12]) or "none"
     for option, asked in (("--class", reading.label), ("--samples", reading.samples)):
         if asked is not None and asked not in log.topics:
-            refuse(f"{option} {asked}: is no topic; there are {listed}")
+            refuse(f"{option} {asked}: is no topic of this log; choose one of {listed}")
     if reading.samples is not None:
         return reading.samples
     fit = [name for name, kind in log.topics.items() if kind.endswith(TYPES) and name != reading.label]
@@ -143,7 +145,7 @@ def _clock(stamps: np.ndarray, topic: str, reading: Reading, refuse: Refuse) -> 
         return log
     if (header == 0).any():
         of = f"{(header == 0).sum()} of {len(header)} messages of topic {topic} have no stamp in a header"
-        refuse(f"--clock header: {of}; leave it out, the log's clock counts then")
+        refuse(f"--clock header: {of}; leave it out to use the log's clock")
     return header
 
 
@@ -169,7 +171,9 @@ def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
     stamps, messages = _read(log, topic, f"--class {topic}", refuse)
     texts = [str(getattr(message, "data", None)).strip() for message in messages]
     if "None" in texts:
-        refuse(f"--class {topic}: a message has no data, so no label; name another topic, or give --labels")
+        refuse(
+            f"--class {topic}: a message has no data to use as a label; name another topic, or give --labels"
+        )
     marks = pd.DataFrame({"start": _clock(stamps, topic, reading, refuse), "class": texts})
     marks = marks.sort_values("start", kind="stable")
     marks["end"] = marks["start"].shift(-1, fill_value=np.iinfo(np.int64).max)
@@ -183,7 +187,7 @@ def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
     table = read_text(path, Reading())
     names = [name.lower() for name in table.names]
     if missing := {"start", "end", "class"} - {*names}:
-        table.refuse(f"has no column {min(missing)}; give start, end and class, a row a recording", 0)
+        table.refuse(f"has no column {min(missing)}; give start, end and class, one row per recording", 0)
     seconds = table.numbers([names.index("start"), names.index("end")])
     for row in np.flatnonzero(seconds[:, 1] <= seconds[:, 0]).tolist():
         table.refuse("ends before it starts; correct the line", row)
@@ -270,7 +274,7 @@ def _bag(path: Path, refuse: Refuse) -> _Log:
     from rosbags.typesys import Stores, get_typestore
 
     if path.is_dir() and path.suffix == ".bag":  # rosbags goes by the name
-        refuse("is the folder of a ROS 2 bag under a name of ROS 1; rename it without .bag")
+        refuse("is the folder of a ROS 2 bag, but .bag means ROS 1; rename it without .bag")
 
     def opened() -> AnyReader:
         return AnyReader([path], default_typestore=get_typestore(Stores.LATEST))

@@ -138,7 +138,7 @@ class _Meaning:
             if match and word not in table.names:
                 first, last = (table.find(end, "--columns") for end in match.groups())
                 if last < first:
-                    table.refuse(f"--columns {word}: runs backwards; give the smaller number first")
+                    table.refuse(f"--columns {word}: is in descending order; give the smaller number first")
                 columns += [column for column in range(first, last + 1) if column in table.frame]
             else:
                 columns.append(table.find(word, "--columns"))
@@ -179,11 +179,11 @@ class _Meaning:
             for words in (CLASS, _CLASS_TOO)
         )
         if not sure and len(maybe) > 1:
-            table.refuse(f"{' and '.join(maybe)} may say the class; name it with --class")
+            table.refuse(f"{' and '.join(maybe)} may name the class; choose one with --class")
         for name in (sure or maybe)[:1]:
             return name if name in self.attributes else table.find(name, "--class")
         if not self.on_path:
-            why = f"has no column or attribute that says the class ({', '.join(CLASS[:2])}, ...)"
+            why = f"has no column or attribute that names the class ({', '.join(CLASS[:2])}, ...)"
             table.refuse(f"{why}; it has {there}: name it with --class, of a log also with --labels")
         return None
 
@@ -199,7 +199,7 @@ class _Meaning:
         named = named[:1] if asked is None else [table.find(asked, "--recording")]
         breaks = [] if named else self._breaks()
         if not named and not breaks and isinstance(label, int) and len(table.sources) == 1:
-            why = f"has no column that says the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
+            why = f"has no column that names the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
             table.refuse(f"{why}; name it with --recording", 0)
         self.taken = [each for each in (*named, label) if isinstance(each, int)]
         changes = [row for column in named for row in self._changes(column).tolist()]
@@ -208,7 +208,7 @@ class _Meaning:
             self._check_whole(column, "is the class")
         if breaks:
             self.notes.append(
-                f"{len(breaks)} recordings begin behind a blank line or a new head inside a file"
+                f"{len(breaks)} recordings begin after a blank line or a new header inside a file"
             )
         if named:
             self.groups[asked or "recording"] = self.fact(named[0])
@@ -217,8 +217,8 @@ class _Meaning:
         self.labels = self.fact(label).astype(str)
         if isinstance(label, str):
             return f"attribute {label} is the class"
-        by = table.called(named[0]) if named else "what blank lines part"
-        return f"{table.called(label)} is the class, {by} the recording"
+        by = table.called(named[0]) if named else "blank lines"
+        return f"{table.called(label)} gives the class, {by} the recording"
 
     def _levels(self, of_one_file: bool) -> str:
         """As ``part``, by the first level of the paths."""
@@ -243,8 +243,10 @@ class _Meaning:
         usual = float(np.nanmedian(steps))
         parting = [row for row in breaks if not abs(steps[row] - usual) <= 0.5 * abs(usual)]
         if len(parting) < len(breaks):
-            over = f"{len(breaks) - len(parting)} blank lines or heads"
-            self.notes.append(f"{table.called(self.time)} runs on over {over}, so they part no recordings")
+            over = f"{len(breaks) - len(parting)} blank lines or headers"
+            self.notes.append(
+                f"{table.called(self.time)} continues over {over}, so they separate no recordings"
+            )
         return parting
 
     # ------------------------------------------------------------------ groups
@@ -340,14 +342,14 @@ class _Meaning:
         rules = (
             (text and not any(table.frame[column]), "left out", "is empty"),
             (TIME.match(name), "left out", "is time, too,"),
-            (said and level, "group", "says more of a recording"),
+            (said and level, "group", "describes a recording"),
             (said, "left out", "changes inside recordings, is no group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is no taxel,"),
-            (level and (in_series or same), "taxel", "keeps its value in each recording and was taken as a taxel"),
+            (level and (in_series or same), "taxel", "is constant in each recording and was taken as a taxel"),
             (in_series, "taxel", ""),
             (level and names, "group", "has one value in each recording and is a group"),
             (is_clock, "time", ""),
-            (runs, "left out", "runs on like a time or numbers the rows"),
+            (runs, "left out", "increases like a time or numbers the rows"),
             (level, "refused", "has one value in each recording"),
             (True, "taxel", ""),
         )  # fmt: skip
@@ -406,7 +408,9 @@ class _Meaning:
             rate = len(steps) / float(part[-1] - part[0]) / (unit or 1.0)
             if not unit and rate < 2:
                 why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"
-                table.refuse(f"{why}; name its unit in the header, time_ms say, or give --rate HZ", first + 1)
+                table.refuse(
+                    f"{why}; name its unit in the header, as in time_ms, or give --rate HZ", first + 1
+                )
             rates.append((float(f"{rate:.5g}"), self._called(number)))
         return rates
 
@@ -428,14 +432,12 @@ class _Meaning:
         if asked is not None:
             other = abs((middle or asked) / asked - 1) > RATE_TOLERANCE
             but = f", {asked:g} Hz; but the recordings say {middle:g} Hz" if other else ""
-            return asked, f"the sample rate is as asked for{but}"
+            return asked, f"the sample rate is the given one{but}"
         if middle is None and config is not None:
             why = f"there is no time column or rate; it is taken from the configuration '{config.name}'"
             return config.sensor.sample_rate_hz, why
         if middle is None:
-            table.refuse(
-                "has no time column and does not say its rate; make an archive with eskin convert --rate HZ"
-            )
+            table.refuse("has neither a time column nor a rate; make an archive with eskin convert --rate HZ")
         (low, slow), (high, fast) = min(rates), max(rates)
         if high > (1 + RATE_TOLERANCE) * low:
             why = f"'{slow}' has {low:g} frames a second and '{fast}' {high:g}"

@@ -92,7 +92,9 @@ class Table:
             if count != expected:
                 table.refuse(f"has {count} columns where {called} has {expected}; all files must agree")
             if table.header() != first.header():
-                table.refuse(f"its columns are not called as those of {called}; give all files one header")
+                table.refuse(
+                    f"its column names differ from those of {called}; give all files the same header"
+                )
         firsts = np.cumsum([0, *(len(table.frame) for table in tables[:-1])]).tolist()
         return replace(
             first,
@@ -208,7 +210,7 @@ def table_of(frame: pd.DataFrame, source: str, **more: Any) -> Table:
     """A table of a DataFrame; an index that has a name is columns, too. ``attrs["units"]``: the unit of
     all."""
     if not len(frame) or not frame.shape[1]:
-        raise InputError(f"recordings {source}: holds no row or no column; give one row a frame")
+        raise InputError(f"recordings {source}: holds no row or no column; give one row per frame")
     units_of = frame.attrs.get("units", "")
     frame = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
     names = [str(name) for name in frame.columns]

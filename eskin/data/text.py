@@ -159,7 +159,7 @@ class _File:
             self._cut(rows.pop())
         odd = next((row for row in rows if self.lines[row].count('"') % 2 and not self.lvm), None)
         if odd is not None:
-            self.refuse("has a quotation mark without its partner; repair or remove the line", odd)
+            self.refuse("has an unmatched quotation mark; repair or remove the line", odd)
         return rows
 
     def _cut(self, row: int) -> None:
@@ -274,7 +274,7 @@ def _of_labview(table: Table, file: _File) -> Table:
     cells = [cell.replace(",", ".") for head in file.heads for cell in head.get("Delta_X", [])]
     steps = {float(step) for step in pd.to_numeric(cells, errors="coerce") if step > 0}
     if len(steps) > 1:
-        file.refuse("its channels have several Delta_X, so no common clock; write a file a rate")
+        file.refuse("its channels have several Delta_X, so no common clock; write one file per rate")
     frame, rate = table.frame, {}
     if table.is_missing(0).all():
         frame = frame.drop(columns=0)

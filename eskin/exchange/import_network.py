@@ -226,7 +226,7 @@ def _check_shapes(layers: Layers) -> None:
             cell = "a GRU" if rows == 3 * hidden else "an LSTM"
             layers.refuse(
                 role,
-                f"has shape {array.shape}, which does not go with {cell} of {hidden} units "
+                f"has shape {array.shape}, which does not match {cell} of {hidden} units "
                 f"({layers.names['recurrent']}) and {dense[0]} classes ({layers.names['dense']}); save the arrays of "
                 "one network",
             )
@@ -256,7 +256,7 @@ def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfi
         right = "an LSTM: use --cell lstm" if gates == 4 else "a GRU: use --cell gru --reset after"
         layers.refuse("recurrent", f"has {gates} gates for each of {hidden} units, so the network is {right}")
     if gates == 3 and config.network.reset != "after":
-        layers.refuse("bias", "is torch's, whose reset gate stands after the product: use --reset after")
+        layers.refuse("bias", "is torch's, whose reset gate is after the product; use --reset after")
     if config.network.gate_activation != "sigmoid":
         raise InputError(
             f"network '{layers.path}': torch's gates are sigmoids; use a configuration whose field "
@@ -306,8 +306,7 @@ def measure_scaling(config: AcceleratorConfig, recordings: Recordings) -> tuple[
     touches = touches.take(touches.completed > 0)
     if not len(touches):
         raise InputError(
-            f"recordings '{recordings.source}': hold no touch to measure mean and deviation on; give --mean "
-            "and --std"
+            f"recordings '{recordings.source}': hold no touch, so mean and deviation cannot be measured; give --mean and --std"
         )
     return scaling(config, real_features(config, touches.sums), touches.completed, touches.faults)
 
@@ -465,7 +464,7 @@ def _normalisation(
         return {"mean": mean, "std": std, "source": "given"}
     if recordings is None:
         raise InputError(
-            f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean "
+            f"network '{file}': weights alone do not define the normalisation; give --mean "
             "and --std (codes), or "
             "--data to measure them on"
         )

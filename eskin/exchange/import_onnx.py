@@ -45,10 +45,6 @@ TAKEN = (
     "one GRU or LSTM in one direction and one Gemm, or MatMul and Add, behind its last step or all of its steps, "
     "or a dense layer alone"
 )
-ATTRIBUTES = {
-    "GRU": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "linear_before_reset"),
-    "LSTM": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size"),
-}  # fmt: skip
 
 
 def _text(value: Any) -> Any:
@@ -156,6 +152,7 @@ class Graph:
 
     def compute(self, values: np.ndarray) -> list[np.ndarray]:
         """The outputs for one input, as onnxruntime computes them."""
+        onnxruntime.set_default_logger_severity(4)  # what it says is in the error
         try:
             session = onnxruntime.InferenceSession(
                 self.model.SerializeToString(), providers=["CPUExecutionProvider"]
@@ -232,11 +229,6 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
         return OnnxNetwork(graph, "linear", "before", "sigmoid", 0, classes, columns, arrays, names, metadata)
     node = layers[0]
     attributes, order = attributes_of(node), GATES[node.op_type]
-    if (direction := attributes.get("direction", "forward")) != "forward":
-        graph.refuse(node, f"runs {direction!s:.20}; the accelerator has one direction, forward")
-    for name, value in attributes.items():
-        if name not in ATTRIBUTES[node.op_type] and value:
-            graph.refuse(node, f"has {name:.40}, which the accelerator does not; save it without")
     activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
     slopes = (attributes.get("activation_alpha") or [0.2])[:1] + (attributes.get("activation_beta") or [0.5])[
         :1
@@ -249,9 +241,6 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
             node,
             f"has activations {shown:.60}; the accelerator has Sigmoid (or HardSigmoid of slope 0.2) and Tanh",
         )
-    for place, extra in ((4, "sequence_lens"), (7, "peepholes")):
-        if len(node.input) > place and node.input[place]:
-            graph.refuse(node, f"has {extra}, which the accelerator does not; save it without")
     w, r = graph.constant(node, 1, "weights"), graph.constant(node, 2, "recurrent weights")
     hidden = r.shape[-1] if r.ndim == 3 else 0
     rows = len(order) * hidden
@@ -265,7 +254,7 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
     if weights.shape[1] != hidden:
         graph.refuse(
             graph.nodes("Gemm", "MatMul")[0],
-            f"takes {weights.shape[1]} values and the recurrent layer has {hidden} units; it must stand behind one step",
+            f"takes {weights.shape[1]} values and the recurrent layer has {hidden} units; it must follow one step",
         )
     after = bool(attributes.get("linear_before_reset", 0))
     arrays = {"V": weights, "b_y": bias}
@@ -287,7 +276,7 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     layers = graph.nodes("Gemm", "MatMul")
     if len(layers) != 1:
         node = layers[1] if layers else graph.graph.node[-1]
-        graph.refuse(node, f"is where a dense layer is wanted, and there are {len(layers)}; save {TAKEN}")
+        graph.refuse(node, f"is one of {len(layers)} layers in place of a dense layer; save {TAKEN}")
     node, additions = layers[0], graph.nodes("Add")
     weights, attributes = graph.constant(node, 1, "weights"), attributes_of(node)
     names = {"dense": node.input[1]}
@@ -436,8 +425,7 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
         batch, taken = size.get("batch", 1), size.get("steps", steps)
         if batch * taken * inputs > MOST_VALUES:
             raise InputError(
-                f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one that takes "
-                f"one touch of {steps}"
+                f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one for a single touch of {steps}"
             )
         features = rng.normal(0.0, 1.0, (2, batch, taken, inputs))
         shown = features if config.recurrent or config.sets > 1 else features.sum(axis=2)

@@ -41,7 +41,7 @@ def _read(path: Path, own: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
     for name in pair:
         array = arrays[name]
         if array.dtype.kind not in "fiu" or not array.size or not np.isfinite(array).all():
-            raise InputError(f"--check {path}, array {name}: holds no finite numbers alone; {save}")
+            raise InputError(f"--check {path}, array {name}: must hold only finite numbers; {save}")
     inputs, outputs = (arrays[name].astype(np.float64) for name in pair)
     return inputs, outputs
 

@@ -70,7 +70,7 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
         or not all(isinstance(value, torch.Tensor) for value in state.values())
     ):
         raise InputError(
-            f"network '{path}': holds other things than tensors; save only the weights: "
+            f"network '{path}': holds objects other than tensors; save only the weights: "
             "torch.save(model.state_dict(), FILE)"
         )
     return {str(name): tensor for name, tensor in state.items()}

@@ -71,7 +71,7 @@ class PageServer:
                 )
             reason = self._failed.strerror or self._failed
             raise InputError(
-                f"--host-port {port}: cannot be opened ({reason}); give another one, or 0 for any that is free"
+                f"--host-port {port}: cannot be opened ({reason}); give another one, or 0 for any free port"
             )
 
     @property

@@ -335,7 +335,7 @@ class BoardSource(ModelSource):
             played = self._link.end()
         events = [*self.events(decisions), *self._compare()]
         if self._link.lost:
-            sentence = "decisions of this recording got lost on the line, so it was not compared to its end"
+            sentence = "the line lost decisions of this recording, so its end was not compared"
             return [*events, Differs(sentence, mismatch=False)]
         missing = (_hardware(self.config, decision, None) for decision in self._waiting)
         return [*events, *missing, *self._registers("the board's register", played.touches, played.faults)]
@@ -348,7 +348,7 @@ class BoardSource(ModelSource):
                 compared.append(_hardware(self.config, self._waiting.popleft(), deque([payload])))
             else:  # the board is never ahead of the model: it got the same frames
                 fields = unpack_decision(self.config, payload)
-                sentence = f"the board gave a decision that the model does not have: {fields}"
+                sentence = f"the board sent a decision that the model does not have: {fields}"
                 compared.append(Differs(sentence))
             self._heard += 1
         return compared

@@ -13,9 +13,9 @@ from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
 from eskin.golden.core.images import network, stages_of
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_onsets, images_of
+from eskin.golden.model import images_of
 from eskin.pages.charts import draw_events
-from eskin.training.derive import derive_config
+from eskin.training.derive import derive_config, find_onsets
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -191,24 +191,20 @@ def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
         row = {"name": name, "recordings": count, "lost": None if onsets is None else len(frames) - len(seen)}
         row["span"] = [seen[0], seen[len(seen) // 2], seen[-1]] if seen else []
         of_classes.append(row)
-    order = [] if onsets is None or not any(onsets) else list(range(len(onsets)))
-    order.sort(key=lambda index: (onsets[index] >= 0, onsets[index]))
-    lost = sum(frame < 0 for frame in onsets or ())
-    if len(order) > LISTED:
-        order = (order[: lost + LISTED // 2] + order[lost:][-(LISTED // 2) :])[:LISTED]
+    order = sorted(range(len(onsets)), key=onsets.__getitem__) if onsets and any(onsets) else []
     groups = {name: count for name, count in figures["groups"].items() if count >= 2}
     states = [row["state"] for row in figures["taxel"]]
     return {
         "of_classes": of_classes,
         "of_recordings": [
             (index, names[labels[index]], onsets[index], recordings.lengths[index])
-            for index in sorted({*order})
+            for index in order[:LISTED]
         ],
         "odd": {
             state: [taxel for taxel, own in enumerate(states) if own == state]
             for state in ("constant", "saturated")
         },
-        "lost": lost,
+        "lost": sum(frame < 0 for frame in onsets or ()),
         "few": [name for name, count in figures["classes"].items() if count < 5],
         "group": min(groups, key=lambda name: groups[name], default=None),
         "data": data,

@@ -93,19 +93,17 @@ def read_json(path: Path) -> _Fields:
         record.file = path
         return record
 
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is no regular file; make the result again with 'eskin run'")
     try:
-        value = json.loads(path.read_text(), object_hook=fields)
-    except FileNotFoundError:
-        raise InputError(
-            f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote"
-        ) from None
+        return json.loads(path.read_text(), object_hook=fields)
     except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is damaged ({error}); make the result again with 'eskin run'") from None
-    if not isinstance(value, _Fields):
-        raise InputError(f"{path}: holds no JSON object; make the result again with 'eskin run'")
-    return value
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    why = error.strerror if isinstance(error, OSError) else f"is damaged: {error}"
+    return InputError(
+        f"{path}: cannot be read ({why}); name a folder that 'eskin run' wrote, or run it again"
+    )
 
 
 @contextmanager
@@ -118,8 +116,7 @@ def well_formed(folder: Path) -> Iterator[None]:
     except (
         TypeError,
         ValueError,
-        KeyError,
-        IndexError,
+        LookupError,
         AttributeError,
         ArithmeticError,
         jinja2.TemplateError,
@@ -207,12 +204,8 @@ def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: i
 def _read_trace(path: Path) -> dict[str, np.ndarray]:
     try:
         trace = read_arrays(path)
-    except FileNotFoundError:
-        raise InputError(
-            f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote"
-        ) from None
     except (OSError, ArchiveError) as error:
-        raise InputError(f"{path}: is damaged ({error}); make the result again with 'eskin run'") from None
+        raise _unreadable(path, error) from None
     for name in TRACE_ARRAYS:
         if name not in trace:
             raise InputError(f"{path}: has no array '{name}'; make the result again with 'eskin run'")
@@ -517,29 +510,6 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
     return figure
 
 
-def draw_scans(rows: Sequence[Record]) -> Figure | None:
-    """Accuracy of the best front end at every ``scan_every``, by the linear classifier that chose front ends, with its
-    energy of a touch; None where one alone was judged."""
-    best: dict[int, Record] = {}
-    for row in sorted(rows, key=lambda row: -row["accuracy"]):
-        best.setdefault(row.get("scan_every", 1), row)
-    if len(best) < 2:
-        return None
-    figure, (axes,) = panel_row(1, 5.2, 2.6)
-    for place, (_, row) in enumerate(sorted(best.items())):
-        bars = share_bars([row["accuracy"]], [row["standard_error"]])
-        axes.errorbar(place, row["accuracy"], yerr=bars, fmt="o", capsize=2, color=FLOAT_COLOUR)
-        energy = f"{1e6 * row['energy_touch_j']:.3g} µJ"
-        axes.annotate(
-            energy, (place, row["accuracy"]), (7, 0), textcoords="offset points", va="center", fontsize=8
-        )
-    axes.set_xticks(range(len(best)), [str(every) for every in sorted(best)])
-    axes.set(xlabel="one frame in so many is scanned", ylabel="accuracy, linear, unquantised")
-    axes.margins(x=0.2)
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    return figure
-
-
 # ---------------------------------------------------------------------- the page
 def write_report(folder: str | Path) -> Path:
     """Make ``report.html`` in a result folder from the other files in it.
@@ -594,7 +564,6 @@ def _render(result: Result) -> str:
                 "trace": draw_trace(result.trace, config, run["data"].get("unit", "V")),
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
                 "candidates": draw_candidates(candidates) if candidates else None,
-                "scans": draw_scans([front_end["chosen"], *front_end["rivals"]]) if front_end else None,
             }
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
     values = _values(result)

@@ -250,7 +250,7 @@ class Network:
             decided[found >= 0] = decide_touches(model, data.touches.take(found[found >= 0])).decision
             return decided
 
-        return [Fitted(partial(decide, model), model.parameter_count, multiplies) for model in models]
+        return [Fitted(partial(decide, model), model.config.parameter_count, multiplies) for model in models]
 
 
 def _gru(config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:
@@ -277,7 +277,7 @@ METHODS: dict[str, Method] = {
 
 # ---------------------------------------------------------------------- judging
 @dataclass(frozen=True)
-class Piece:
+class BaselineJob:
     """One piece of work: a method on a split."""
 
     method: Method
@@ -301,7 +301,7 @@ class _Held(tuple):
     __eq__ = object.__eq__
 
 
-def judge(shared: Shared, piece: Piece) -> Record:
+def judge(shared: Shared, piece: BaselineJob) -> Record:
     """Its ``runs``: {fold, seed, recordings, accuracy, parameters, multiplies, bytes, comparisons, train_s,
     decision_us (each timed)}; ``refused`` in their place where the method cannot see these touches."""
     scene, method, runs = _scene(shared), piece.method, []
@@ -419,7 +419,7 @@ def results(
         key = content_key(
             "baseline", version, config.to_dict(), method.name, list(groups), list(every), folds
         )
-        pieces[key] = Piece(method, tuple(groups), every, folds)
+        pieces[key] = BaselineJob(method, tuple(groups), every, folds)
     outcomes = (jobs or Jobs(workers=1)).results(
         judge, pieces, _Held((recordings, config)), keep=keep, what="methods judged"
     )

@@ -21,7 +21,7 @@ from eskin.golden.model.preprocess import activity
 from eskin.study.stability.core import Scene
 from eskin.study.stability.sensor import stuck
 from eskin.study.stability.shapes import Experiment
-from eskin.training.crossval import pieces_of, train_pieces
+from eskin.training.crossval import fold_jobs, train_folds
 from eskin.training.datasets import Datasets
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import split_folds
@@ -183,19 +183,26 @@ def judge_defences(
     key = variant.config.replace(hidden=4).to_json()  # the front end does not know the network
     if key not in front_ends:
         front_ends[key] = front_end(recordings, variant.config)
-    found = front_ends[key]
-    config = variant.config
-    parts = [split_folds(recordings, groups, folds, None) for groups in splits]
-    tests = [(number, test) for number, of_split in enumerate(parts) for test in of_split]
-    pieces = pieces_of(config, variant.recipe, len(recordings), [test for _, test in tests], seeds)
-    trained = train_pieces(Datasets(recordings), pieces, int(seeds[0]))
-    models, numbers = [network.integer for network in trained], [number for _ in seeds for number, _ in tests]
-    _, clean_rows, clean = found["clean"]
-    # split, test, decisions, margins; training margins
-    outcome: list[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
-    for model, number, piece in zip(models, numbers, pieces, strict=True):
-        training_margins, test = _decisions(model, config, clean_rows[piece.train], clean)[1], piece.test
-        outcome.append((number, test, *_decisions(model, config, clean_rows[test], clean), training_margins))
+    found, config, labels = front_ends[key], variant.config, recordings.labels
+    tests = [
+        (number, test)
+        for number, groups in enumerate(splits)
+        for test in split_folds(recordings, groups, folds, None)
+    ]
+    pieces = fold_jobs(config, variant.recipe, len(recordings), [test for _, test in tests], seeds)
+    trained = train_folds(Datasets(recordings), pieces, int(seeds[0]))
+    networks = [*zip([number for number, _ in tests] * len(seeds), pieces, trained, strict=True)]
+
+    def judged(key: str, number: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """Of each network of a split: its test, decisions and margins there, and training margins."""
+        changed, rows, touches = found[key]
+        outcome = []
+        for of, piece, network in networks:
+            if of == number:
+                decision, margin = _decisions(network.integer, changed, rows, touches)
+                outcome.append((piece.test, decision[piece.test], margin[piece.test], margin[piece.train]))
+        return outcome
+
     record: Record = {
         "name": variant.name,
         "hidden": config.network.hidden,
@@ -205,23 +212,17 @@ def judge_defences(
         "clean": [],
         "margin": [],
     }
-    labels = recordings.labels
     for number, groups in enumerate(splits):
-        of_split = [entry for entry in outcome if entry[0] == number]
-        right = [decisions == labels[test] for _, test, decisions, *_ in of_split]
+        of_split = judged("clean", number)
+        right = [decisions == labels[test] for test, decisions, *_ in of_split]
         accuracy, spread = float(np.mean(np.concatenate(right))), float(np.std([np.mean(r) for r in right]))
         record["clean"].append({"groups": list(groups), "accuracy": accuracy, "spread": spread})
         record["margin"].append(margin_record(list(groups), labels, of_split))
     for name in FAILURES:
         by_taxel = {}
         for taxel in config.sensor.live:
-            changed, rows, touches = found[f"{name}, taxel {taxel}"]
-            wrong = [
-                _decisions(model, changed, rows[test], touches)[0] != labels[test]
-                for model, number, test in zip(models, numbers, (piece.test for piece in pieces), strict=True)
-                if number == 0
-            ]
-            by_taxel[taxel] = 1 - float(np.mean(np.concatenate(wrong)))
+            right = [decided == labels[test] for test, decided, *_ in judged(f"{name}, taxel {taxel}", 0)]
+            by_taxel[taxel] = float(np.mean(np.concatenate(right)))
         worst = min(by_taxel, key=by_taxel.__getitem__)
         mean = float(np.mean(list(by_taxel.values())))
         record[name] = {"mean": mean, "worst": by_taxel[worst], "worst_taxel": worst}
@@ -244,7 +245,7 @@ def margin_record(groups: list[str], labels: np.ndarray, outcome: Any, coverage:
     confident, and right among them, each network with its own threshold), without (accuracy of all).
     """
     thresholds, confident, right_confident, right, count = [], 0, 0, 0, 0
-    for _, test, decisions, touches, training in outcome:
+    for test, decisions, touches, training in outcome:
         threshold = choose_margin(training, coverage)
         thresholds.append(threshold)
         good, sure = decisions == labels[test], (decisions >= 0) & (touches >= threshold)

@@ -22,7 +22,7 @@ from eskin.jobs import Jobs
 from eskin.memo import Memo
 from eskin.study.image_size import image_size, resized
 from eskin.study.sweep import Judging, Request, expand, lanes_name, split_figures
-from eskin.training.image_models import image_config, judged_pieces, pieces_of, split_of
+from eskin.training.image_models import fold_jobs, image_config, judged_pieces, split_of
 from eskin.training.train_images import ImageRecipe, judge, size_of
 
 FIELDS = ("size", "layers", "weight_bits", "lanes", "clock_hz")
@@ -241,7 +241,7 @@ class ImageSweepRequest(Request):
         group, seeds = list(self.group), list(map(int, self.seeds))
         tuned = {point.trained for point in self.points if point.aware}
         pieces = {
-            config: pieces_of(
+            config: fold_jobs(
                 recordings, config, group, self.folds, seeds, self.recipe, 4 if config in tuned else 0
             )
             for config in dict.fromkeys(point.trained for point in self.points)

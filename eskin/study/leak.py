@@ -13,8 +13,8 @@ import numpy as np
 from eskin.choose.doubts import LEVEL_TELLS
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, Touches, decide_touches, find_onsets, find_touches
-from eskin.training.derive import settling_frames
+from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
+from eskin.training.derive import find_onsets, settling_frames
 
 MARGIN = 0.10
 """Accuracy above chance that is still no leak."""

@@ -9,7 +9,6 @@ penalty on the distance to the old weights. A model whose readout is prototypes 
 """
 
 import dataclasses
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -190,9 +189,8 @@ def _check_touches(few: Recordings, rows: np.ndarray, labels: np.ndarray, config
     for name, count in zip(config.network.class_names, counts, strict=True):
         if not count:
             raise InputError(
-                f"recordings '{few.source}': show no touch of class {name}; enrolment needs 1 to 5 of each "
-                "class, so record some "
-                "(and look at their onsets with 'eskin inspect')"
+                f"recordings '{few.source}': have no touch of class {name}; "
+                "enrolment needs 1 to 5 of each class, so record some (and check their onsets with 'eskin inspect')"
             )
 
 
@@ -209,7 +207,7 @@ def check_other_folder(model_dir: str | Path, out: str | Path) -> None:
     """Refuse (InputError) to write a model over the one it comes from."""
     if Path(out).resolve() == Path(model_dir).resolve():
         raise InputError(
-            f"model '{out}': is the model to start from, which stays as it is; name another folder"
+            f"model '{out}': is the model to start from, which enrol does not change; name another folder"
         )
 
 
@@ -268,8 +266,7 @@ def enrol(
     _check_touches(few, new, labels, config)
     if old is not None and not len(former):
         raise InputError(
-            f"recordings '{old.source}': show no touch; leave --with out, or look at their onsets with "
-            "'eskin inspect'"
+            f"recordings '{old.source}': have no touch; leave --with out, or check their onsets with 'eskin inspect'"
         )
     (enrolled,) = fit([pair], data, recipe, [new], None if old is None else [former], seed, progress)
     saturated = _saturated(enrolled, data, new, former, few.source)
@@ -305,7 +302,7 @@ def enrol(
             low, high = ranges[entry["signal"]]
             ranges[entry["signal"]] = (min(low, entry["min"]), max(high, entry["max"]))
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
-    enrolled.real.save(out, json.loads(json.dumps(record)), enrolled.integer)
+    enrolled.real.save(out, record, enrolled.integer)
     return result
 
 
@@ -377,5 +374,5 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Rec
     }
     result["passed"] = bool(result["after"] >= result["before"])
     record["taught"] = [*record.get("taught", []), result]
-    FloatModel.load(model_dir).save(out, json.loads(json.dumps(record)), after)
+    FloatModel.load(model_dir).save(out, record, after)
     return result

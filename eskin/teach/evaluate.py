@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eskin.choose.choice import search_inside
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import FrontEnds
 from eskin.data.folds import grouped_folds
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
@@ -32,7 +32,7 @@ FIGURES = ("before", "after", "others_before", "others_after")
 
 
 @dataclass(frozen=True)
-class Question:
+class EnrolmentTrial:
     """Input of ``judge`` for one seed: the accuracy of a network on each value of ``groups`` on which it
     was not trained, before and after k touches per class of it are enrolled, for each of ``ks``. configs:
     for each value, in the order of ``group_values``. readout: ``dense``, which is trained on with them, or
@@ -46,7 +46,7 @@ class Question:
 
 
 def front_ends_without(
-    recordings: Recordings, values: Arrays, groups: Sequence[str], market: Market
+    recordings: Recordings, values: Arrays, groups: Sequence[str], prices: CostModel
 ) -> list[AcceleratorConfig]:
     """For each value of ``groups`` the front end that is chosen without its recordings.
 
@@ -58,7 +58,7 @@ def front_ends_without(
     chosen: dict[str, AcceleratorConfig] = {}
     for part in parts:
         rest = np.setdiff1d(everything, np.concatenate([values[value] for value in part]))
-        chosen |= dict.fromkeys(part, search_inside(front_ends, rest, groups, market).taken)
+        chosen |= dict.fromkeys(part, search_inside(front_ends, rest, groups, prices).taken)
     return [chosen[value] for value in values]
 
 
@@ -85,8 +85,7 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
             raise InputError(
                 f"recordings '{recordings.source}', group {' and '.join(groups)}: value {name} has "
                 f"{counts[label]} recordings of class "
-                f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to judge; use a "
-                "smaller k or another group"
+                f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to test; use a smaller k or another group"
             )
     return of_value
 
@@ -108,7 +107,7 @@ def set_aside(recordings: Recordings, values: Arrays) -> np.ndarray:
 
 
 def judge(
-    recordings: Recordings, question: Question, progress: Progress = lambda done, total: None
+    recordings: Recordings, trial: EnrolmentTrial, progress: Progress = lambda done, total: None
 ) -> list[Record]:
     """For each value left out and each k: value, k, before, after (integer accuracy on the recordings of that
     value that no k enrols), others_before, others_after (on recordings of the other values that were set
@@ -117,13 +116,13 @@ def judge(
 
     Touches enrolled with a smaller k are among those of a larger, and the same recordings judge every k.
     """
-    values = group_values(recordings, question.groups, question.ks)
+    values = group_values(recordings, trial.groups, trial.ks)
     aside, rows = set_aside(recordings, values), []
     of_config: dict[AcceleratorConfig, Arrays] = {}
-    for value, config in zip(values, question.configs, strict=True):
+    for value, config in zip(values, trial.configs, strict=True):
         of_config[config] = {**of_config.get(config, {}), value: values[value]}
     for config, chosen in of_config.items():
-        rows += _judge_values(recordings, config, chosen, aside, question, progress)
+        rows += _judge_values(recordings, config, chosen, aside, trial, progress)
     order = list(values)
     return sorted(rows, key=lambda row: (row["k"], order.index(row["value"])))
 
@@ -142,33 +141,33 @@ def _judge_values(
     config: AcceleratorConfig,
     values: Arrays,
     aside: np.ndarray,
-    question: Question,
+    trial: EnrolmentTrial,
     progress: Progress,
 ) -> list[Record]:
     recipe = choose_recipe(config)
     data, everything = find_dataset(recordings, config, recipe), np.arange(len(recordings))
     parts = [touch_rows(data, np.setdiff1d(everything[~aside], members)) for members in values.values()]
     others = [np.setdiff1d(everything[aside], members) for members in values.values()]
-    models = fit_networks(data, config, recipe, parts, question.seed, progress)
+    models = fit_networks(data, config, recipe, parts, trial.seed, progress)
     before = [
         Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)
     ]
-    ks = sorted({*question.ks} | ({0} if question.readout == "prototypes" else set()))
+    ks = sorted({*trial.ks} | ({0} if trial.readout == "prototypes" else set()))
     lessons = []
     for number, (value, members) in enumerate(values.items()):
-        generator = np.random.default_rng([question.seed, *value.encode()])
-        for _ in range(DRAWS[question.readout]):
-            drawn = _draw(recordings, data, members, max(ks), value, question, generator)
+        generator = np.random.default_rng([trial.seed, *value.encode()])
+        for _ in range(DRAWS[trial.readout]):
+            drawn = _draw(recordings, data, members, max(ks), value, trial, generator)
             judged = np.setdiff1d(members, np.concatenate(drawn))
             for k in ks:
                 rows = touch_rows(data, np.concatenate([of_class[:k] for of_class in drawn]))
                 lessons.append(Lesson(number, k, rows, judged))
-    if question.readout == "prototypes":
-        after = _taught(recordings, question, data, parts, before, lessons)
+    if trial.readout == "prototypes":
+        after = _taught(recordings, trial, data, parts, before, lessons)
     else:
         old, new = [parts[lesson.number] for lesson in lessons], [lesson.rows for lesson in lessons]
         pairs = [before[lesson.number] for lesson in lessons]
-        trained = fit(pairs, data, recipe, new, old, question.seed, progress)
+        trained = fit(pairs, data, recipe, new, old, trial.seed, progress)
         after = [pair.integer for pair in trained]
     at_first = [right(pair.integer, data) for pair in before]
     figures: dict[tuple[int, int], list[list[float]]] = {}
@@ -199,14 +198,14 @@ def _judge_values(
 
 def _taught(
     recordings: Recordings,
-    question: Question,
+    trial: EnrolmentTrial,
     data: Dataset,
     parts: Sequence[np.ndarray],
     networks: Sequence[Pair],
     lessons: Sequence[Lesson],
 ) -> list[IntegerModel]:
     """For each lesson the network with prototypes of what it was trained on, taught the lesson's touches."""
-    groups, labels = group_numbers(recordings, question.groups), recordings.labels
+    groups, labels = group_numbers(recordings, trial.groups), recordings.labels
     where, ready = data.touches.recording, []
     for pair, part in zip(networks, parts, strict=True):
         whole = part[data.touches.completed[part] == pair.integer.config.windows.steps]
@@ -217,7 +216,7 @@ def _taught(
                 data.touches.take(whole),
                 labels[rows],
                 groups[rows],
-                taught=max(1, *question.ks),
+                taught=max(1, *trial.ks),
                 source=f"recordings '{recordings.source}'",
             )
         )
@@ -233,13 +232,13 @@ def _draw(
     members: np.ndarray,
     most: int,
     value: str,
-    question: Question,
+    trial: EnrolmentTrial,
     generator: np.random.Generator,
 ) -> list[np.ndarray]:
     """``most`` recordings to enrol of each class that is among ``members``, such as show a touch: a user would
     see it and touch again. Part of a touch teaches a prototype nothing."""
     drawn, lacks = [], lacking(recordings, members)
-    least = 1 if question.readout == "dense" else data.touches.sums.shape[1]
+    least = 1 if trial.readout == "dense" else data.touches.sums.shape[1]
     for label, name in enumerate(recordings.class_names):
         if name in lacks:
             continue

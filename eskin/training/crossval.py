@@ -70,9 +70,9 @@ def cross_validate(
     recipe, datasets = recipe or choose_recipe(config), datasets or Datasets(recordings)
     tests = [split_folds(recordings, groups, folds, None) for groups in splits]
     every = [test for of_split in tests for test in of_split]
-    pieces = pieces_of(config, recipe, len(recordings), every, seeds)
-    trained = train_pieces(
-        datasets, pieces, int(seeds[0]), progress, widths=widths or {}, quantisation_aware=quantisation_aware
+    jobs = fold_jobs(config, recipe, len(recordings), every, seeds)
+    trained = train_folds(
+        datasets, jobs, int(seeds[0]), progress, widths=widths or {}, quantisation_aware=quantisation_aware
     )
     runs, data = [network.decided() for network in trained], datasets.of(config, recipe)
     records, first = list[Record](), 0
@@ -85,7 +85,7 @@ def cross_validate(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Terms:
+class CrossValidationSettings:
     """Shared settings of cross-validation.
 
     groups: what is left out. seeds: of the networks of a fold. stress: disturbances that they are judged
@@ -107,7 +107,7 @@ class Terms:
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class FoldJob:
     """A network to train on the recordings ``train`` and to judge on ``test``; copies begin at other
     weights."""
 
@@ -123,13 +123,13 @@ class Piece:
         return self.copy, self.train.tobytes()
 
 
-def pieces_of(
+def fold_jobs(
     config: AcceleratorConfig, recipe: Recipe, count: int, tests: Sequence[np.ndarray], seeds: Sequence[int]
-) -> list[Piece]:
-    """A piece for each of ``tests`` left out of ``count`` recordings, seed by seed."""
+) -> list[FoldJob]:
+    """A job for each of ``tests`` left out of ``count`` recordings, seed by seed."""
     everything = np.arange(count)
     return [
-        Piece(config, recipe, np.setdiff1d(everything, test), test, copy)
+        FoldJob(config, recipe, np.setdiff1d(everything, test), test, copy)
         for copy in range(len(seeds))
         for test in tests
     ]
@@ -137,42 +137,42 @@ def pieces_of(
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """The network of a piece in both forms."""
+    """The network of a job in both forms."""
 
-    piece: Piece
+    job: FoldJob
     real: FloatModel
     integer: IntegerModel
     data: Dataset
 
     def decided(self) -> FoldDecisions:
         """Decisions on its test recordings."""
-        return _judge(self.real, self.integer, self.data, self.piece.test)
+        return _judge(self.real, self.integer, self.data, self.job.test)
 
 
-def train_pieces(
+def train_folds(
     datasets: Datasets,
-    pieces: Sequence[Piece],
+    jobs: Sequence[FoldJob],
     seed: int,
     progress: Progress | None = None,
     *,
     widths: Record | None = None,
     quantisation_aware: bool = False,
 ) -> list[Trained]:
-    """The network of each piece, quantised with ranges of its own training part, or trained on in integers.
+    """The network of each job, quantised with ranges of its own training part, or trained on in integers.
 
     Networks of one configuration and recipe train at once. Pieces with the same training part share one
     network.
     """
     outcomes: dict[int, Trained] = {}
     kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
-    for number, piece in enumerate(pieces):
-        kinds.setdefault((piece.config, piece.recipe), []).append(number)
+    for number, job in enumerate(jobs):
+        kinds.setdefault((job.config, job.recipe), []).append(number)
     for (config, recipe), numbers in kinds.items():
         data = datasets.of(config, recipe)
-        first: dict[tuple[int, bytes], Piece] = {}
+        first: dict[tuple[int, bytes], FoldJob] = {}
         for number in numbers:
-            first.setdefault(pieces[number].key, pieces[number])
-        parts = [touch_rows(data, piece.train) for piece in first.values()]
+            first.setdefault(jobs[number].key, jobs[number])
+        parts = [touch_rows(data, job.train) for job in first.values()]
         models = fit_networks(data, config, recipe, parts, seed, named(progress, "cross-validation"))
         if quantisation_aware:
             report = named(progress, "quantisation-aware training")
@@ -184,16 +184,16 @@ def train_pieces(
             ]
         places = {key: place for place, key in enumerate(first)}
         for number in numbers:
-            at = places[pieces[number].key]
-            outcomes[number] = Trained(pieces[number], models[at], integers[at], data)
-    return [outcomes[number] for number in range(len(pieces))]
+            at = places[jobs[number].key]
+            outcomes[number] = Trained(jobs[number], models[at], integers[at], data)
+    return [outcomes[number] for number in range(len(jobs))]
 
 
-def judge_pieces(
-    datasets: Datasets, pieces: Sequence[Piece], seed: int, progress: Progress | None = None
+def judge_folds(
+    datasets: Datasets, jobs: Sequence[FoldJob], seed: int, progress: Progress | None = None
 ) -> list[FoldDecisions]:
     """The decisions of each network on its test."""
-    return [network.decided() for network in train_pieces(datasets, pieces, seed, progress)]
+    return [network.decided() for network in train_folds(datasets, jobs, seed, progress)]
 
 
 def record_of(

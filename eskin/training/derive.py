@@ -28,7 +28,7 @@ import numpy as np
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_onsets
+from eskin.golden.model import find_touches
 
 LOOKED_AT = 64
 """Recordings that the rules look at: enough for quantiles, quick for any archive."""
@@ -43,6 +43,16 @@ IN_CONTACT = 0.3
 CONVERTERS = ("pvdf", "fabric", "synthetic", "thesis")
 """Presets in the order in which they are tried. ``synthetic`` comes before ``thesis``, whose band of fixed
 codes suits one converter only."""
+
+
+def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray:
+    """Onset frame of the first touch of each recording (1-based; 0 where the gate opens at once), -1 where
+    there is none."""
+    touches = find_touches(config, recordings, steps=0)
+    first = touches.first_touch()
+    onsets = np.full(touches.recordings, -1, dtype=np.int64)
+    onsets[first >= 0] = touches.onset_frame[first[first >= 0]]
+    return onsets
 
 
 def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
@@ -70,10 +80,10 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
         if why_not is None:
             reasons.append(
                 f"{recordings.taxels} taxels, {recordings.sample_rate_hz:g} Hz, {recordings.sample_format} "
-                f"codes: these are the sizes of preset '{name}', which was taken"
+                f"codes: these match preset '{name}', which is used"
             )
             return config, reasons
-        reasons.append(f"preset '{name}' has the same taxels, rate and codes but was not taken: {why_not}")
+        reasons.append(f"preset '{name}' has the same taxels, rate and codes but is not used: {why_not}")
     config, why = _general(sample, recordings)
     return config, reasons + why
 
@@ -97,7 +107,9 @@ def for_recordings(config: AcceleratorConfig, recordings: Recordings, **changes)
             **changes,
         )
     except InputError as error:
-        raise InputError(f"recordings '{recordings.source}' give no working configuration: {error}") from None
+        raise InputError(
+            f"recordings '{recordings.source}' do not lead to a working configuration: {error}"
+        ) from None
 
 
 def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
@@ -113,7 +125,7 @@ def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
         ).mean()
         > 0.5
     ):
-        return "most recordings meet its onset rule at the very start"
+        return "most recordings start with an onset by its rule"
     full = (
         recordings.lengths[touched] - np.maximum(onsets[touched] - config.windows.hop, 0) >= config.last_frame
     )
@@ -171,8 +183,8 @@ def settling_frames(rate: float) -> int:
 def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
     rate = recordings.sample_rate_hz
     reasons = [
-        f"{recordings.taxels} taxel{'s' * (recordings.taxels > 1)} at {rate:g} Hz with {recordings.sample_format} codes fit no preset, so "
-        "the sizes were derived"
+        f"{recordings.taxels} taxel{'s' * (recordings.taxels > 1)} at {rate:g} Hz with {recordings.sample_format} "
+        "codes match no preset, so the sizes are derived"
     ]
     base, why = sensor_sizes(recordings)
     reasons += why
@@ -259,8 +271,7 @@ def _onset_rule(sample: Recordings, recordings: Recordings, base: Record) -> tup
         )
     if touched.mean() < 0.9:
         reasons.append(
-            "many recordings show no onset: look at them with eskin inspect, or give a configuration of "
-            "your own"
+            "many recordings have no onset: check them with eskin inspect, or give your own configuration"
         )
     return fields, reasons, int(np.median(onsets[touched]))
 

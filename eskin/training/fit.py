@@ -12,7 +12,7 @@ from eskin.golden.model import FloatModel, IntegerModel
 from eskin.training.batches import Batches
 from eskin.training.datasets import Dataset
 from eskin.training.linear_fit import cut_short, fit_least_squares, fit_linear, fit_sturdy
-from eskin.training.losses import Progress, Told, class_loss, descend, teacher_loss
+from eskin.training.losses import EpochReporter, Progress, class_loss, descend, teacher_loss
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import IntegerNetwork, check_given, profile, quantise_model
 from eskin.training.recipe import Recipe
@@ -57,7 +57,7 @@ def fit_networks(
     parts: list[np.ndarray],
     seed: int,
     progress: Progress,
-    told: Told | None = None,
+    told: EpochReporter | None = None,
 ) -> list[FloatModel]:
     """One network for each part (rows of the touches to train on), all trained at once; deterministic by
     ``seed``.
@@ -88,7 +88,7 @@ def _fit_together(
     parts: list[np.ndarray],
     generator: torch.Generator,
     progress: Progress,
-    told: Told | None,
+    told: EpochReporter | None,
 ) -> list[FloatModel]:
     """A recurrent network for each part, all in one batch of networks."""
     network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)

@@ -119,8 +119,7 @@ def train_image_model(
     config = chosen_config(recordings, requested, cell)
     if config is None and not folds:
         raise InputError(
-            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name one of "
-            f"{', '.join(NETWORKS)}"
+            f"--cell auto: needs cross-validation; leave --folds 0 out or name one of {', '.join(NETWORKS)}"
         )
     candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
     judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))
@@ -129,7 +128,7 @@ def train_image_model(
     records: list[Record] = []
     if folds:
         jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
-        pieces = [pieces_of(recordings, network, groups, folds, many, judged_by, 0) for network in candidates]
+        pieces = [fold_jobs(recordings, network, groups, folds, many, judged_by, 0) for network in candidates]
         sized = {size_of(candidates[0]): images}
         results = judged_pieces(
             sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge
@@ -165,7 +164,7 @@ def train_image_model(
     return record
 
 
-def pieces_of(
+def fold_jobs(
     recordings: Recordings,
     config: AcceleratorConfig,
     groups: list[str],
@@ -230,7 +229,7 @@ def split_of(
     integers: str,
 ) -> Record:
     """The record of a cross-validation, as `eskin.training.crossval.cross_validate` gives it, from
-    ``pieces_of`` and their results, and ``correct``: the share of seeds whose integers were right, for each
+    ``fold_jobs`` and their results, and ``correct``: the share of seeds whose integers were right, for each
     image. integers: the key of the results that count."""
     correct, records = np.zeros(len(recordings)), []
     for seed, of_seed, outcomes in zip(seeds, pieces, results, strict=True):  # every seed deals its own folds

@@ -46,7 +46,7 @@ def _noted_ranges(
     fix = "give the recordings it was trained on (--data)"
     entries = record.get("ranges", [])
     if not entries:
-        raise InputError(f"model '{model_dir}': has no ranges noted at training; {fix}")
+        raise InputError(f"model '{model_dir}': has no ranges from its training; {fix}")
     try:
         ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
         needed = [signal for signal in signals(config) if signal in ranges or signal != LAST_LOGIT]
@@ -92,7 +92,7 @@ def quantise(
         config.json that cannot be kept.
     """
     if load_config(model_dir).is_image:
-        return _images(model_dir, recordings, aware, **widths)
+        return _quantise_images(model_dir, recordings, aware, **widths)
     trained = load_trained(model_dir, ranges=recordings is None)
     model, record = trained.model, trained.record
     options: Mapping[str, Any] = readout if isinstance(readout, Mapping) else {}
@@ -104,13 +104,14 @@ def quantise(
         )
     if prototypes:
         options = _of_prototypes(trained, options, recordings)
-    if recordings is None:
-        ranges, aware = _noted_ranges(model_dir, model.config, record), None
-    elif not aware:
-        ranges = profile(model, find_touches(model.config, recordings))
     if aware and recordings is not None:
         integer, ranges = _trained_on(model, record, recordings, aware, widths)
     else:
+        ranges = (
+            _noted_ranges(model_dir, model.config, record)
+            if recordings is None
+            else profile(model, find_touches(model.config, recordings))
+        )
         integer = quantise_model(model, ranges, **widths)
         check_given(integer.config, widths.get("feature_bits"))
     if prototypes and recordings is not None:
@@ -120,7 +121,7 @@ def quantise(
         )
     trained.check_kept(integer.config, {**widths, **(readout if isinstance(readout, Mapping) else {})})
     record |= {
-        "quantisation_aware": aware is not None,
+        "quantisation_aware": bool(aware and recordings is not None),
         "widths": widths,
         "ranges": range_records(integer.config, ranges),
         **written_by(model.config, integer),
@@ -181,7 +182,7 @@ def _of_prototypes(
     return asked
 
 
-def _images(
+def _quantise_images(
     model_dir: str | Path,
     recordings: Recordings | None = None,
     aware: Progress | None = None,
@@ -209,7 +210,7 @@ def _images(
     model, record = trained.model, trained.record
     model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
     if recordings is None:
-        ranges, aware = _noted(model_dir, model.config, record), None
+        ranges = _noted(model_dir, model.config, record)
     else:
         check_fit(recordings, model.config)
         images = images_of(recordings)
@@ -225,7 +226,7 @@ def _images(
         integer = integers_of(model, choose_image_formats(model, ranges, bits))
     trained.check_kept(integer.config, {"weight_bits": weight_bits})
     record |= {
-        "quantisation_aware": aware is not None,
+        "quantisation_aware": bool(aware and recordings is not None),
         "widths": {"weight_bits": bits},
         "ranges": ranges,
         **written_by(trained.model.config, integer),

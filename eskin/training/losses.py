@@ -68,7 +68,7 @@ Callback = Callable[[int, dict[str, float]], None]
 """Called with (epoch, figures) while a network is trained."""
 
 
-class Told:
+class EpochReporter:
     """Tells ``callback`` the mean ``loss`` since the epoch before, EPOCHS times in a training."""
 
     def __init__(self, callback: Callback) -> None:

@@ -135,8 +135,7 @@ def with_prototypes(
 
     if unknown is not None and len(np.unique(groups)) < 2:
         raise InputError(
-            f"{source}: are of one group, and --unknown needs one to leave out; name another with --group, "
-            "or leave it out"
+            f"{source}: form one group, and --unknown needs another to leave out; name groups with --group, or leave --unknown out"
         )
     codes = trajectory_codes(config, values, values)
     furthest, lost, counted = [], 0, 0
@@ -164,8 +163,8 @@ def with_prototypes(
     if unknown is not None:
         if not furthest:
             raise InputError(
-                f"{source}: each group holds a class of its own, so none can be left out for --unknown; name "
-                "another with --group, or leave it out"
+                f"{source}: each group holds a class of its own, so --unknown can leave none out; "
+                "name another with --group, or leave --unknown out"
             )
         limit = np.quantile(np.concatenate(furthest), 1.0 - unknown) / config.windows.steps
         rule["unknown_above"] = int(np.clip(np.ceil(limit), 1, config.distance_bound // config.windows.steps))
@@ -185,8 +184,8 @@ def _check_labels(config: AcceleratorConfig, labels: np.ndarray, trained: int, s
     for label, name in enumerate(names[:trained]):
         if not (labels == label).any():
             raise InputError(
-                f"{source}: show no whole touch of class {name}, and a prototype is made of those; record "
-                "some, or look at their onsets with 'eskin inspect'"
+                f"{source}: have no whole touch of class {name}, which a prototype needs; "
+                "record some, or check their onsets with 'eskin inspect'"
             )
     if (labels >= trained).any():
         name = names[int(labels.max())]
@@ -258,8 +257,8 @@ def teach_recordings(model: IntegerModel, few: Recordings) -> tuple[IntegerModel
     rows = whole_touches(touches, config)
     if not len(rows):
         raise InputError(
-            f"recordings '{few.source}': show no whole touch of {config.windows.steps} steps, and part of one "
-            "teaches nothing; record longer ones, or look at their onsets with 'eskin inspect'"
+            f"recordings '{few.source}': have no whole touch of {config.windows.steps} steps, and a part cannot be taught; "
+            "record longer ones, or check their onsets with 'eskin inspect'"
         )
     labels = few.labels[touches.recording[rows]]
     taught = teach_touches(model, touches.take(rows), labels)

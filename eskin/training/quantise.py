@@ -527,7 +527,7 @@ def check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
     fmt = config.formats.feature_format
     if feature_bits is not None and fmt.width != feature_bits:
         raise InputError(
-            f"quantisation, field feature_format: {feature_bits} bits were asked for, and {fmt} is as fine as "
+            f"quantisation, field feature_format: {feature_bits} bits are too many, because {fmt} is as fine as "
             f"the {'products' if config.recurrent else 'windows'} of this network can use; give at most "
             f"{fmt.width} feature bits"
         )

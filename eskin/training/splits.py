@@ -49,7 +49,7 @@ def check_split(recordings: Recordings, groups: Sequence[str], folds: int) -> No
     for name in groups:
         why = no_group(recordings.groups[name], recordings.labels) if name in recordings.groups else ""
         if why and name != "label":
-            why = f"array {name} {why.rstrip(',')}: leaving out a value of it would show nothing"
+            why = f"array {name} {why.rstrip(',')}: leaving out one of its values would prove nothing"
             raise InputError(
                 f"recordings '{recordings.source}', {why}; choose another --group, or leave it out"
             )

@@ -17,7 +17,7 @@ from eskin.golden.model import check_model_target, decide_touches
 from eskin.training.crossval import Progress, cross_validate, named
 from eskin.training.datasets import Datasets, touch_rows
 from eskin.training.fit import fit_networks
-from eskin.training.losses import Callback, Told
+from eskin.training.losses import Callback, EpochReporter
 from eskin.training.quantise import profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import check_split, default_splits
@@ -107,12 +107,12 @@ def train(
 
     data = datasets.of(config, recipe)
     rows = touch_rows(data, np.arange(len(recordings)))
-    teller = Told(callback) if callback else None
+    reporter = EpochReporter(callback) if callback else None
     report = named(progress, "training on all recordings")
-    (model,) = fit_networks(data, config, recipe, [rows], seed, report, teller)
-    if teller:
+    (model,) = fit_networks(data, config, recipe, [rows], seed, report, reporter)
+    if reporter:
         decided = decide_touches(model, data.touches.take(rows)).decision
-        teller.tell(accuracy=float(np.mean(decided == data.labels[data.index >= 0][rows])))
+        reporter.tell(accuracy=float(np.mean(decided == data.labels[data.index >= 0][rows])))
     ranges = profile(model, data.touches)
     record = {
         "seed": seed,
@@ -123,7 +123,7 @@ def train(
         "channel_names": list(recordings.channel_names),
         "recordings": len(recordings),
         "touched": int((data.index >= 0).sum()),
-        "parameters": model.parameter_count,
+        "parameters": model.config.parameter_count,
         "ranges": range_records(config, ranges),
         "cross_validation": results,
         "versions": {"torch": torch.__version__, "numpy": np.__version__},

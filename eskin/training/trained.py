@@ -167,6 +167,6 @@ def _check_untaught(model_dir: str | Path, files: Files) -> None:
         return  # damaged: what quantisation is there to mend
     if count is not None and count.any():
         raise InputError(
-            f"model '{model_dir}', array taught: it was taught touches, which other integers would lose; quantise "
-            "the model that it was taught from, then teach that"
+            f"model '{model_dir}', array taught: it holds taught touches, which new integers would lose; "
+            "quantise the model before teaching, then teach it again"
         )

@@ -323,7 +323,7 @@ def board_of(model: Path) -> tuple[int, int, Any]:
             else "there is none"
         )
         raise InputError(
-            f"--port: the board's rate and lanes are told by its build, and {found}; "
+            f"--port: the build of the board holds its rate and lanes, and {found}; "
             f"run eskin build {model} --target NAME --out {model}/board"
         )
     try:

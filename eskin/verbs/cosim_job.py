@@ -23,6 +23,8 @@ PART = {"verilator": 40, "icarus": 8, "compiled": 16}
 """Recordings of a part. It does not depend on the number of workers, so that the result does not either: a
 part loads the design anew. Small enough that no worker waits long for the last part, and far more work than
 starting a simulator."""
+IN_BULK = 400
+"""The same where recordings are played in bulk: one process does that on all cores (`eskin.cosim.bulk`)."""
 CODE = partial(code_version, "golden", "rtl", "cosim")
 """Code on which a co-simulation depends beside data and model."""
 
@@ -70,7 +72,10 @@ def cosimulate(
     shown = one_of_each(recordings.labels) if bench == "sample" else [*range(len(numbers))]
     order = [*shown, *sorted({*range(len(numbers))} - {*shown})]
     recordings, numbers = recordings.subset(order), [int(numbers[place]) for place in order]
-    size = PART[simulator]
+    config = flow.with_converter(model.config, options.get("converter"), options.get("clock_hz"))
+    alone = bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
+    alone = alone or any(options.get(name) for name in ("stalls", "target"))
+    size = PART[simulator] if alone or simulator != "verilator" else IN_BULK
     pieces = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     content = content_key(CODE(), model, recordings, numbers, len(shown), options)
     keys = [content_key(content, piece) for piece in pieces]

@@ -10,7 +10,7 @@ which prints how far they are off (docs/energy.md). Block memories are those of 
 
 from functools import lru_cache, partial
 
-from eskin.choose.cost import PREFERENCES, Cost, Market, Prefer
+from eskin.choose.cost import PREFERENCES, Cost, CostModel, Prefer
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.rtl.fpga.block_memories import block_memories
 from eskin.rtl.fpga.targets import TARGETS, Target
@@ -121,7 +121,7 @@ def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:
     )
 
 
-def market(prefer: Prefer = "energy", board: str | None = None) -> Market:
+def cost_model(prefer: Prefer = "energy", board: str | None = None) -> CostModel:
     """Prices of candidates on the named board, which then has to hold them, or on BOARD.
 
     Raises
@@ -134,7 +134,7 @@ def market(prefer: Prefer = "energy", board: str | None = None) -> Market:
         if value not in choices:
             raise InputError(f"--{option} {value}: is not known; use one of {', '.join(choices)}")
     name = board or BOARD
-    return Market(
+    return CostModel(
         cost_of=partial(cost_of, board=name),
         blocks_of=partial(blocks_of, board=name),
         fits=partial(fits, board=name),

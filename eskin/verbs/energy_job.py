@@ -192,7 +192,7 @@ def job(
             refuse_hardware(on_lanes)
         if find_target(target).device not in energy.PARTS:
             raise InputError(
-                f"--configuration {target}: nothing is known of the energy of its part; take another board"
+                f"--configuration {target}: there is no energy model of its part; use another board"
             )
     numbers, chosen = (
         _images(recordings, count) if config.is_image else with_touches(model, recordings, count)

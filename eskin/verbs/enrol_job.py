@@ -15,25 +15,25 @@ from eskin.memo import Memo, code_version
 from eskin.requests import EnrolRequest
 from eskin.teach import evaluate as evaluation
 from eskin.teach.enrol import SETTINGS
-from eskin.teach.evaluate import Question
+from eskin.teach.evaluate import EnrolmentTrial
 from eskin.training import LEARNING
 from eskin.verbs.cost import CODE as COST
-from eskin.verbs.cost import market
+from eskin.verbs.cost import cost_model
 
 CACHE = Path("build/enrolments")
 """Finished seeds by content, safe to delete."""
 CODE = partial(code_version, *LEARNING, *COST)
 
 
-def judge(recordings: Recordings, question: Question) -> list[Record]:
+def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
     """The rows of one seed; in a worker."""
-    return evaluation.judge(recordings, question)
+    return evaluation.judge(recordings, trial)
 
 
 def choose(shared: tuple[Recordings, list[str]], values: dict[str, np.ndarray]) -> list[Record]:
     """The configuration chosen without each value's recordings; in a worker."""
     recordings, group = shared
-    configs = evaluation.front_ends_without(recordings, values, group, market())
+    configs = evaluation.front_ends_without(recordings, values, group, cost_model())
     return [config.to_dict() for config in configs]
 
 
@@ -63,7 +63,7 @@ def evaluate(
     content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
     jobs = Jobs(progress=progress, version=CODE)
     if config is not None:
-        configs = [configure(recordings, config, market()).config] * len(values)
+        configs = [configure(recordings, config, cost_model()).config] * len(values)
     else:
         shared = recordings, list(group)
         (chosen,) = jobs.results(
@@ -73,7 +73,7 @@ def evaluate(
     plain = [configuration.to_dict() for configuration in configs]
     ordered = tuple(sorted(set(ks)))
     questions = {
-        content_key(content, ordered, plain, seed, asked.readout): Question(
+        content_key(content, ordered, plain, seed, asked.readout): EnrolmentTrial(
             tuple(group), ordered, tuple(configs), seed, asked.readout
         )
         for seed in range(asked.seeds)

@@ -91,7 +91,7 @@ def export_onnx(
     limit = ONNX_LIMIT * max(1.0, float(np.abs(model.forward(features)[1]).max(initial=0.0)))
     return {
         "file": str(out / ONNX_FILE),
-        "parameters": model.parameter_count,
+        "parameters": model.config.parameter_count,
         "recordings": None if recordings is None else len(recordings),
         "touches": len(features),
         "difference": difference,

@@ -16,18 +16,17 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bars
 
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import Plan, configure
 from eskin.choose.choice_table import left_out, unseen
-from eskin.choose.cost import Market
+from eskin.choose.cost import CostModel
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
@@ -60,10 +59,10 @@ from eskin.training.splits import check_split
 from eskin.verbs import cost
 from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
-from eskin.verbs.cost import market
+from eskin.verbs.cost import cost_model
 from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
-from eskin.verbs.milestones import Milestones
+from eskin.verbs.milestones import shown
 
 BUILDS = Path("build/simulators")
 SMALL_CYCLES = 60e6
@@ -109,41 +108,41 @@ def run(asked: RunRequest, console: Console | None = None) -> Record:
     def say(line: str) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 
-    with _bars(console) as stages:
-        with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
-            loaded = load_recordings(asked.data, config=user_config)
-            check_units(asked.cell, asked.hidden)
-            prices, panel = market(asked.prefer, asked.fits), panel_of(loaded, asked.stress)
-        with stages("configuration") as notify:  # what does not work is refused here
-            held = load_recordings(asked.test, config=user_config) if asked.test else None
-            if held is not None:
-                check_alike(held, loaded)
-                held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
-            if asked.groups:
-                check_split(loaded, asked.groups, 5)
-            if loaded.image_shape:
-                chosen_config(loaded, user_config, asked.cell)
-            plan = (
-                None
-                if loaded.image_shape
-                else configure(loaded, user_config, prices, groups=asked.groups, progress=notify)
-            )
-            network: Record = {"group": asked.groups, "cell": asked.cell, "hidden": asked.hidden}
-            network["seeds"] = asked.seeds or (1 if loaded.image_shape else 3)
-            planned = plan.config if plan else user_config
-            if held is not None and planned is not None:
-                held = for_model(held, planned, say)
-            wished = [planned and planned.to_dict(), user_config is None, network, asked.prefer, asked.fits]
-            base = [loaded.content, *wished, panel and panel.weights]
-        with _Work(out) as work:
-            steps = _Steps(
-                asked, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
-            )
-            result = work.folder / "result"
-            record = steps.all(result, begin)
-            with stages("report"):
-                report.write_report(result)
-            work.publish(result)
+    stages = partial(_stage, console)
+    with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
+        loaded = load_recordings(asked.data, config=user_config)
+        check_units(asked.cell, asked.hidden)
+        prices, panel = cost_model(asked.prefer, asked.fits), panel_of(loaded, asked.stress)
+    with stages("configuration") as notify:  # what does not work is refused here
+        held = load_recordings(asked.test, config=user_config) if asked.test else None
+        if held is not None:
+            check_alike(held, loaded)
+            held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
+        if asked.groups:
+            check_split(loaded, asked.groups, 5)
+        if loaded.image_shape:
+            chosen_config(loaded, user_config, asked.cell)
+        plan = (
+            None
+            if loaded.image_shape
+            else configure(loaded, user_config, prices, groups=asked.groups, progress=notify)
+        )
+        network: Record = {"group": asked.groups, "cell": asked.cell, "hidden": asked.hidden}
+        network["seeds"] = asked.seeds or (1 if loaded.image_shape else 3)
+        planned = plan.config if plan else user_config
+        if held is not None and planned is not None:
+            held = for_model(held, planned, say)
+        wished = [planned and planned.to_dict(), user_config is None, network, asked.prefer, asked.fits]
+        base = [loaded.content, *wished, panel and panel.weights]
+    with _Work(out) as work:
+        steps = _Steps(
+            asked, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
+        )
+        result = work.folder / "result"
+        record = steps.all(result, begin)
+        with stages("report"):
+            report.write_report(result)
+        work.publish(result)
     return record
 
 
@@ -206,7 +205,7 @@ class _Steps:
     recordings: Recordings
     held: Recordings | None
     user_config: AcceleratorConfig | None
-    prices: Market
+    prices: CostModel
     plan: Plan | None
     panel: Panel | None
     network: Record
@@ -427,8 +426,7 @@ class _Steps:
                 ends_early = ends_early or drawn
         if ends_early is None:
             raise InputError(
-                f"recordings '{self.recordings.source}': none has a completed step; look at them with "
-                "'eskin inspect'"
+                f"recordings '{self.recordings.source}': none has a completed step; check them with 'eskin inspect'"
             )
         return ends_early
 
@@ -549,17 +547,17 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
     agreement = (
         f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
     )
-    detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
+    detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point less is allowed; {agreement}"
     error = evaluated["logit_error"]
     if error["max"] is not None:
         figures = f"{error['mean']:.3f} on average, {error['max']:.2f} at most"
-        detail += f"; logit error {figures}, most of all by {error['stage']}"
+        detail += f"; logit error {figures}, most from {error['stage']}"
     checks: list[Record] = []
 
     def check(name: str, held: bool, detail: str) -> None:
         checks.append({"name": name, "held": held, "detail": detail})
 
-    check("integer network decides as the float one", evaluate.held(evaluated), detail)
+    check("integer and float network agree", evaluate.held(evaluated), detail)
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue
@@ -570,7 +568,7 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
         check(f"hardware equals model at {title}", exact, sentence)
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
-        detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"
+        detail = f"{', '.join(row['name'] for row in rows) or 'no step'}; missed: {missed or 'none'}"
         name = f"latency budgets at {title}, {hertz(outcome['clock_hz'])}"
         check(name, bool(rows) and not missed, detail)
     if "cosim_lowest" in outcomes:
@@ -578,9 +576,9 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
         held = lowest is not None and lowest["passed"]
         detail = "none was found"
         if not all(outcomes[name]["bit_exact"] for name in ("cosim", "cosim_declared")):  # type: ignore[index]
-            detail = "not looked for, as hardware and model do not agree"
+            detail = "skipped, because hardware and model differ"
         elif lowest is not None:
-            detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact there too' if held else verdict(lowest)}"
+            detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact' if held else verdict(lowest)}"
         check("a lowest clock that meets every budget", held, detail)
     return checks
 
@@ -648,39 +646,10 @@ class _Work:
 
 
 @contextmanager
-def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
-    """Progress on ``console``: ``with stages(name) as notify`` is a bar that ``notify(what, done, total)``
-    moves; where that is no terminal, a line when a stage ends and ``Milestones`` on the way."""
-
-    @contextmanager
-    def lines(name: str) -> Iterator[Progress]:
-        begin = time.perf_counter()
-        milestones = Milestones(
-            lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)
-        )
-        with milestones.alive(name):
-            yield lambda task, done, total: milestones(f"{name}, {task}", done, total)
-        milestones.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
-
-    if not console.is_terminal:
-        yield lines
-        return
-    words = [TextColumn(text) for text in ("{task.description}", "{task.fields[what]}")]
-    with Bars(
-        SpinnerColumn(finished_text="✓"),
-        words[0],
-        BarColumn(),
-        words[1],
-        TimeElapsedColumn(),
-        console=console,
-    ) as bars:
-
-        @contextmanager
-        def stage(name: str) -> Iterator[Progress]:
-            task: TaskID = bars.add_task(name, total=None, what="")
-            yield lambda what, done, total: bars.update(
-                task, completed=done, total=max(total, done + 1), what=what
-            )
-            bars.update(task, completed=1, total=1, what="done")
-
-        yield stage
+def _stage(console: Console, name: str) -> Iterator[Progress]:
+    """Progress of a stage, and a line when it ends."""
+    begin = time.perf_counter()
+    with shown(console, name) as notify:
+        yield notify
+    line = f"{name}: done in {time.perf_counter() - begin:.1f} s"
+    console.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Lines of text that tell of progress where there is no terminal to draw bars on."""
+"""Progress: a line that changes on a terminal, elsewhere lines of text from time to time."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+from rich.console import Console
+from rich.text import Text
+
+from eskin.golden.core import Progress
 
 MILESTONE_S = 10.0
 """Seconds between two of them."""
@@ -59,3 +64,19 @@ class Milestones:
         """A line now."""
         self._said = self._clock()
         self._write(line)
+
+
+@contextmanager
+def shown(console: Console, name: str = "") -> Iterator[Progress]:
+    """Progress on ``console``, moved by calling ``(what, done, total)``; ``name`` is what all of it belongs to."""
+
+    def words(task: str) -> str:
+        return f"{name}, {task}" if name else task
+
+    if console.is_terminal:
+        with console.status(Text(name or "at work")) as status:
+            yield lambda task, done, total: status.update(Text(f"{words(task)}: {done} of {total}"))
+        return
+    milestones = Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
+    with milestones.alive(name or "at work"):
+        yield lambda task, done, total: milestones(words(task), done, total)

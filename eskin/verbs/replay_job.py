@@ -4,7 +4,6 @@ model's."""
 import contextlib
 import time
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from eskin.cosim.scoreboard import Mismatch, Recording, Scoreboard
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, Stream, completing_frames, images_of, run, run_images
+from eskin.golden.model import IntegerModel, Stream, images_of, run_images
 from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.live.sources import on_port
@@ -92,9 +91,10 @@ def play_all(
     **options: Any,
 ) -> Record:
     """The same over any transport, the model as it is to be loaded; other ``options`` as for Link."""
-    config, stream, label = model.config, None if teach is None else Stream(model, scanned=True), teach or 0
+    config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
-    decided = _decided(model, recordings) if stream is None else _streamed(stream, recordings)
+    stream = None if config.is_image else Stream(model, scanned=True)
+    decided = _of_images(model, recordings) if stream is None else _streamed(stream, recordings)
     differences: list[Mismatch] = []
     compared = decisions = 0
     link = Link(transport, register_map(config), **options)
@@ -120,17 +120,15 @@ def play_all(
             differences.append(found)
         compared += scoreboard.compared.total()
         decisions += len(got.decisions)
-        if stream is not None and touches:
+        if stream is not None and teach is not None and touches:
             with contextlib.suppress(InputError):  # not whole
-                stream.teach(label)
-                link.write([(TeachRegister.TEACH, label)])
+                stream.teach(teach)
+                link.write([(TeachRegister.TEACH, teach)])
                 link.settle()
     held: Record = {"in_use": None, "taught_equal": True}
-    if stream is not None:
+    if stream is not None and (teach is not None or kept):
         assert isinstance(stream.model, IntegerModel)
-        model = stream.model
-    if stream is not None or kept:
-        held = _held(link, model, kept)
+        held = _held(link, stream.model, kept)
     wall_s = time.monotonic() - begin
     counts = {name: getattr(link, name) for name in ("repeated", "replayed", "unanswered", "damaged")}
     exact = not differences and compared > 0
@@ -177,15 +175,9 @@ def _streamed(stream: Stream, recordings: Recordings) -> Decided:
         yield rows, np.array([decision.frame for decision in decisions]), stream.touches
 
 
-def _decided(model: IntegerModel, recordings: Recordings) -> Decided:
+def _of_images(model: IntegerModel, recordings: Recordings) -> Decided:
     """Decisions of the integer model; an image is one touch, decided with its last row."""
-    if model.config.is_image:
-        rows, offsets = run_images(model, images_of(recordings)).streams["decision"]
-        frames = np.full(len(rows), model.config.image.height)
-        touches = np.ones(len(recordings), dtype=np.int64)
-    else:
-        trace = run(model, recordings)
-        (rows, offsets), frames = trace.streams["decision"], completing_frames(trace)
-        touches = np.bincount(trace.touches.recording, minlength=len(recordings))
-    for (low, high), begun in zip(pairwise(offsets), touches, strict=True):
-        yield rows[low:high], frames[low:high], int(begun)
+    rows = run_images(model, images_of(recordings)).streams["decision"][0].reshape(len(recordings), -1)
+    for row in rows:
+        each = row.reshape(-1, len(DECISION_FIELDS))
+        yield each, np.full(len(each), model.config.image.height), 1

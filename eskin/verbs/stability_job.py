@@ -108,12 +108,15 @@ def run(
     content = content_key(bench.model, recordings, code_version(*LEARNING), options, bench.real)
     keep = _Records(cache, content, Jobs(workers=workers, dask=asked.dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if asked.cosim else None
+
+    def records(modes: Sequence[Mode]) -> list[Record]:
+        golden = {mode.name: mode.name for mode in modes if not isinstance(mode.run, str)}
+        others = [mode for mode in modes if mode.name not in golden]
+        found = keep.results(judge_mode, golden, bench, "modes judged")
+        return found + [hardware.record(mode) for mode in others if hardware]
+
     judged = stability.run_modes(
-        bench,
-        names=asked.mode or None,
-        judged=lambda modes: keep.results(judge_mode, {name: name for name in modes}, bench, "modes judged"),
-        simulated=hardware.record if hardware else None,
-        progress=progress,
+        bench, names=asked.mode or None, judged=records, hardware=hardware is not None
     )
     if hardware:
         hardware.confirm(judged["modes"])

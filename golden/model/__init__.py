@@ -16,6 +16,6 @@ from eskin.golden.model.model import (
     real_by_input,
 )
 from eskin.golden.model.pipeline import Trace, decide_touches, float_features, run
-from eskin.golden.model.preprocess import Touches, find_onsets, find_touches, normalise, real_features
+from eskin.golden.model.preprocess import Touches, find_touches, normalise, real_features
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import completing_frames, write_image_vectors, write_vectors

@@ -12,14 +12,14 @@ from eskin.golden.core import AcceleratorConfig, Arrays, Conv, InputError, Pool,
 from eskin.golden.core.images import PIXEL_FORMAT, Stage
 from eskin.golden.data import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.pipeline import Stream, first_maximum
+from eskin.golden.model.pipeline import Decisions, Stream, first_maximum
 
 BATCH = 64
 """Images at a time: a batch's products stay within some 50 MB."""
 
 
 @dataclass(frozen=True)
-class ImageTrace:
+class ImageTrace(Decisions):
     """All values that a network computes from n images.
 
     decision (n): class. margin (n): largest minus second largest logit. logits (n, C): codes of
@@ -32,14 +32,6 @@ class ImageTrace:
     margin: np.ndarray
     logits: np.ndarray
     maps: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
-
-    def accuracy(self, labels: np.ndarray) -> float:
-        """Share of images decided as labelled."""
-        return float(np.mean(self.decision == labels))
-
-    def agreement(self, trace: ImageTrace) -> float:
-        """Share of images with the same decision in both traces."""
-        return float(np.mean(self.decision == trace.decision))
 
     @property
     def confident(self) -> np.ndarray:

@@ -142,13 +142,6 @@ class FloatModel:
         object.__setattr__(self, "arrays", checked)
 
     @property
-    def parameter_count(self) -> int:
-        """Trainable parameters; of images with those of the batch norm, which is folded in."""
-        if self.config.is_image:
-            return self.config.parameter_count
-        return sum(self.arrays[name].size for name in network_shapes(self.config, real=True))
-
-    @property
     def content(self) -> str:
         """Hash of everything that a result can depend on."""
         return _content(self)

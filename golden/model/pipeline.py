@@ -30,8 +30,22 @@ Stream = tuple[np.ndarray, np.ndarray]
 """(values, offsets): the values of stage s for recording i are ``values[offsets[i]:offsets[i+1]]``."""
 
 
+class Decisions:
+    """Decisions of recordings, or images, (R), -1 none."""
+
+    decision: np.ndarray
+
+    def accuracy(self, labels: np.ndarray) -> float:
+        """Share decided as labelled; no decision counts as wrong."""
+        return float(np.mean(self.decision == labels))
+
+    def agreement(self, other: Decisions) -> float:
+        """Share with the same decision in both; none in both is the same."""
+        return float(np.mean(self.decision == other.decision))
+
+
 @dataclass(frozen=True)
-class Trace:
+class Trace(Decisions):
     """All values that a model computes from a set of recordings; n touches of R recordings, K steps.
 
     touches: where they are, and their windowed sums. decision (R): global decision of the first touch, -1
@@ -100,14 +114,6 @@ class Trace:
         local = np.full((len(self.first), self.local.shape[1]), -1, dtype=np.int64)
         local[self.first >= 0] = self.local[self.first[self.first >= 0]]
         return local
-
-    def accuracy(self, labels: np.ndarray) -> float:
-        """Share of recordings decided as labelled; no decision counts as wrong."""
-        return float(np.mean(self.decision == labels))
-
-    def agreement(self, trace: Trace) -> float:
-        """Share of recordings with the same global decision in both traces; none in both is the same."""
-        return float(np.mean(self.decision == trace.decision))
 
 
 def first_maximum(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -110,7 +110,7 @@ def find_touches(
         in training). Neither the detector, ``partial`` nor the first ``config.windows.steps`` windows depend
         on it.
     onsets:
-        (R) the frame at which each recording's one touch is forced, as ``find_onsets`` gives it; -1 none. The
+        (R) the frame at which each recording's one touch is forced, -1 none. The
         rule is then not asked.
     progress:
         Called with (recordings done, recordings in all).
@@ -159,16 +159,6 @@ def find_touches(
         faults=faults,
         flagged=flagged if config.faults.fault_frames else None,
     )
-
-
-def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray:
-    """Onset frame of the first touch of each recording (1-based; 0 where the gate opens at once), -1 where
-    there is none."""
-    touches = find_touches(config, recordings, steps=0)
-    first = touches.first_touch()
-    onsets = np.full(touches.recordings, -1, dtype=np.int64)
-    onsets[first >= 0] = touches.onset_frame[first[first >= 0]]
-    return onsets
 
 
 def companded(values: np.ndarray, knee: int, frac: int) -> np.ndarray:

@@ -197,7 +197,7 @@ def parse(text: str) -> Group:
         group, name = stack[-1], statement["name"]
         if statement["close"]:
             if len(stack) == 1:
-                raise ValueError("a bracket is closed that was not opened")
+                raise ValueError("a closing bracket has no opening one")
             stack.pop()
         elif statement["arguments"] is not None:
             arguments = tuple(quoted or plain for quoted, plain in ARGUMENT.findall(statement["arguments"]))

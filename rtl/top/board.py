@@ -47,14 +47,13 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
     """Refuse (InputError) features that a board without a host cannot have."""
     if config.interface.converter.name == "none":
         raise InputError(
-            "--standalone: nothing delivers frames; add --converter NAME, or name one in the model's "
+            "--standalone: there is no source of frames; add --converter NAME, or name one in the model's "
             "config.json"
         )
     if config.opens_at_once:
         raise InputError(
-            f"configuration '{config.name}', field onset: is 'immediate', whose one touch begins when a "
-            "host arms it; "
-            "a board without a host needs 'band' or 'baseline'"
+            f"configuration '{config.name}', field onset: is 'immediate', which needs a host to arm it; without a host, "
+            "use 'band' or 'baseline'"
         )
 
 

@@ -8,7 +8,8 @@ import pytest
 from eskin.cosim import flow, runner
 from eskin.golden.model import run, write_vectors
 from eskin.rtl.fpga.generate import generate
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 
 COSIM = Path(flow.__file__).parent

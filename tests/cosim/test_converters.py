@@ -15,9 +15,10 @@ from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault, InputE
 from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.verbs.flow import BUILD, cosimulate
 from tests.support.array_touches import REST, touches
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 from tests.support.touch_cuts import beginnings

@@ -7,6 +7,7 @@ import random
 import numpy as np
 import pytest
 
+from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
 from eskin.golden.core import SimulationError
 from eskin.rtl.asic.liberty import WireLoad, read
@@ -44,27 +45,26 @@ def test_states_gates_and_what_changes_cost(tmp_path):
     change = np.zeros(chip.program.nets)
     change[[D, EN, A, B, X, L]] = 1, 1, 10, 100, 1000, 10000
     kinds = np.zeros(chip.program.nets, np.uint8), np.ones(1, np.uint8)
-    count = chip.count_into(joule, (change, kinds[0], np.array([5.0]), kinds[1], *NO_MACROS))
-    rng, a, b = random.Random(4), chip.get("a"), chip.get("b")
+    chip.count_into(joule, (change, kinds[0], np.array([5.0]), kinds[1], *NO_MACROS))
+    device = Device(chip)
+    rng, a, b = random.Random(4), device.get("a"), device.get("b")
     seen, opened = None, 0
     for cycle in range(200):
         d, en = rng.getrandbits(1), rng.getrandbits(1)
-        chip.put("d", d)
-        chip.put("en", en)
-        chip.settle()
-        chip.edge()
+        device.put("d", d)
+        device.put("en", en)
+        before = joule.copy()
+        device.cycle()
         if en:  # b takes what a was; the latch is open when a is new
             b, l = a ^ b, d
         a = d
         x = a ^ b
         now = {"a": a, "b": b} | ({"l": l} if opened or en else {})
-        assert {name: chip.get(name) for name in now} == now, cycle
+        assert {name: device.get(name) for name in now} == now, cycle
         if not opened and not en:
-            l = chip.get("l")
+            l = device.get("l")
         opened += en
         values = np.array([d, en, a, b, x, l])
-        before = joule.copy()
-        count()
         if seen is not None:
             assert joule[0] - before[0] == (values != seen) @ change[[D, EN, A, B, X, L]]
             assert joule[1] - before[1] == 5 * en
@@ -86,18 +86,22 @@ def test_a_flip_flop_with_an_enable_of_its_own(tmp_path, seen):
     ports = {
         name: {"direction": "input", "bits": [net]} for name, net in (("clk", CLK), ("d", D), ("en", EN))
     }
-    chip = Chip(
-        {"cells": of, "ports": ports | {"a": {"direction": "output", "bits": [A]}}}, cells, expression, seed=1
+    device = Device(
+        Chip(
+            {"cells": of, "ports": ports | {"a": {"direction": "output", "bits": [A]}}},
+            cells,
+            expression,
+            seed=1,
+        )
     )
     rng, state = random.Random(3), None
     for _ in range(100):
         d, en = rng.getrandbits(1), rng.getrandbits(1)
-        chip.put("d", d)
-        chip.put("en", en)
-        chip.settle()
-        chip.edge()
+        device.put("d", d)
+        device.put("en", en)
+        device.cycle()
         state = d if en else state
-        assert state is None or chip.get("a") == (state if seen == "Q" else 1 - state)
+        assert state is None or device.get("a") == (state if seen == "Q" else 1 - state)
 
 
 def glitching(tmp_path, first_s: float, second_s: float):
@@ -125,17 +129,14 @@ def test_a_pulse_counts_apart_unless_it_is_shorter_than_the_cell_is_slow(tmp_pat
     joule = np.zeros(2)
     change = np.zeros(chip.program.nets)
     change[X], change[A] = 1.0, 10.0
-    count = chip.count_into(
-        joule, (change, np.zeros(chip.program.nets), np.zeros(1), np.zeros(1), *NO_MACROS)
-    )
+    chip.count_into(joule, (change, np.zeros(chip.program.nets), np.zeros(1), np.zeros(1), *NO_MACROS))
+    device = Device(chip)
     rng, last, seen = random.Random(2), None, 0
     for cycle in range(100):
         d = rng.getrandbits(1)
-        chip.put("d", d)
-        chip.settle()
-        chip.edge()
-        count()
-        assert chip.get("x") == 0
+        device.put("d", d)
+        device.cycle()
+        assert device.get("x") == 0
         if cycle == 0:
             joule[:] = 0
         else:
@@ -153,8 +154,8 @@ def test_a_netlist_that_never_rests_is_an_error(tmp_path):
     ):
         module["cells"][name] = {"type": kind, "connections": pins}  # an open latch of its own opposite
     for delays in (False, True):
-        with pytest.raises(SimulationError, match="rest"):
-            Chip(module, cells, expression, seed=1, delays=delays).edge()
+        with pytest.raises(SimulationError, match="settle"):
+            Device(Chip(module, cells, expression, seed=1, delays=delays)).cycle()
 
 
 def test_costs_of_a_netlist(tmp_path):

@@ -6,16 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from eskin.data import load_recordings
-from eskin.golden.core import PRESETS
 from eskin.golden.model import run, write_vectors
 from eskin.golden.model.position import positions
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.top.board import Board
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from tests.support.link_flow import play_link
 from tests.support.noisy_port import NoisyPort
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -143,23 +142,3 @@ def test_a_thousand_corruptions(board):
 def test_a_model_of_someone_elses_at_the_pins(board):
     result = board(order=[2], model="cocotbext")
     assert not result["wrong"] and result["decisions"] and result["repeated"] == 0
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize(("preset", "folder"), [("pvdf", "pvdf_indent"), ("fabric", "fabric_slide")])
-def test_five_real_recordings(shared_data, tmp_path, preset, folder):
-    model = random_integer_model(PRESETS[preset], 3)
-    loaded = load_recordings(shared_data / folder / "recordings.npz")
-    play, trace = boarded(tmp_path, model, loaded.subset(loaded.evenly(5)))
-    assert (trace.first >= 0).all() and len({*trace.streams["decision"][0][:, 2].tolist()}) > 1
-    result = play()
-    assert (
-        not result["wrong"]
-        and result["decisions"] >= 5 * 21
-        and result["repeated"] == result["replayed"] == 0
-    )
-    print(
-        f"{trace.touches.recording.size} touches, {result['decisions']} decisions, {result['cycles']} "
-        f"cycles in {result['wall_s']:.0f} s"
-    )

@@ -5,7 +5,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from eskin.cosim.latency import Measured, budgets, needed_clock, step_limit_frames
+from eskin.cosim.latency import budgets, needed_clock, step_limit_frames
 from eskin.cosim.scoreboard import (
     DECISION_FIELDS,
     FLAT_STAGES,
@@ -176,14 +176,19 @@ def test_fault_flags_at_the_end(expected, flags, first, second, told):
         said.judged(expected, FLAGGED)
 
 
-def test_cycles_are_extremes_over_all_recordings(expected):
-    measured = Measured()
+def test_cycles_are_extremes_over_all_recordings(expected, said):
+    scoreboard = Scoreboard(CONFIG, expected)
     for recording, late in zip(recordings_of(expected), (9, 10), strict=True):
-        frames = recording["decision_frame"].tolist()
-        measured.steps([10, 12] if late == 9 else [11])
-        measured.decisions([20 * frame + late for frame in frames])
-        measured.end(frames, range(20, 20 * max(frames) + 1, 20))  # 0: no frame brings it
-    assert measured.counts == {"steps": 3, "decisions": 7, "step_min": 10, "step_max": 12, "latency_max": 10}
+        scoreboard.begin(recording)
+        frames = recording["decision_frame"]
+        scoreboard.check("step", np.array([10, 12] if late == 9 else [11]))
+        for stage in FLAT_STAGES:
+            scoreboard.check(stage, said[recording.number, stage])
+        scoreboard.check("decision", said[recording.number, "decision"], 20 * frames + late)
+        taken = range(20, 20 * int(max(frames)) + 1, 20)  # decision_frame 0: no frame brings it
+        scoreboard.end(said[recording.number, "end"], taken)
+    counts = {"steps": 3, "decisions": 7, "step_min": 10, "step_max": 12, "latency_max": 10}
+    assert scoreboard.counts == counts
 
 
 def test_step_limit_is_the_closest_pair_of_windows():

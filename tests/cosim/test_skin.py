@@ -25,10 +25,11 @@ from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.board import Board, refuse_standalone
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.verbs.build_job import BuildRequest, build
 from eskin.verbs.flow import BUILD
 from tests.support.link_flow import pack_decisions
+from tests.support.random_models import random_integer_model
 from tests.support.skin import Played, expected_electrodes, play
 from tests.support.stimulator import PLACES, table_frames
 from tests.support.touch_cuts import beginnings
@@ -344,8 +345,8 @@ def test_pins_and_wiring():
 
 
 def test_what_needs_a_host_is_refused():
-    with pytest.raises(InputError, match="nothing delivers frames; add --converter"):
+    with pytest.raises(InputError, match="there is no source of frames; add --converter"):
         refuse_standalone(CONFIG.replace(converter="none"))
     immediate = dict(onset="immediate", window_mode="free", window=50, pretrigger_frames=0)
-    with pytest.raises(InputError, match="needs 'band' or 'baseline'"):
+    with pytest.raises(InputError, match="use 'band' or 'baseline'"):
         refuse_standalone(CONFIG.replace(**immediate))

@@ -30,12 +30,12 @@ from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
 from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.teach.taught import load_taught
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import asic_job
 from eskin.verbs.replay_job import play_all
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.link_flow import TIMEOUT_BYTES
 from tests.support.pin_port import PinPort
+from tests.support.random_models import random_integer_model
 from tests.support.replayed import Recorded
 from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files

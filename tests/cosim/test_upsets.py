@@ -12,8 +12,8 @@ from eskin.golden.core import SimulationError
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Control, Fault, Register
 from eskin.rtl.top.watchdog import bound, longest_wait
-from eskin.training.made_up import random_integer_model
 from tests.rtl.top.test_accelerator import CONFIGS, recordings
+from tests.support.random_models import random_integer_model
 from tests.support.upset_design import PORTS, with_upsets
 
 BUILDS = Path("build/simulators")

@@ -9,8 +9,9 @@ import pytest
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, signed_bits
 from eskin.golden.model import Fixed, IntegerModel, run
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.verbs.flow import cosimulate
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 
 BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"

@@ -80,7 +80,7 @@ def test_what_is_kept_is_not_done_again(tmp_path):
 
 
 def test_a_worker_that_dies_is_told_in_a_sentence():
-    with pytest.raises(InputError, match="a worker process died"):
+    with pytest.raises(InputError, match="a worker process ended"):
         Jobs(workers=2).results(times, {"a": "die", "b": 1}, 7)
 
 
@@ -199,5 +199,5 @@ def test_workers_of_other_code_are_refused(scheduler, monkeypatch):
         calls.append(0)
         return str(len(calls))  # each call, here or there, another one
 
-    with pytest.raises(InputError, match="has other code or libraries than this machine"):
+    with pytest.raises(InputError, match="has code or libraries that differ from this machine"):
         Jobs(dask=scheduler, version=version).results(times, PIECES, 7)

@@ -11,8 +11,8 @@ import pytest
 from eskin import memo
 from eskin.golden.core import PRESETS, content_key
 from eskin.memo import Memo, code_version
-from eskin.training.made_up import random_integer_model
 from tests.support import result_case
+from tests.support.random_models import random_integer_model
 
 
 def test_a_key_tells_parts_apart(tmp_path):

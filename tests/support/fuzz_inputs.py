@@ -31,9 +31,10 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
 from eskin.teach.taught import save_taught
-from eskin.training.made_up import random_images, random_integer_model
+from eskin.training.made_up import random_images
 from tests.support import doors, result_case
 from tests.support.image_scenes import random_image_model
+from tests.support.random_models import random_integer_model
 from tests.support.watched import KEPT
 
 DIGITS = "9" * 5000

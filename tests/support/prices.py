@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from eskin.choose.cost import Cost, Market
+from eskin.choose.cost import Cost, CostModel
 from eskin.golden.core import AcceleratorConfig
 
 
@@ -19,7 +19,7 @@ def cost_by_size(config: AcceleratorConfig) -> Cost:
     )
 
 
-def priced(**changes: Any) -> Market:
-    """A market of `cost_by_size`, in which every board holds everything."""
+def priced(**changes: Any) -> CostModel:
+    """A prices of `cost_by_size`, in which every board holds everything."""
     options: dict[str, Any] = {"blocks_of": lambda config: 1, "fits": lambda config: True}
-    return Market(**{"cost_of": cost_by_size, "board": "icebreaker", **options, **changes})
+    return CostModel(**{"cost_of": cost_by_size, "board": "icebreaker", **options, **changes})

@@ -11,9 +11,10 @@ from eskin.golden.core import write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, network_shapes, pipeline
 from eskin.pages.report import write_trace
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.training.quantise import profile, range_records
 from eskin.training.times import step_times
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import TRACKED
 
 ROW_KEYS = set(

@@ -6,7 +6,7 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_onsets
+from eskin.training.derive import find_onsets
 
 
 def beginnings(

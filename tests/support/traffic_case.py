@@ -17,7 +17,8 @@ from eskin.golden.model import run as golden_run
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Control, Register
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 from tests.support.traffic import Script, beat, by_mark, changed, differences, initial_values, run, width_of
 

@@ -23,6 +23,7 @@ from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import Fixed, FloatModel, IntegerModel, Touches, pipeline, preprocess
 from eskin.training.datasets import scaling
+from eskin.training.derive import find_onsets
 
 GROUPS = ("numeric", "stream", "sensor", "memory")
 
@@ -158,7 +159,7 @@ class Scene:
         no onset is found."""
         if self.origin:
             return self.origin.onsets
-        return np.maximum(preprocess.find_onsets(self.config, self.clean), 1)
+        return np.maximum(find_onsets(self.config, self.clean), 1)
 
     @cached_property
     def sigma(self) -> float:

@@ -1,31 +1,18 @@
 """Failure modes of the memories, in the golden model: single bit flips in weights, tables, constants,
 configuration and state."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from eskin.golden.core import Arrays, InputError, QFormat
-from eskin.golden.model import Fixed, IntegerModel, network_formats, network_shapes, pipeline, run_cell
+from eskin.golden.model import Fixed, IntegerModel, network_formats, pipeline
 from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Curve, Outcome
-
-BATCH = 32
-"""Variants of the network that run at once."""
 
 Site = tuple[Any, int, int]
 """A bit: the array, the value's place in it (flat), the bit of the value."""
-
-
-def logits_of(model: IntegerModel, variants: Arrays, features: np.ndarray) -> np.ndarray:
-    """Logit codes (variants, n, K, C), int64: the network once for each variant of its arrays, name ->
-    (variants, *shape); arrays without a variant stay. The codes are not checked against their formats."""
-    count, names = len(next(iter(variants.values()))), network_shapes(model.config, real=False)
-    arrays = {name: np.broadcast_to(model.arrays[name], (count, *model.arrays[name].shape)) for name in names}
-    parameters = {name: array.astype(np.float64) for name, array in {**arrays, **variants}.items()}
-    return run_cell(Fixed(model.config), model.config, parameters, features.astype(np.float64))[1].astype(
-        np.int64
-    )
 
 
 def flipped(codes: np.ndarray, bit: int | np.ndarray, fmt: QFormat) -> np.ndarray:
@@ -64,141 +51,164 @@ def by_bit(sites: Iterable[Sequence[Any]], changed: Iterable[float]) -> Curve:
     return Curve("bit (0 = lowest)", "share of decisions changed", bits, lines)
 
 
+@dataclass(frozen=True)
+class Flips:
+    """Single bits inverted, one at a time, each a share of the decisions changed: their mean, or the worst.
+
+    Parameters
+    ----------
+    sites:
+        Every bit that may be hit; of ``bench.flips`` one in ``of`` are tried at most, at random.
+    decide:
+        Decisions with that bit inverted; with None undisturbed ones.
+    model:
+        The model with that bit inverted, for the hardware.
+    """
+
+    sites: Callable[[Bench], list[Site]]
+    decide: Callable[[Bench, Site | None], np.ndarray]
+    of: int = 1
+    worst: bool = False
+    model: Callable[[Bench, Site], IntegerModel] | None = None
+
+    def __call__(self, bench: Bench) -> Outcome:
+        sites, changed = bench.remember(replace(self, worst=False), lambda: self._tried(bench))
+        if not sites:
+            return Outcome(0.0, "no bit is among them")
+        name, place, bit = worst = sites[int(np.argmax(changed))]
+        words = (
+            f"{name}[{place}] bit {bit}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change "
+            "nothing"
+        )
+        few = bench.sample.clean
+        case = self.model and Case(few.subset(range(min(3, len(few)))), self.model(bench, worst))
+        return Outcome(
+            float(changed.max() if self.worst else changed.mean()), words, by_bit(sites, changed), case
+        )
+
+    def _tried(self, bench: Bench) -> tuple[list[Site], np.ndarray]:
+        sites, most = self.sites(bench), max(bench.flips // self.of, 16)
+        if len(sites) > most:
+            sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[:most])]
+        clean = self.decide(bench, None)
+        return sites, np.array([float(np.mean(self.decide(bench, site) != clean)) for site in sites])
+
+
 def _decisions(bench: Bench, logits: np.ndarray) -> np.ndarray:
     """Global decisions of a bench's touches by their logits."""
     return bench.parts.decide(bench.config, logits, bench.touches.completed)[2]
 
 
-def _changed(bench: Bench, logits: np.ndarray) -> float:
-    """Share of global decisions of the sample's touches that differ from the undisturbed ones."""
-    few = bench.sample
-    clean = few.remember("decisions", lambda: _decisions(few, few.forward(few.codes)[1]))
-    return float(np.mean(_decisions(few, logits) != clean))
-
-
 # ---------------------------------------------------------------------- words that stay
-def _weight_flips(bench: Bench) -> tuple[list[Site], np.ndarray, str, Case]:
-    """Every flip tried, the share of decisions it changes, the worst in words and for the hardware."""
-    formats, arrays, few = network_formats(bench.config), bench.model.arrays, bench.sample
-    sites = every_bit(arrays, formats)
-    if len(sites) > bench.flips:
-        sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[: bench.flips])]
-    changed: list[float] = []
-    for start in range(0, len(sites), BATCH):
-        batch = sites[start : start + BATCH]
-        variants = {
-            name: np.stack(
-                [
-                    upset(arrays[name], place, bit, formats[name]) if hit == name else arrays[name]
-                    for hit, place, bit in batch
-                ]
-            )
-            for name in dict.fromkeys(hit for hit, *_ in batch)
-        }
-        changed += [_changed(bench, logits) for logits in logits_of(bench.model, variants, few.codes)]
-    name, place, bit = sites[int(np.argmax(changed))]
-    model = IntegerModel(
-        bench.config, {**arrays, name: upset(arrays[name], place, bit, formats[name])}, bench.model.source
-    )
-    where = [int(index) for index in np.unravel_index(place, arrays[name].shape)]
-    return (
-        sites,
-        np.array(changed),
-        f"{name}{where} bit {bit}",
-        Case(few.clean.subset(range(min(3, len(few.clean)))), model),
-    )
+def _with_weight(bench: Bench, site: Site) -> IntegerModel:
+    name, place, bit = site
+    array = upset(bench.model.arrays[name], place, bit, network_formats(bench.config)[name])
+    return replace(bench.model, arrays={**bench.model.arrays, name: array})
 
 
-def weight_flips(bench: Bench) -> Outcome:
-    """Every bit of every weight and bias inverted, one at a time (at random where there are too many): mean
-    share of decisions changed."""
-    sites, changed, worst, case = bench.remember("weight flips", lambda: _weight_flips(bench))
-    words = f"{worst}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change nothing"
-    return Outcome(float(changed.mean()), words, by_bit(sites, changed), case)
+def _by_weight(bench: Bench, site: Site | None) -> np.ndarray:
+    few = bench.sample
+    model = _with_weight(bench, site) if site else bench.model
+    return _decisions(few, model.run(few.parts.arithmetic(few.config), few.codes)[1])
 
 
-def worst_flip(bench: Bench) -> Outcome:
-    """The same flips: the one that changes most decisions."""
-    sites, changed, worst, case = bench.remember("weight flips", lambda: _weight_flips(bench))
-    by_array: dict[str, float] = {}
-    for (name, *_), share in zip(sites, changed, strict=True):
-        by_array[name] = max(by_array.get(name, 0.0), float(share))
-    lines = {"worst flip of " + ", ".join(by_array): list(by_array.values())}
-    curve = Curve("array", "share of decisions changed", range(1, len(by_array) + 1), lines)
-    return Outcome(float(changed.max()), worst, curve, case)
+weight_flips = Flips(
+    lambda bench: every_bit(bench.model.arrays, network_formats(bench.config)), _by_weight, model=_with_weight
+)
 
 
-def table_flips(bench: Bench) -> Outcome:
-    """Bits of entries of both activation tables inverted, one at a time, at random: mean share of decisions
-    changed."""
-    formats, few = bench.config.formats, bench.sample
-    words = {"_sigmoid": QFormat(formats.gate_frac + 2, 0), "_tanh": formats.state_format}
-    widths = {"_sigmoid": formats.gate_frac + 1, "_tanh": formats.state_format.width}
-    entries = formats.table_entries
-    sites = [
-        (table, entry, bit) for table in words for entry in range(entries) for bit in range(widths[table])
+def _tables(bench: Bench) -> dict[str, tuple[QFormat, int]]:
+    """Format of each activation table's words, and bits that they have in memory."""
+    formats = bench.config.formats
+    return {
+        "sigmoid": (QFormat(formats.gate_frac + 2, 0), formats.gate_frac + 1),
+        "tanh": (formats.state_format, formats.state_format.width),
+    }
+
+
+def _table_bits(bench: Bench) -> list[Site]:
+    entries = range(bench.config.formats.table_entries)
+    return [
+        (table, entry, bit)
+        for table, (_, bits) in _tables(bench).items()
+        for entry in entries
+        for bit in range(bits)
     ]
-    order = bench.rng(10).permutation(len(sites))[: max(min(bench.flips // 8, len(sites)), 16)]
-    sites, changed = [sites[i] for i in np.sort(order)], []
-    for table, entry, bit in sites:
-        arithmetic = bench.parts.arithmetic(bench.config)
-        setattr(arithmetic, table, upset(getattr(arithmetic, table), entry, bit, words[table]))
-        changed.append(_changed(bench, few.forward(few.codes, arithmetic)[1]))
-    table, entry, bit = sites[int(np.argmax(changed))]
-    words_of = f"{table.strip('_')} entry {entry - entries // 2} bit {bit}: {max(changed):.3f}; {len(sites)} flips tried"
-    return Outcome(float(np.mean(changed)), words_of, by_bit(sites, changed))
 
 
-def constant_flips(bench: Bench) -> Outcome:
-    """Every bit of the normaliser's mean and scale inverted, one at a time: share of decisions changed. Small
-    flips move no input by more than a supply step does, root mean square."""
-    arrays, clean = bench.model.arrays, _decisions(bench, bench.forward(bench.codes)[1])
+def _by_table(bench: Bench, site: Site | None) -> np.ndarray:
+    few, arithmetic = bench.sample, bench.parts.arithmetic(bench.config)
+    if site:
+        name, entry, bit = site
+        table = upset(getattr(arithmetic, f"_{name}"), entry, bit, _tables(bench)[name][0])
+        setattr(arithmetic, f"_{name}", table)
+    return _decisions(few, few.forward(few.codes, arithmetic)[1])
+
+
+table_flips = Flips(_table_bits, _by_table, of=8)
+
+
+def _with_constant(bench: Bench, site: Site | None) -> np.ndarray:
+    """Feature codes."""
+    constants = dict(bench.model.arrays)
+    if site:
+        name, place, bit = site
+        fmt = bench.config.mean_format if name == "mean" else bench.config.scale_format
+        constants[name] = upset(constants[name], place, bit, fmt)
+    return pipeline.feature_codes(bench.model, bench.touches, bench.parts.normalise, constants)
+
+
+def _small_constant_bits(bench: Bench) -> list[Site]:
+    """Bits of mean and scale that move no input by more than a supply step does, root mean square."""
     formats = {"mean": bench.config.mean_format, "scale": bench.config.scale_format}
-    deviation = 2.0**bench.config.formats.feature_format.frac_bits
-    sites, moved, changed = every_bit(arrays, formats), [], []
-    for name, place, bit in sites:
-        constants = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
-        codes = pipeline.feature_codes(bench.model, bench.touches, bench.parts.normalise, constants)
-        moved.append(np.sqrt(np.square(codes - bench.codes).mean((0, 1))).max() / deviation)
-        changed.append(float(np.mean(_decisions(bench, bench.forward(codes)[1]) != clean)))
-    name, place, bit = sites[int(np.argmax(changed))]
-    small = np.array(changed)[np.array(moved) <= COMMON_OFFSET]
-    words = f"{len(small)} of {len(sites)} flips are small; over all {name}[{place}] bit {bit}: {max(changed):.3f}"
-    return Outcome(float(small.max(initial=0.0)), words, by_bit(sites, changed))
+    most = COMMON_OFFSET * 2.0**bench.config.formats.feature_format.frac_bits
+    return [
+        site
+        for site in every_bit(bench.model.arrays, formats)
+        if np.sqrt(np.square(_with_constant(bench, site) - bench.codes).mean((0, 1))).max() <= most
+    ]
 
 
-def register_flips(bench: Bench) -> Outcome:
-    """Every bit of onset threshold, band, clip, rearm count and mask inverted, one at a time, on the whole
-    front end: decisions changed."""
-    config = bench.config
-    few = bench.with_recordings(bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8))))
-    clean = few.decide(few.clean)
-    fields = {"rearm_frames": 16}
+constant_flips = Flips(
+    _small_constant_bits,
+    lambda bench, site: _decisions(bench, bench.forward(_with_constant(bench, site))[1]),
+    worst=True,
+)
+
+
+def _registers(bench: Bench) -> list[Site]:
+    """Bits of onset threshold, band, clip, rearm count and mask that the configuration does not refuse."""
+    config, bits = bench.config, {"rearm_frames": 16}
     if config.onset_rule.onset == "baseline":
-        fields["onset_threshold"] = 16
+        bits["onset_threshold"] = 16
     if config.onset_rule.onset == "band":
-        fields |= {"band_low": config.sensor.sample_bits, "band_high": config.sensor.sample_bits}
+        bits |= {"band_low": config.sensor.sample_bits, "band_high": config.sensor.sample_bits}
     if config.rest_level.clip:
-        fields["clip"] = 16
-    sites, shares = [], []
-    for name, width in fields.items():
-        for bit in range(width):
-            try:
-                wrong = few.changed({name: config.value(name) ^ (1 << bit)})
-            except InputError:  # a value the configuration refuses, as the register does
-                continue
-            sites.append((name, bit))
-            shares.append(float(np.mean(wrong.decide(few.clean) != clean)))
-    for taxel in range(config.sensor.taxels):
-        masks = set(config.sensor.masked_taxels) ^ {taxel}
-        sites.append(("mask", taxel))
-        shares.append(
-            float(np.mean(few.changed({"masked_taxels": tuple(sorted(masks))}).decide(few.clean) != clean))
-        )
-    changed = np.array(shares)
-    name, bit = sites[int(changed.argmax())]
-    words = f"{name} bit {bit}: {changed.max():.3f}; {len(sites)} flips of {', '.join(fields)} and mask"
-    return Outcome(float(changed.mean()), words, by_bit(sites, changed))
+        bits["clip"] = 16
+    sites: list[Site] = [(name, 0, bit) for name, width in bits.items() for bit in range(width)]
+    return [site for site in sites if _with_register(bench, site)] + [
+        ("masked_taxels", taxel, 0) for taxel in range(config.sensor.taxels)
+    ]
+
+
+def _with_register(bench: Bench, site: Site) -> Bench | None:
+    name, taxel, bit = site
+    if name == "masked_taxels":
+        return bench.changed({name: tuple(sorted({*bench.config.sensor.masked_taxels} ^ {taxel}))})
+    try:
+        return bench.changed({name: bench.config.value(name) ^ (1 << bit)})
+    except InputError:  # a value the configuration refuses, as the register does
+        return None
+
+
+def _by_register(bench: Bench, site: Site | None) -> np.ndarray:
+    clean = bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8)))
+    where = _with_register(bench, site) if site else bench
+    assert where is not None  # `_registers` has left it out
+    return where.decide(clean)
+
+
+register_flips = Flips(_registers, _by_register)
 
 
 # ---------------------------------------------------------------------- the state

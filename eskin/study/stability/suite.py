@@ -70,9 +70,8 @@ def run_modes(
     bench: Bench,
     *,
     names: Sequence[str] | None = None,
-    judged: Callable[[Sequence[str]], Sequence[Record]] | None = None,
-    simulated: Callable[[Mode], Record] | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    judged: Callable[[Sequence[Mode]], Sequence[Record]] | None = None,
+    hardware: bool = False,
 ) -> Record:
     """Run every mode that applies.
 
@@ -81,11 +80,9 @@ def run_modes(
     names:
         Only these modes.
     judged:
-        Names of modes -> their records; None: ``judge``, one after the other.
-    simulated:
-        A mode that only the hardware can show -> its record; None: no hardware.
-    progress:
-        Called with ("failure modes", done, in all).
+        Modes -> their records; None: ``judge``, one after the other.
+    hardware:
+        ``judged`` can run modes that only the hardware can show.
 
     Returns
     -------
@@ -100,30 +97,20 @@ def run_modes(
     for name in names or ():
         if name not in MODES:
             raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
-    requested = [MODES[name] for name in (MODES if names is None else names)]
 
     def absent(mode: Mode) -> str:
         """Why a mode does not apply; empty where it does."""
-        if isinstance(mode.run, str) and simulated is None:
+        if isinstance(mode.run, str) and not hardware:
             return "needs a co-simulation"
         return next((why for holds, why in map(NEEDS.__getitem__, mode.needs) if not holds(bench.config)), "")
 
-    reasons = {mode.name: absent(mode) for mode in requested}
-    ready = [mode for mode in requested if not reasons[mode.name]]
-    golden = [mode.name for mode in ready if not isinstance(mode.run, str)]
-    records = list(judged(golden) if judged else [judge(MODES[name], bench)[0] for name in golden])
-    waiting = len(ready) - len(golden)
-    if progress:
-        progress("failure modes", len(requested) - waiting, len(requested))
-    for mode in ready:
-        if isinstance(mode.run, str) and simulated:
-            records.append(simulated(mode))
-            waiting -= 1
-            if progress:
-                progress("failure modes", len(requested) - waiting, len(requested))
-    not_run = [
-        {"name": mode.name, "group": mode.group, "why": why}
-        for mode in requested
-        if (why := reasons[mode.name])
-    ]
-    return {"modes": records, "not_run": not_run, "weakest": [record["name"] for record in weakest(records)]}
+    reasons = {MODES[name]: absent(MODES[name]) for name in (MODES if names is None else names)}
+    ready = [mode for mode, why in reasons.items() if not why]
+    records = list(judged(ready) if judged else [judge(mode, bench)[0] for mode in ready])
+    return {
+        "modes": records,
+        "not_run": [
+            {"name": mode.name, "group": mode.group, "why": why} for mode, why in reasons.items() if why
+        ],
+        "weakest": [record["name"] for record in weakest(records)],
+    }

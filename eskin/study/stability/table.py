@@ -1,5 +1,7 @@
 """The failure modes, a row each: what is disturbed and how far, the bound and its reason."""
 
+from dataclasses import replace
+
 from eskin.study.stability import memory, numeric, sensor, stream
 from eskin.study.stability.core import COMMON_OFFSET, ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
 from eskin.study.stability.shapes import AGREED, AsInFloat, Experiment
@@ -19,11 +21,9 @@ QUIET, LOCAL = "share of quiet recordings with an onset", "share of local decisi
 TO_FAILURE = "touch lengths from the onset to the failure"
 OFFSET = "offset (standard deviations of the features)"
 AS_EVALUATE = "the level below which `eskin evaluate` refuses a quantised model"
-DETECTOR_IN_TIME = "the detector must find and mask it while the vote can still be saved"
-LIKE_A_DEAD_ONE = "once masked a stuck taxel is a dead one"
-NOT_FROM_A_TOUCH = (
-    "an offset that comes with the touch cannot be told from it: it may not cost more than the taxel itself"
-)
+DETECTOR_IN_TIME = "the detector must find and mask it in time for the vote"
+LIKE_A_DEAD_ONE = "a masked stuck taxel equals a dead one"
+NOT_FROM_A_TOUCH = "an offset at the onset looks like the touch: it may not cost more than the whole taxel"
 
 DEAD = Experiment(sensor.stuck("rest"), -0.1, BEGINS, TO_FAILURE, over="taxels")
 MASKED = Experiment(sensor.stuck("high"), -0.1, BEGINS, TO_FAILURE, over="taxels", masked=True)
@@ -33,22 +33,20 @@ MASKED = Experiment(sensor.stuck("high"), -0.1, BEGINS, TO_FAILURE, over="taxels
 MODES: dict[str, Mode] = {mode.name: mode for mode in (
     # numeric: rounding, saturation, bits
     Mode("numeric", "state error without reset", numeric.growth, "error at step t / error at step 20",
-        "a contracting cell forgets its roundings: an error that grows would make long touches "
-        "undecidable", at_most=2.0, needs=("state",)),
+        "the state must not accumulate rounding errors, or long touches fail", at_most=2.0, needs=("state",)),
     Mode("numeric", "weight bits",
         AsInFloat("weight_bits", "weight bits", (12, 8, 7, 6, 5, 4, 3, 2), lambda config: config.weight_bits),
         LOCAL, AS_EVALUATE,
-        "Local decisions of the integer network as it is, equal to the float network's; the curve: other "
-        "widths, post-training.", at_least=AGREED),
+        "Share of local decisions in which integer and float network agree. Curve: other widths, without retraining.", at_least=AGREED),
     Mode("numeric", "state bits",
         AsInFloat("state_bits", "state bits", (16, 14, 12, 10, 8, 7, 6),
             lambda config: config.formats.state_format.width),
-        LOCAL, AS_EVALUATE, "The same against the bits of the hidden state.", at_least=AGREED,
+        LOCAL, AS_EVALUATE, "The same for the bits of the hidden state.", at_least=AGREED,
         needs=("state",)),
     Mode("numeric", "feature bits",
         AsInFloat("feature_bits", "feature bits", (12, 10, 8, 7, 6, 5, 4),
             lambda config: config.formats.feature_format.width),
-        LOCAL, AS_EVALUATE, "The same against the bits of a feature.", at_least=AGREED),
+        LOCAL, AS_EVALUATE, "The same for the bits of a feature.", at_least=AGREED),
     Mode("numeric", "touches outside the profiled range", numeric.outside_range, LOCAL,
         "logits have room for twice the profiled range; a touch twice as strong must not depend on "
         "saturation", at_least=AGREED),
@@ -56,110 +54,103 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
     Mode("stream", "no touch",
         Experiment(stream.louder, 1.0, (1.0, 1.25, 1.5, 2.0, 3.0, 4.0), "noise and bursts / recorded",
             stream.stretches_and_frames, "quiet"),
-        QUIET, "a decision without a touch is an invention",
-        "The frames before each recording's touch alone, noise and motor bursts included: recordings in "
-        "which an onset is found.", at_most=0, needs=("onset",)),
+        QUIET, "without a touch there must be no decision",
+        "Only the frames before the touch, with noise and motor bursts: share of recordings with an onset.", at_most=0, needs=("onset",)),
     Mode("stream", "motor burst before the touch",
         Experiment(stream.burst, 1.5, (1.0, 1.5, 2.0, 3.0, 4.0, 6.0), "burst / recorded", "half as much again",
             early=True),
         "share of recordings with an onset a window early",
-        "a burst taken for the onset makes the touch fall out of its windows; half as much again is a "
-        "motor's ageing",
-        "Everything before the touch, bursts of the axis's motor included, times 1.5: onsets more than a window "
-        "earlier than recorded.", at_most=0.01, needs=("onset",)),
+        "a burst mistaken for the onset moves the windows off the touch; a motor that ages is half as loud again",
+        "All samples before the touch times 1.5, with motor bursts: share of onsets more than a window too "
+        "early.", at_most=0.01, needs=("onset",)),
     Mode("stream", "touch near the end of the stream",
         Experiment(stream.cut_short, 0.5, (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05), "share of the steps "
                                                                                     "there are",
             "half of the steps"), ACCURACY,
-        "half of the steps must do: a cut touch is decided by the steps it has, and flagged partial",
-        "Streams that end in the middle of the touch: the decision of the "
-        "completed steps. Curve: other shares of the steps.", at_least=ONE_TAXEL_WORST),
+        "half of the steps must be enough: a cut touch uses the steps it has and is flagged partial",
+        "The stream ends in the middle of the touch, and the completed steps decide. Curve: other shares of the "
+        "steps.", at_least=ONE_TAXEL_WORST),
     Mode("stream", "touch at frame 1",
         Experiment(stream.without_lead, 0, (400, 200, 128, 96, 64, 32, 0), "quiet frames before the onset",
             "none"), ACCURACY,
-        "an array that is switched on while held must not be worse off than one with a dead taxel",
-        "Streams that begin at the onset: the rest level settles within the touch. Curve: quiet frames "
-        "before the "
+        "an array that is touched at power-on must do no worse than one with a dead taxel",
+        "The stream begins at the onset, so the rest level settles within the touch. Curve: quiet frames before the "
         "onset.", at_least=ONE_TAXEL_WORST, needs=("onset",)),
-    Mode("stream", "two touches", stream.two_touches, "share of second touches decided as alone",
-        "a touch must not know what came before it: state and sums are cleared", at_least=0.98,
+    Mode("stream", "two touches", stream.two_touches, "share of second touches with an unchanged decision",
+        "an earlier touch must have no effect: state and sums are cleared", at_least=0.98,
         needs=("onset",)),
     Mode("stream", "a touch while one is decided",
         Experiment(stream.overlapped, 0.75, (0.9, 0.75, 0.6, 0.5, 0.4, 0.25), "where in the touch the second "
                                                                          "begins",
             "the last quarter"), ACCURACY,
-        "the vote of the first three quarters stands: what comes then must not change the decision of the "
-        "touch "
-        "before", "The movement of a recording of another class is added to the last quarter of "
-        "the touch: the first touch's decision.", at_least=harmless),
+        "the vote of the first three quarters must hold against a second touch", "A touch of another class is added "
+        "to the last quarter of the touch; the decision must be that of the first.", at_least=harmless),
     Mode("stream", "one-sample glitch before the touch",
         Experiment(stream.glitch, sensor.SPIKE_CODES, (30, 100, 300, 1000, sensor.SPIKE_CODES, 10000,
             30000), "height of the glitch (codes)", stream.stretches_and_frames, "quiet", log=True, sampled=True),
-        QUIET, "one sample is no touch",
-        "One sample of one taxel, each in turn, off by 3000 codes in the quiet frames before each touch: "
-        "onsets found.", at_most=0, needs=("onset",)),
+        QUIET, "a single sample is no touch",
+        "One sample of each taxel in turn is off by 3000 codes in the quiet frames before the touch: share with an "
+        "onset.", at_most=0, needs=("onset",)),
     Mode("stream", "slow ramp through the band",
         Experiment(stream.ramp, 1.0, (0.5, 1.0, 2.0, 4.0, 8.0, 16.0),
             "ramp (deviations of the features a second)", stream.ramp_in_codes, "quiet", log=True, sampled=True),
         QUIET,
-        "temperature and charge drift move the rest level; what takes a second for a touch's usual height"
-        " must not look like one",
-        "All taxels ramp by one standard deviation of the features a second before the touch: quiet "
-        "recordings with an onset.", at_most=0, needs=("onset",)),
+        "temperature and charge move the rest level; a rise to the usual height in a second must not look like a touch",
+        "All taxels rise by one standard deviation of the features per second before the touch: share with an "
+        "onset.", at_most=0, needs=("onset",)),
     Mode("stream", "drift of all taxels",
         Experiment(stream.drift, 0.25, (0.125, 0.25, 0.5, 1.0, 2.0),
             "drift in a touch (deviations of the features)", "a quarter of a deviation", log=True),
-        ACCURACY, "the rest level is frozen in a touch: what drifts in one touch must stay small beside its features",
-        "All taxels ramp through the whole recording by a quarter of the features' standard deviation in "
-        "a touch.", at_least=harmless),
+        ACCURACY, "the rest level is frozen during a touch, so drift within one touch must stay small",
+        "All taxels drift through the whole recording, by a quarter of the features' standard deviation per touch.", at_least=harmless),
     Mode("stream", "mains hum",
         Experiment(stream.hum, 2, (1, 2, 5, 10, 20, 50), "amplitude / noise at rest",
             lambda bench: f"twice the noise at rest of {bench.rest_noise:.2g} codes", log=True),
-        ACCURACY, "a window of several hum periods averages it away",
-        "50 Hz on all taxels, with twice the amplitude of the noise at rest.", at_least=harmless),
+        ACCURACY, "a window averages over several periods of the hum",
+        "A 50 Hz sine on all taxels, with twice the amplitude of the noise at rest.", at_least=harmless),
     Mode("stream", "frames lost",
         Experiment(stream.frames_lost, 0.01, (0.01, 0.03, 0.1, 0.2, 0.4), "share of frames lost",
             "one in a hundred", log=True),
-        ACCURACY, "a link that loses one frame in a hundred is a bad one",
-        "One frame in a hundred is missing, at random; the stream closes up.", at_least=harmless),
+        ACCURACY, "only a bad link loses one frame in a hundred",
+        "One frame in a hundred is missing at random, without a gap in the stream.", at_least=harmless),
     Mode("stream", "frames repeated",
         Experiment(stream.frames_repeated, 0.01, (0.01, 0.03, 0.1, 0.2, 0.4), "share of frames repeated",
             "one in a hundred", log=True),
-        ACCURACY, "a link that repeats one frame in a hundred is a bad one",
-        "One frame in a hundred comes twice, at random.", at_least=harmless),
+        ACCURACY, "only a bad link repeats one frame in a hundred",
+        "One frame in a hundred is repeated at random.", at_least=harmless),
     Mode("stream", "a gap in the touch",
         Experiment(stream.gap, 0.01, (0.01, 0.03, 0.1, 0.3), "gap / touch", "a hundredth of the touch", log=True),
         ACCURACY, "a retry of the link takes some milliseconds",
-        "A hundredth of a touch's frames is missing in one piece, at a random place in the touch.",
+        "A block of a hundredth of the touch's frames is missing at a random place in the touch.",
         at_least=harmless),
     Mode("stream", "wrong sample rate",
         Experiment(stream.rate_off, 0.05, (0.02, 0.05, 0.1, 0.2, 0.4), "error of the rate", over="ways"), ACCURACY,
         "an oscillator without a crystal is off by 5 %",
-        "The stream is sampled 5 % too fast and 5 % too slow: the worse accuracy.", at_least=harmless),
-    Mode("stream", "class without the touch", stream.without_touch, "share of recordings known",
-        "what knows the class without the touch knows it from the rest level, the onset's time or the length",
+        "The stream is sampled 5 % too fast and 5 % too slow; the lower accuracy counts.", at_least=harmless),
+    Mode("stream", "class without the touch", stream.without_touch, "share of recordings recognised",
+        "a class recognised without the touch comes from the rest level, the time of the onset or the length",
         at_most=lambda bench: bench.remember("leak", lambda: stream.leak_of(bench)).limit, needs=("onset",)),
     # sensor: taxels
     Mode("sensor", "one dead taxel, mean", DEAD.averaged, ACCURACY,
-        "one of many taxels fails sooner or later; the array must go on",
-        "Each taxel in turn rests without a sound from shortly before the touch on: mean over the taxels."
-        " Curve: when it dies.", at_least=ONE_TAXEL_MEAN),
-    Mode("sensor", "one dead taxel, worst", DEAD, ACCURACY, "no single taxel may carry the decision",
-        "The same, the taxel that is missed most.", at_least=ONE_TAXEL_WORST),
+        "one of many taxels fails sooner or later, and the array must still work",
+        "Each taxel in turn stays at its rest level from shortly before the touch: mean over the taxels. Curve: time "
+        "of the failure.", at_least=ONE_TAXEL_MEAN),
+    Mode("sensor", "one dead taxel, worst", DEAD, ACCURACY, "the decision must not depend on a single taxel",
+        "The same for the taxel whose loss costs most.", at_least=ONE_TAXEL_WORST),
     Mode("sensor", "one taxel stuck at full scale, masked, mean", MASKED.averaged, ACCURACY, LIKE_A_DEAD_ONE,
-        "Each taxel in turn at the highest code from shortly before the touch on, its mask bit set: mean "
-        "over the taxels.", at_least=ONE_TAXEL_MEAN),
+        "Each taxel in turn stays at the highest code from shortly before the touch, with its mask bit set: mean over "
+        "the taxels.", at_least=ONE_TAXEL_MEAN),
     Mode("sensor", "one taxel stuck at full scale, masked, worst", MASKED, ACCURACY, LIKE_A_DEAD_ONE,
-        "The same, the worst taxel.", at_least=ONE_TAXEL_WORST),
+        "The same for the worst taxel.", at_least=ONE_TAXEL_WORST),
     Mode("sensor", "one taxel stuck high from power-on",
         Experiment(sensor.stuck_from_start, 0, (0,), "from the first frame on", over="taxels"), ACCURACY,
         "a level that never moves is removed with the rest level or masked",
-        "Each taxel in turn at the highest code from the first frame on: the worst one.",
+        "Each taxel in turn stays at the highest code from the first frame: the worst one.",
         at_least=ONE_TAXEL_WORST),
     Mode("sensor", "one taxel sticks high in the touch",
         Experiment(sensor.stuck("high"), 0.25, BEGINS, TO_FAILURE, over="taxels"), ACCURACY, DETECTOR_IN_TIME,
-        "Each taxel in turn jumps to the highest code a quarter into the touch and stays: the worst one. "
-        "Curve: when it sticks.", at_least=ONE_TAXEL_WORST, needs=("detector",)),
+        "Each taxel in turn jumps to the highest code a quarter into the touch and stays: the worst one. Curve: time "
+        "of the failure.", at_least=ONE_TAXEL_WORST, needs=("detector",)),
     Mode("sensor", "one taxel sticks low in the touch",
         Experiment(sensor.stuck("low"), 0.25, BEGINS, TO_FAILURE, over="taxels"), ACCURACY, DETECTOR_IN_TIME,
         "Each taxel in turn falls to the lowest code a quarter into the touch and stays: the worst one.",
@@ -172,30 +163,30 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         at_least=ONE_TAXEL_WORST, needs=("detector",)),
     Mode("sensor", "one taxel sticks high before the touch",
         Experiment(sensor.stuck("high"), -0.2, (-0.05, -0.1, -0.2, -0.4), TO_FAILURE, over="taxels"), ACCURACY,
-        "a jump of one taxel is an onset to the rule: the touch it opens must not swallow the real one",
+        "the rule sees the jump of one taxel as an onset, which must not hide the real touch",
         "Each taxel in turn jumps to the highest code a fifth of a touch before the onset: the worst one;"
         " the first touch decides.", at_least=ONE_TAXEL_WORST, needs=("onset", "detector")),
     Mode("sensor", "two taxels dead", Experiment(sensor.dead_together, 2, (), "dead taxels", over="pairs", mean=True), ACCURACY,
-        "with two gone the array is less sharp, not broken",
+        "without two taxels the array must still work",
         "Every pair of taxels dead from shortly before the touch on: mean over the pairs. Curve: number "
         "of dead taxels.", at_least=TWO_TAXELS_MEAN),
     Mode("sensor", "one noisy taxel",
         Experiment(sensor.noisy, 3.0, (1, 2, 3, 5, 10, 20), "noise / rest noise", over="taxels", log=True), ACCURACY,
-        "a loose contact is several times noisier than the rest; the window mean must hold it",
+        "a loose contact is several times noisier than the rest, and the window mean must filter it",
         "White noise of three times its own rest noise on each taxel in turn: the worst one.",
         at_least=harmless),
     Mode("sensor", "gain of one taxel 20 % high",
         Experiment(sensor.gain_off, 0.2, (0.1, 0.2, 0.5, 1.0, 3.0), "gain error", over="taxels"), ACCURACY,
-        "taxels of one film differ by as much", "Each taxel in turn 20 % more sensitive: the worst one.",
+        "taxels of one film differ by as much", "Each taxel in turn is 20 % more sensitive: the worst one.",
         at_least=harmless),
     Mode("sensor", "gain of one taxel 20 % low",
         Experiment(sensor.gain_off, -0.2, (-0.1, -0.2, -0.4, -0.6, -0.8), "gain error", over="taxels"), ACCURACY,
         "taxels of one film differ by as much, and they age",
-        "Each taxel in turn 20 % less sensitive: the worst one.", at_least=harmless),
+        "Each taxel in turn is 20 % less sensitive: the worst one.", at_least=harmless),
     Mode("sensor", "gains of all taxels within 20 %",
         Experiment(sensor.gains, 0.2, (0.1, 0.2, 0.4, 0.6, 0.9), "largest gain error", "within 20 %"), ACCURACY,
-        "another film of the same make",
-        "Every taxel with a gain of its own, drawn within +-20 %, one draw a recording.", at_least=harmless),
+        "another film of the same type must work",
+        "Every taxel has a random gain error within +-20 %, drawn for each recording.", at_least=harmless),
     Mode("sensor", "offset of one taxel by one deviation up",
         Experiment(sensor.offset, 1.0, (0.25, 0.5, 1.0, 2.0, 4.0), OFFSET, over="taxels"), ACCURACY, NOT_FROM_A_TOUCH,
         "Each taxel in turn shifted up by one standard deviation of the features at the onset: the worst "
@@ -207,60 +198,64 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
     Mode("sensor", "offset of all taxels at the onset",
         Experiment(sensor.offset, COMMON_OFFSET, (0.125, 0.25, 0.5, 1.0, 2.0), OFFSET, "a quarter",
             log=True),
-        ACCURACY, "a supply step of a quarter of the features' deviation is seen by every taxel alike",
+        ACCURACY, "a supply step of a quarter of the features' deviation shifts every taxel alike",
         "All taxels shifted together by a quarter of the features' standard deviation at the onset.",
         at_least=harmless),
     Mode("sensor", "clipped signals",
         Experiment(sensor.clipped, 4.0, (8, 4, 2, 1, 0.5, 0.25), "limit (deviations of the features)",
             "four deviations", log=True),
         ACCURACY,
-        "an amplifier has room for four deviations of the features; what stays at a limit for a whole "
-        "block is masked as stuck",
+        "an amplifier passes four deviations of the features; a taxel at a limit for a whole block is masked as stuck",
         "Every taxel limited to four standard deviations of the features around its rest level.",
         at_least=ONE_TAXEL_WORST),
     Mode("sensor", "spikes",
         Experiment(sensor.spikes, 0.01, (0.003, 0.01, 0.03, 0.1, 0.3), "share of samples", "one in a hundred",
             log=True),
-        ACCURACY, "recordings hold spikes of a few samples; the clip and the window mean must hold them",
-        "One sample in a hundred of every taxel off by 3000 codes, either way, from the onset on.",
+        ACCURACY, "recordings contain spikes of a few samples; clip and window mean must filter them",
+        "One sample in a hundred of every taxel is off by 3000 codes, up or down, after the onset.",
         at_least=harmless),
     Mode("sensor", "two taxels exchanged",
-        Experiment(sensor.exchanged, 2, (), "taxels that changed places", over="pairs", mean=True), ACCURACY,
-        "nothing defends against a wiring mistake, which installation finds; at half of the decisions the"
-        " array is of no use",
-        "Every pair of taxels exchanged: mean over the pairs. Curve: taxels that changed places.",
+        Experiment(sensor.exchanged, 2, (), "exchanged taxels", over="pairs", mean=True), ACCURACY,
+        "no defence covers a wiring mistake, which installation finds; with half of the decisions wrong the array is useless",
+        "Every pair of taxels is exchanged: mean over the pairs. Curve: number of exchanged taxels.",
         at_least=EXCHANGED_MEAN),
     Mode("sensor", "failed taxels not found", sensor.missed, "share missed within two blocks",
-        "the detector judges whole blocks: a taxel that sticks is in one by the end of the next", at_most=0.0,
+        "the detector checks whole blocks, so a stuck taxel fills one by the end of the next", at_most=0.0,
         needs=("detector",)),
     Mode("sensor", "sound taxels masked", sensor.false_alarms, "share of recordings with a flag",
-        "a detector that masks what is sound does more harm than good", at_most=0.0, needs=("detector",)),
+        "a detector that masks sound taxels does more harm than good", at_most=0.0, needs=("detector",)),
     # memory: bits that turn over
     Mode("memory", "weight bit flips, mean", memory.weight_flips, CHANGED,
-        "until the checksum is read an upset should seldom change a decision", at_most=MEAN_CHANGED),
-    Mode("memory", "weight bit flips, the worst", memory.worst_flip, CHANGED,
-        "one upset must not turn most decisions before the checksum tells", at_most=0.5),
-    Mode("memory", "table bit flips", memory.table_flips, CHANGED, "one entry of many is seldom read",
+        "until the host reads the checksum, an upset should seldom change a decision",
+        "Bits of weights and biases inverted, one at a time: mean share of decisions changed.",
+        at_most=MEAN_CHANGED),
+    Mode("memory", "weight bit flips, the worst", replace(memory.weight_flips, worst=True), CHANGED,
+        "one upset must not change most decisions before the checksum reports it",
+        "Bits of weights and biases inverted, one at a time: the worst one.", at_most=0.5),
+    Mode("memory", "table bit flips", memory.table_flips, CHANGED, "one entry of many is rarely used",
+        "Bits of entries of both activation tables inverted, one at a time: mean share of decisions changed.",
         at_most=MEAN_CHANGED, needs=("state",)),
     Mode("memory", "normaliser constant bit flips", memory.constant_flips,
         "share of decisions changed by the worst small flip",
-        "what moves the features no more than a supply step must seldom change a decision; larger flips are "
-        "the checksum's", at_most=MEAN_CHANGED),
+        "a flip that moves features no more than a supply step must seldom change a decision; the checksum finds larger ones",
+        "Bits of the normaliser's mean and scale inverted, one at a time, if they move no input by more than a supply "
+        "step (RMS).", at_most=MEAN_CHANGED),
     Mode("memory", "configuration register bit flips", memory.register_flips,
         "share of decisions changed, mean",
-        "registers are under the checksum; until it is read most flips must leave most decisions alone",
+        "the checksum covers the registers; until the host reads it, few decisions may change",
+        "Every bit of onset threshold, band, clip, rearm count and mask inverted, one at a time, on the whole front end.",
         at_most=0.25),
     Mode("memory", "state bit flips", memory.state_flips, CHANGED,
-        "a contracting cell forgets an upset within steps, and the vote covers them", at_most=MEAN_CHANGED,
+        "a contracting cell forgets an upset within a few steps, and the vote covers these", at_most=MEAN_CHANGED,
         needs=("state",)),
     # what only the hardware can show, by its key (eskin/verbs/stability_job.py)
     Mode("stream", "stalls on both sides of the accelerator", "stalls", "values that differ",
         "a stream may pause at any cycle", at_most=0),
     Mode("memory", "weight write during a touch", "probe",
-        "values that differ, and a write that is not refused and flagged",
-        "a touch is decided by one set of weights", at_most=0, needs=("loadable",)),
+        "values that differ, or a write that is not refused and flagged",
+        "one touch must use one set of weights", at_most=0, needs=("loadable",)),
     Mode("stream", "reset at any cycle", "reset", "touches that differ afterwards",
-        "a reset leaves nothing behind", at_most=0),
+        "a reset clears everything", at_most=0),
 )}
 # fmt: on
 """Every mode by its name, in the order of the report."""

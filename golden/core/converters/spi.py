@@ -284,17 +284,10 @@ class Spi(OnSpi):
     zeros: Annotated[StrictInt, Ge(0)] = 0
 
     def chip(self) -> SpiChip:
+        own = {name: value for name, value in vars(self).items() if name in SpiChip.__dataclass_fields__}
         return SpiChip(
             bits=self.frame_bits,
-            channels=self.channels,
-            command=self.command,
-            channel_bit=self.channel_bit,
-            delay=self.delay,
-            code_bit=self.code_bit,
-            code_bits=self.code_bits,
-            tag_bit=self.tag_bit,
-            tag_bits=self.tag_bits,
-            zeros=self.zeros,
+            **own,
             sclk_hz=self.hz or USUAL_HZ,
             conversions_hz=math.inf,
             high_s=500e-9,

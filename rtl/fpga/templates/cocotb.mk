@@ -1,4 +1,5 @@
 # make SIM=icarus or make SIM=verilator, with Python's cocotb and numpy; the bench is test_accelerator.py.
+# For a Verilator whose --version is no number (some packages) add VLT_VERSION=5.048, say: cocotb asks for it.
 SIM ?= icarus
 TOPLEVEL_LANG = verilog
 VERILOG_SOURCES = $(CURDIR)/@MODULE@.sv

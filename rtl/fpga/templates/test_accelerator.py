@@ -13,21 +13,19 @@ from pathlib import Path
 import cocotb
 import numpy as np
 from cocotb.clock import Clock
-from cocotb.triggers import FallingEdge, ReadOnly, RisingEdge, SimTimeoutError, with_timeout
+from cocotb.triggers import FallingEdge, ReadOnly, RisingEdge
 
 FOLDER = Path(__file__).parent
-CONFIG = json.loads((FOLDER / "config.json").read_text())
-REGISTERS = json.loads((FOLDER / "registers.json").read_text())
-BITS = CONFIG["sensor"]["sample_bits"]
-ENDS = ("valid", "value")
-PATIENCE_US = 10_000  # a million cycles
+CONFIG, REGISTERS = (json.loads((FOLDER / f"{name}.json").read_text()) for name in ("config", "registers"))
+PATIENCE = 1_000_000  # cycles
 
 
 class StageMonitor:
     """Compares the values of one stage as they come."""
 
-    def __init__(self, clk, stage, valid, value, expected):
-        self.clk, self.valid, self.value = clk, valid, value
+    def __init__(self, dut, stage, expected):
+        begin, end = ("o__", "payload") if stage == "decision" else (f"probe__{stage}__", "value")
+        self.clk, self.valid, self.value = dut.clk, getattr(dut, f"{begin}valid"), getattr(dut, begin + end)
         self.stage, self.expected, self.seen = stage, expected, 0
 
     async def run(self):
@@ -35,56 +33,47 @@ class StageMonitor:
             if not int(self.valid.value):
                 await RisingEdge(self.valid)
             await RisingEdge(self.clk)
-            if not int(self.valid.value):
-                continue
-            where = f"stage {self.stage}, index {self.seen}"
-            assert self.seen < len(self.expected), f"{where}: one too many"
-            want, got = int(self.expected[self.seen]), self.value.value.to_signed()
-            assert got == want, f"{where}: expected {want}, got {got}"
-            self.seen += 1
+            if int(self.valid.value):
+                want = int(self.expected[self.seen]) if self.seen < len(self.expected) else "nothing more"
+                got = self.value.value.to_signed()
+                assert got == want, f"stage {self.stage}, index {self.seen}: expected {want}, got {got}"
+                self.seen += 1
 
 
-class Driver:
-    """The register bus and the stream of frames, driven at falling edges."""
-
-    def __init__(self, dut):
-        self.dut = dut
-
-    async def reset(self):
-        dut = self.dut
-        dut.rst.value, dut.o__ready.value = 1, 1
-        dut.i__valid.value = dut.bus__w_stb.value = dut.bus__r_stb.value = 0
-        for _ in range(4):
-            await FallingEdge(dut.clk)
-        dut.rst.value = 0
-
-    async def write(self, address, word):
-        dut = self.dut
-        dut.bus__addr.value, dut.bus__w_data.value, dut.bus__w_stb.value = address, word, 1
+async def until(dut, holds, fails):
+    for _ in range(PATIENCE):
+        if holds():
+            return
         await FallingEdge(dut.clk)
-        dut.bus__w_stb.value = 0
+    raise AssertionError(fails)
 
-    async def command(self, name):
-        await self.write(REGISTERS["registers"]["CONTROL"], REGISTERS["bits"]["CONTROL"][name])
-        await self.idle()
 
-    async def send(self, frame):
-        dut, last = self.dut, len(frame) - 1
-        for taxel, code in enumerate(frame):
-            sample = int(code) & (1 << BITS) - 1
-            dut.i__payload.value = sample | (taxel == 0) << BITS | (taxel == last) << BITS + 1
-            dut.i__valid.value = 1
-            await ReadOnly()
-            while not int(dut.i__ready.value):
-                await FallingEdge(dut.clk)
-            await FallingEdge(dut.clk)  # it was taken at the rising edge in between
-        dut.i__valid.value = 0
+async def idle(dut):
+    for _ in range(8):
+        await FallingEdge(dut.clk)
+        await until(dut, lambda: not int(dut.busy.value) and not int(dut.o__valid.value), "it stays busy")
 
-    async def idle(self):
-        quiet = 0
-        while quiet < 8:
-            await FallingEdge(self.dut.clk)
-            quiet = 0 if int(self.dut.busy.value) or int(self.dut.o__valid.value) else quiet + 1
+
+async def write(dut, address, word):
+    dut.bus__addr.value, dut.bus__w_data.value, dut.bus__w_stb.value = address, word, 1
+    await FallingEdge(dut.clk)
+    dut.bus__w_stb.value = 0
+
+
+async def command(dut, name):
+    await write(dut, REGISTERS["registers"]["CONTROL"], REGISTERS["bits"]["CONTROL"][name])
+    await idle(dut)
+
+
+async def send(dut, frame):
+    bits = CONFIG["sensor"]["sample_bits"]
+    for taxel, code in enumerate(frame.tolist()):
+        marks = (taxel == 0) << bits | (taxel == len(frame) - 1) << bits + 1
+        dut.i__payload.value, dut.i__valid.value = code & (1 << bits) - 1 | marks, 1
+        await ReadOnly()
+        await until(dut, lambda: int(dut.i__ready.value), "a number is not taken")
+        await FallingEdge(dut.clk)  # it was taken at the rising edge in between
+    dut.i__valid.value = 0
 
 
 @cocotb.test()
@@ -92,28 +81,23 @@ async def recording(dut):
     """Load the model, play the recording, and see all that the golden model sees."""
     with np.load(FOLDER / "vectors.npz") as archive:
         vectors = dict(archive)
-    frames, driver = vectors.pop("samples"), Driver(dut)
+    frames = vectors.pop("samples")
     Clock(dut.clk, 10, unit="ns").start()
-    await driver.reset()
-    monitors = []
-    for stage, expected in vectors.items():
-        ports = (
-            ("o__valid", "o__payload") if stage == "decision" else (f"probe__{stage}__{end}" for end in ENDS)
-        )
-        valid, value = (getattr(dut, port) for port in ports)
-        monitors.append(StageMonitor(dut.clk, stage, valid, value, expected))
+    dut.rst.value, dut.o__ready.value = 1, 1
+    dut.i__valid.value = dut.bus__w_stb.value = dut.bus__r_stb.value = 0
+    for _ in range(4):
+        await FallingEdge(dut.clk)
+    dut.rst.value = 0
+    monitors = [StageMonitor(dut, stage, expected) for stage, expected in vectors.items()]
     for monitor in monitors:
         cocotb.start_soon(monitor.run())
     for line in (FOLDER / "load.hex").read_text().split():
-        await driver.write(*divmod(int(line, 16), 1 << 16))
-    await driver.command("ARM")
-    for number, frame in enumerate(frames):
-        try:
-            await with_timeout(driver.send(frame), PATIENCE_US, "us")
-        except SimTimeoutError:
-            raise AssertionError(f"frame {number} is not taken") from None
-    await with_timeout(driver.idle(), PATIENCE_US, "us")
-    await with_timeout(driver.command("FINISH"), PATIENCE_US, "us")
+        await write(dut, *divmod(int(line, 16), 1 << 16))
+    await command(dut, "ARM")
+    for frame in frames:
+        await send(dut, frame)
+    await idle(dut)
+    await command(dut, "FINISH")
     for monitor in monitors:
         missing = len(monitor.expected) - monitor.seen
         assert not missing, f"stage {monitor.stage}: {missing} values are missing"

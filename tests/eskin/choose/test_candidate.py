@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import Candidate, Judged, choose
+from eskin.choose.candidate import Candidate, ScoredCandidate, choose
 from eskin.choose.cost import Cost
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.training.formats import with_network
@@ -29,13 +29,13 @@ CONFIG = AcceleratorConfig.of(
 )
 
 
-def judged(cell: str, hidden: int | None, right: int, of: int = 100, won: int = 0) -> Judged:
+def judged(cell: str, hidden: int | None, right: int, of: int = 100, won: int = 0) -> ScoredCandidate:
     """``right`` of the first in all; ``won`` of these that one which is right on the first 90 is not."""
     correct = np.zeros(of)
     correct[:right] = 1.0
     correct = np.roll(correct, 90 - right + won) if won else correct
     config = with_network(CONFIG, cell=cell, hidden=hidden)
-    return Judged(Candidate(CONFIG, config, RECIPES["contact"]), correct)
+    return ScoredCandidate(Candidate(CONFIG, config, RECIPES["contact"]), correct)
 
 
 @each_row(
@@ -67,8 +67,8 @@ def test_what_is_least_is_what_is_preferred_and_the_board_has_the_say():
         large.config: Cost(energy_touch_j=2.0, cells=20, latency_s=3.0, touch_s=0.5, average_w=0.0),
     }
     for prefer, expected in {"energy": small, "cells": large, "latency": linear}.items():
-        market = priced(cost_of=rows.__getitem__, prefer=prefer)
-        assert choose([linear, small, large], market) is expected, prefer
+        prices = priced(cost_of=rows.__getitem__, prefer=prefer)
+        assert choose([linear, small, large], prices) is expected, prefer
     only = {"cost_of": rows.__getitem__, "fits": lambda config: config == linear.config}
     assert choose([linear, small, large], priced(**only)) is linear
     nothing = {"cost_of": rows.__getitem__, "fits": lambda config: False}
@@ -79,7 +79,7 @@ def test_a_named_board_has_to_hold_the_best_too():
     best, smaller = judged("gru", 12, 99), judged("gru", 4, 80)
     named = priced(named=True, fits=lambda config: config.network.hidden == 4)
     assert choose([best, smaller], named) is smaller
-    with pytest.raises(InputError, match="--fits icebreaker: holds none of the 2 candidates"):
+    with pytest.raises(InputError, match="--fits icebreaker: is too small for all 2 candidates"):
         choose([best, smaller], priced(named=True, fits=lambda config: False))
 
 

@@ -9,12 +9,12 @@ import pytest
 
 from eskin.choose import choice as choosing
 from eskin.choose.choice import choose_inside, configure, inner_folds, train_chosen, unseen
-from eskin.choose.networks import Wish
+from eskin.choose.networks import SearchOptions
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
 from eskin.training import train
-from eskin.training.crossval import Terms
+from eskin.training.crossval import CrossValidationSettings
 from eskin.training.datasets import Datasets
 from eskin.training.integers import quantise
 from eskin.training.splits import split_folds
@@ -119,21 +119,26 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
 
 # ---------------------------------------------------------------------- folds that chose nothing
 @pytest.mark.parametrize(
-    "wish",
+    "options",
     [
-        Wish(cell="linear"),
-        *(pytest.param(wish, marks=pytest.mark.slow) for wish in (Wish(cell="gru"), Wish(open=True))),
+        SearchOptions(cell="linear"),
+        *(
+            pytest.param(options, marks=pytest.mark.slow)
+            for options in (SearchOptions(cell="gru"), SearchOptions(open=True))
+        ),
     ],
 )
-def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, wish):
+def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, options):
     """Front end and network of every fold stay as they are when the fold's labels change."""
 
     def chosen(recordings):
         plan = configure(recordings, None, priced())
-        terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
+        settings = CrossValidationSettings(
+            recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0]
+        )
         tests = split_folds(recordings, ["person"], 5, None)
         parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-        return choose_inside(plan, terms, wish, parts), tests
+        return choose_inside(plan, settings, options, parts), tests
 
     before, tests = chosen(gripped)
     for fold, test in list(enumerate(tests))[:2]:
@@ -168,16 +173,18 @@ def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
 
 def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypatch):
     """The candidate of each fold is trained on the rest and judged on the fold."""
-    terms = Terms(recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1])
+    settings = CrossValidationSettings(
+        recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1]
+    )
     plan, played = configure(gripped, CONFIG, priced()), []
 
     def judged(datasets, pieces, *rest):
         played.append(pieces)
-        return judge_pieces(datasets, pieces, *rest)
+        return judge_folds(datasets, pieces, *rest)
 
-    judge_pieces = choosing.judge_pieces
-    monkeypatch.setattr(choosing, "judge_pieces", judged)
-    record = unseen(plan, terms, Wish(cell="linear"), ["person"])
+    judge_folds = choosing.judge_folds
+    monkeypatch.setattr(choosing, "judge_folds", judged)
+    record = unseen(plan, settings, SearchOptions(cell="linear"), ["person"])
     tests = split_folds(gripped, ["person"], 5, None)
     (pieces,) = played
     assert len(pieces) == 2 * len(tests)

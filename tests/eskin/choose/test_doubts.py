@@ -37,7 +37,6 @@ def baseline(
 
 
 VECTORS, WHOLE = "RBF-SVM on the same features", "linear classifier on whole recordings"
-FOREST = "random forest on statistics of whole recordings"
 
 
 LINEAR = {"cell": "linear", "hidden": 0, "accuracy": 0.9}

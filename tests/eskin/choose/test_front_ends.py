@@ -5,11 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from eskin.choose.candidate import Candidate, Judged, choose
+from eskin.choose.candidate import Candidate, ScoredCandidate, choose
 from eskin.choose.choice import choose_front_end, choose_split, inner_folds, search_inside
 from eskin.choose.doubts import still_climbing
 from eskin.choose.first_touches import cut_windows, first_touches
-from eskin.choose.front_ends import PENALTIES, FrontEnds, Judge, Screen, _fewer_scans, blocked_ridge, listed
+from eskin.choose.front_ends import (
+    PENALTIES,
+    FrontEnds,
+    FrontEndScorer,
+    Screen,
+    _fewer_scans,
+    blocked_ridge,
+    listed,
+)
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
@@ -156,10 +164,10 @@ def test_missed_touches_count_as_wrong_and_a_gate_that_finds_nothing_decides_not
     assert nothing.missed == 48 and nothing.accuracy == 0
 
 
-def judged(right: int, of: int = 100, **changes) -> Judged:
+def judged(right: int, of: int = 100, **changes) -> ScoredCandidate:
     correct = np.zeros(of, dtype=bool)
     correct[:right] = True
-    return Judged(Candidate.screened(BASE.replace(**changes)), correct)
+    return ScoredCandidate(Candidate.screened(BASE.replace(**changes)), correct)
 
 
 def test_networks_are_tried_on_the_best_and_the_cheapest_of_fewer_kinds_and_the_best_of_other_gates():
@@ -189,7 +197,7 @@ def test_a_part_is_searched_as_if_it_were_all_there_is():
     front_ends, folds = FrontEnds(recordings), inner_folds(recordings, ["day"])
     for config in (BASE, inside.taken):
         of_all = front_ends.screen.judged(config, folds)
-        of_part = Judge(front_ends, front_ends.part(np.arange(len(recordings))), folds)(config)
+        of_part = FrontEndScorer(front_ends, front_ends.part(np.arange(len(recordings))), folds)(config)
         assert (of_part.correct == of_all.correct).all() and of_part.missed == of_all.missed
 
 
@@ -205,8 +213,8 @@ def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
     )
     assert chosen["accuracy"] > 0.9 and without < chosen["accuracy"] - 0.3
     (doubt,) = front_end.doubts
-    assert doubt["code"] == "level_tells" and "level of the first 13 frames alone tells" in doubt["text"]
-    assert f"takes this level off decides {100 * without:.1f} %" in doubt["text"]
+    assert doubt["code"] == "level_tells" and "level of the first 13 frames alone reveals" in doubt["text"]
+    assert f"removes this level classifies {100 * without:.1f} %" in doubt["text"]
 
 
 def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():

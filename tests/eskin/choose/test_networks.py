@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import Judged
+from eskin.choose.candidate import ScoredCandidate
 from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
     FITS,
@@ -14,13 +14,13 @@ from eskin.choose.networks import (
     STURDY,
     Effort,
     Part,
-    Wish,
+    SearchOptions,
     goes_on,
     network_choice,
     side_by_side,
 )
 from eskin.golden.core import InputError
-from eskin.training.crossval import Terms
+from eskin.training.crossval import CrossValidationSettings
 from eskin.training.datasets import Datasets
 from eskin.training.recipe import AS_RECORDED
 from tests.eskin.choose.test_candidate import CONFIG, judged
@@ -39,14 +39,14 @@ TOUCHED = CONFIG.replace(
 )
 
 
-OPEN, WHOLE = Wish(open=True), Effort(seeds=3)
+OPEN, WHOLE = SearchOptions(open=True), Effort(seeds=3)
 
 
-def played(front_ends, right, wish=OPEN, effort=WHOLE, of=400, **market):
+def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **prices):
     """What a choice asks for, (cell or units, steps, recipe, share, other seeds), where a candidate is right
     on ``right(candidate)`` of 400 recordings; and the candidate taken."""
     choice, asked = (
-        network_choice(Listed(front_ends[0], tuple(front_ends)), wish, priced(**market), effort),
+        network_choice(Listed(front_ends[0], tuple(front_ends)), options, priced(**prices), effort),
         [],
     )
     try:
@@ -58,7 +58,7 @@ def played(front_ends, right, wish=OPEN, effort=WHOLE, of=400, **market):
                 steps, recipe = one.config.windows.steps, one.recipe.name
                 asked.append((units, steps, recipe, wanted.share, wanted.other_seeds))
                 correct = (np.arange(of) < right(one)).astype(float)
-                answers.append(Judged(one, correct, runs=(None,)))  # type: ignore[arg-type]
+                answers.append(ScoredCandidate(one, correct, runs=(None,)))  # type: ignore[arg-type]
             wanted = choice.send(answers)
     except StopIteration as end:
         return asked, *end.value
@@ -111,10 +111,10 @@ def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_ch
     assert [(units, steps) for units, steps, _, share, _ in asked if share == 2] == [(12, 6), (12, 8)]
     units = [(units, steps) for units, steps, _, share, more in asked if share == 1 and not more]
     assert units[-3:] == [(4, 8), (8, 8), (12, 8)] and taken.front_end == DEAR
-    fixed, taken, tried = played([CONFIG, DEAR], better, Wish(cell="gru", hidden=5))
+    fixed, taken, tried = played([CONFIG, DEAR], better, SearchOptions(cell="gru", hidden=5))
     assert [(units, steps, share) for units, steps, _, share, _ in fixed] == [(5, 6, 2), (5, 8, 2)]
     assert taken.front_end == DEAR and not tried
-    assert played([CONFIG, DEAR], better, Wish(cell="linear"))[0] == []
+    assert played([CONFIG, DEAR], better, SearchOptions(cell="linear"))[0] == []
 
 
 def test_inside_folds_a_choice_is_short():
@@ -136,7 +136,7 @@ def test_what_does_not_fit_a_named_board_is_not_judged():
     with pytest.raises(InputError, match="no network of the candidates fits it and the board icebreaker"):
         played([CONFIG], lambda one: 360, **nothing)
     with pytest.raises(InputError, match="--fits icebreaker: does not hold gru"):
-        played([CONFIG], lambda one: 360, Wish(cell="gru"), **nothing)
+        played([CONFIG], lambda one: 360, SearchOptions(cell="gru"), **nothing)
 
 
 @each_row(
@@ -161,11 +161,13 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
     held = [
         Part(part, [part[persons[part] == value] for value in np.unique(persons[part])]) for part in parts
     ]
-    terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
-    start = lambda: network_choice(Listed(DEAR, (CONFIG, DEAR)), Wish(open=True), priced(), INSIDE)
-    both = side_by_side([start(), start()], held, terms)
+    settings = CrossValidationSettings(
+        recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0]
+    )
+    start = lambda: network_choice(Listed(DEAR, (CONFIG, DEAR)), SearchOptions(open=True), priced(), INSIDE)
+    both = side_by_side([start(), start()], held, settings)
     for part, (taken, tried) in zip(held, both, strict=True):
-        ((alone, tried_alone),) = side_by_side([start()], [part], terms)
+        ((alone, tried_alone),) = side_by_side([start()], [part], settings)
         assert alone == taken and [one.candidate for one in tried] == [one.candidate for one in tried_alone]
         for one, other in zip(tried, tried_alone, strict=True):
             assert len(one.correct) == len(part.rows)

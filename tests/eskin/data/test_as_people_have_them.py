@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import eskin
 from eskin.data import Reading, load_recordings
@@ -119,13 +118,6 @@ def test_with_columns_no_other_is_read(tmp_path, cell):
     assert np.array_equal(recordings.recording(1), CODES[1])
     # what a name says to be a group stays one, where it has a value everywhere
     assert {*recordings.groups} == {"recording", *(() if cell in ("", "nan") else ("person",))}
-
-
-def test_a_picture_beside_a_table_is_no_image_set(tmp_path):
-    made = folder(tmp_path, lambda index: "\n".join(["a,b,c", *rows(index)]))
-    Image.new("L", (8, 8)).save(made / "a" / "plot.png")
-    recordings = load_recordings(made, reading=AT)
-    assert recordings.image_shape is None and any("1 files" in note for note in recordings.notes)
 
 
 @pytest.fixture

@@ -67,7 +67,7 @@ def test_hdf5_that_says_its_classes_in_attributes(tmp_path, known):
     with h5py.File(tmp_path / "a.hdf5", "a") as file:
         for table in file.values():
             table.attrs["texture"] = "dry"
-    with pytest.raises(InputError, match="material and texture may say the class; name it with --class"):
+    with pytest.raises(InputError, match="material and texture may name the class; choose one with --class"):
         load_recordings(tmp_path / "a.hdf5")
 
 
@@ -102,10 +102,11 @@ def test_a_bag_with_classes_by_topic_and_by_times(tmp_path, known, kind, plugin)
         check(load_recordings(source, reading=Reading(label="/touched")), known, groups=False)
         check(load_recordings(source, reading=Reading(labels=tmp_path / "times.csv")), known)
     with pytest.raises(
-        InputError, match="no column or attribute that says the class .* --class, of a log also with --labels"
+        InputError,
+        match="no column or attribute that names the class .* --class, of a log also with --labels",
     ):
         load_recordings(source)
-    with pytest.raises(InputError, match=r"--samples /x: is no topic; there are /skin"):
+    with pytest.raises(InputError, match=r"--samples /x: is no topic of this log; choose one of /skin"):
         load_recordings(source, reading=Reading(label="/touched", samples="/x"))
 
 

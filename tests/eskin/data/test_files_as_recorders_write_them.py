@@ -43,20 +43,6 @@ def check(recordings, taxels=3, signals=SIGNALS, tolerance=1e-3):
 
 
 # ---------------------------------------------------------------------- .lvm
-@each_row(
-    ("form", "reading"),
-    [
-        (dict(clocks="Multi"), Reading()),
-        (dict(clocks="Multi", comma=True), Reading()),
-        (dict(clocks="No"), Reading()),
-        (dict(clocks="No", comma=True), Reading()),
-        (dict(), Reading(columns=("2-4",))),
-        (dict(clocks="No", step=""), Reading(rate_hz=100)),
-    ],
-)
-def test_lvm(tmp_path, form, reading):
-    write = lambda path, number: path.write_text(doors.lvm([SIGNALS[number]], **form))
-    check(load_recordings(files(tmp_path, ".lvm", write), reading=reading))
 
 
 @each_row(("clocks", "runs_on"), [("One", True), ("One", False), ("No", True), ("No", False)])
@@ -77,13 +63,6 @@ def test_channels_without_a_common_clock_are_refused(tmp_path):
 # ---------------------------------------------------------------------- HDF5
 def trials(path, **more):
     return doors.write_trials(SIGNALS, [CLASSES[n % 2] for n in range(4)], path, **more)
-
-
-@each_row("how", [{"on__label": lambda n: CLASSES[n % 2]}, {"label": lambda n: CLASSES[n % 2]}])
-def test_a_trials_label_is_an_attribute_or_a_dataset(tmp_path, how):
-    recordings = load_recordings(trials(tmp_path / "a.h5", **how))
-    assert [recordings.class_names[label] for label in recordings.labels] == ["felt", "silk"] * 2
-    assert recordings.taxels == 3 and recordings.sample_rate_hz == 100
 
 
 def test_a_clock_has_the_unit_of_its_name(tmp_path):

@@ -75,7 +75,7 @@ def test_stacks_and_real_samples(tmp_path):
 BROKEN = [
     ({"samples": None}, "has no array of samples"),
     ({"labels": None}, "has no array of classes"),
-    ({"fs": None}, "does not say its rate"),
+    ({"fs": None}, "neither a time column nor a rate"),
     (
         {"samples": cells([PARTS[0], np.full((3, 4), np.nan), *PARTS[2:]])},
         "recording 2, row 1: column 1 holds 'nan', which is not a finite number",

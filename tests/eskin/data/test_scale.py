@@ -13,9 +13,9 @@ from eskin.data.fit import check_fit, rescaled
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import Stream, load_config
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import main_job
 from tests.support.prices import priced
+from tests.support.random_models import random_integer_model
 
 COLUMNS = ("left", "middle", "right")
 

@@ -7,19 +7,10 @@ from eskin.data import load_recordings, synthetic_recordings, turns
 from eskin.data.fit import check_fit
 from eskin.data.scene import SCENES, scene_of
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.model import find_touches
 from eskin.training.formats import with_network
 from tests.support.table import each_row
 
 SYNTHETIC = PRESETS["synthetic"]
-
-
-@each_row("rows, columns", [(2, 2), (2, 5), (8, 8)])
-def test_other_arrays(rows, columns):
-    scene = synthetic_recordings(persons=2, trials=2, rows=rows, columns=columns)
-    assert scene.taxels == rows * columns and len(scene) == 12
-    of_array = find_touches(SYNTHETIC.replace(taxels=rows * columns), scene)
-    assert (of_array.first_touch() >= 0).all() and (of_array.completed[of_array.first_touch()] == 20).all()
 
 
 @each_row(

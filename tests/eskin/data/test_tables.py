@@ -129,11 +129,11 @@ def test_columns_are_chosen_by_name_and_number(tmp_path):
 
 def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
     said = load_recordings(make_folder(tmp_path / "d"), reading=Reading(rate_hz=RATE * 1.005)).notes
-    assert "the sample rate is as asked for" in said
+    assert "the sample rate is the given one" in said
     made = load_recordings(tmp_path / "d", reading=Reading(rate_hz=10 * RATE))
     assert made.sample_rate_hz == 10 * RATE
     assert (
-        f"the sample rate is as asked for, {10 * RATE:g} Hz; but the recordings say {RATE:.5g} Hz"
+        f"the sample rate is the given one, {10 * RATE:g} Hz; but the recordings say {RATE:.5g} Hz"
         in made.notes
     )
 
@@ -234,7 +234,7 @@ BROKEN = [
         lambda lines: "\n".join(line.rpartition(",")[0] for line in lines).encode(),
         "has 4 columns where 'mat2/p0_t1.csv' has 5",
     ),
-    (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "not called as those of 'mat2/p0_t1.csv'"),
+    (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "differ from those of 'mat2/p0_t1.csv'"),
     (b"", "holds no row of samples"),
     (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
     ("time,ä\n".encode("utf-16"), "no UTF-8 text"),

@@ -77,7 +77,7 @@ def test_torch_network_computes_the_same(tmp_path, name, prefix):
     assert json.loads(json.dumps(record)) == json.loads((tmp_path / "model" / "training.json").read_text())
     assert record["imported"]["file"] == str(file)
     assert record["imported"]["arrays"]["dense"] == prefix + "head.weight"
-    assert record["parameters"] == model.parameter_count == model.config.parameter_count
+    assert record["parameters"] == model.config.parameter_count
 
 
 # ---------------------------------------------------------------------- refusals
@@ -99,7 +99,7 @@ def torch_file(tmp_path: Path, cell: type = torch.nn.GRU, *sizes: int, **arrays:
 @each_row(
     "file, arguments, cell, reset, match",
     [
-        (torch_file, [], "gru", "before", "whose reset gate stands after the product: use --reset after"),
+        (torch_file, [], "gru", "before", "whose reset gate is after the product; use --reset after"),
         (
             torch_file,
             [],
@@ -130,7 +130,7 @@ def test_a_file_of_another_variant(tmp_path, file, arguments, cell, reset, match
 
 ONES, SPOILED = torch.ones, Network(torch.nn.GRU).state_dict()["recurrent.weight_hh_l0"].clone()
 SPOILED[3, 2] = float("nan")
-ELSE = "holds other things than tensors"
+ELSE = "holds objects other than tensors"
 
 
 @each_row(
@@ -142,7 +142,7 @@ ELSE = "holds other things than tensors"
         ({"b__weight_ih_l0": ONES(30, 16)}, "is there 2 times"),
         ({"norm__weight": ONES(10)}, "norm.weight: belongs to neither the recurrent layer nor"),
         ({"recurrent__bias_hh_l0": ONES(33)}, r"bias_hh_l0: has shape \(33,\)"),
-        ({"head__bias": ONES(4)}, r"head.bias: has shape \(4,\), which does not go with a GRU of 10 units"),
+        ({"head__bias": ONES(4)}, r"head.bias: has shape \(4,\), which does not match a GRU of 10 units"),
         ({"epoch": 3}, f"{ELSE}; save only the weights"),
     ],
 )

@@ -15,11 +15,12 @@ from eskin.data import load_recordings
 from eskin.exchange import plain_c
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, QFormat
 from eskin.golden.model import IntegerModel, run, run_images
-from eskin.training.made_up import random_images, random_integer_model, random_recordings
+from eskin.training.made_up import random_images, random_recordings
 from eskin.verbs.export_job import export_c
 from tests.support.c_played import MODELS, differences, front_end, with_failing_taxels
 from tests.support.c_played import model_of as model_on
 from tests.support.image_scenes import random_image_model
+from tests.support.random_models import random_integer_model
 from tests.support.strategies import configurations, examples
 
 GCC = ("gcc", "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1")

@@ -13,9 +13,9 @@ from eskin.golden.model import run
 from eskin.live import player as module
 from eskin.live.sources import ModelSource
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_integer_model
 from eskin.training.times import decision_times
 from tests.support.live_case import Stage
+from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import SMALL, scene
 
 

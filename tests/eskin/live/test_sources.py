@@ -14,7 +14,7 @@ from eskin.live.image_stream import ImageStream
 from eskin.live.sources import SimulationSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.verbs.watch_job import BUILDS, board_source
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
 from tests.golden.model.test_prototypes import taught_model
@@ -22,6 +22,7 @@ from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
 from tests.support.link_flow import pack_decisions
 from tests.support.live_case import Stage
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import scene
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eskin.study import baselines
-from eskin.study.baselines import METHODS, Piece, Scene, judge, row_of
+from eskin.study.baselines import METHODS, BaselineJob, Scene, judge, row_of
 from eskin.training import recipe as recipes
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene
@@ -18,7 +18,7 @@ def test_each_learns_the_scene(name, monkeypatch):
     quick = {key: dataclasses.replace(recipe, updates=150) for key, recipe in recipes.RECIPES.items()}
     monkeypatch.setattr(recipes, "RECIPES", quick)
     shared = baselines._Held((scene(60, seed=3), SMALL))
-    runs = judge(shared, Piece(METHODS[name], ("person",), (1,), 5))["runs"]
+    runs = judge(shared, BaselineJob(METHODS[name], ("person",), (1,), 5))["runs"]
     assert [run["fold"] for run in runs] == [*range(5)] and sum(run["recordings"] for run in runs) == 60
     assert 0.7 < np.mean([run["accuracy"] for run in runs]) <= 59 / 60  # one recording is never touched
     assert all(run["train_s"] > 0 and run["decision_us"] and min(run["decision_us"]) > 0 for run in runs)
@@ -41,7 +41,7 @@ def test_labels_of_the_test_part_are_not_seen():
     recordings = scene(60, seed=3)
     shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
     for name in ("neighbours", "forest"):
-        outcome = judge(baselines._Held((shuffled, SMALL)), Piece(METHODS[name], ("person",), (0,), 5))
+        outcome = judge(baselines._Held((shuffled, SMALL)), BaselineJob(METHODS[name], ("person",), (0,), 5))
         assert row_of(METHODS[name], ["person"], outcome["runs"])["accuracy"] < 0.5
 
 

@@ -6,15 +6,15 @@ import dataclasses
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.golden.model import find_onsets, find_touches
 from eskin.golden.model.pipeline import run
 from eskin.study.leak import known_from_first_frames, known_without_touch, without_touches
 from eskin.training import recipe as recipes
 from eskin.training.datasets import Datasets
+from eskin.training.derive import find_onsets
 from eskin.training.fit import fit_networks
-from eskin.training.made_up import random_integer_model
 from eskin.training.quantise import profile, quantise_model
 from tests.support.parts import of_parts
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
@@ -72,20 +72,6 @@ def test_the_lead_in_repeated_stands_where_the_touch_was(left_in):
             first = onset + left_in if left_in else quiet + 1
             source = frame if frame < first else (frame - first) % quiet + 1
             np.testing.assert_array_equal(values, old[source - 1])
-
-
-def test_a_forced_gate_opens_where_it_is_told_and_nowhere_else():
-    recordings = scene(20, seed=3)
-    onsets = find_onsets(SMALL, recordings)
-    free, forced = find_touches(SMALL, recordings), find_touches(SMALL, recordings, onsets=onsets)
-    first = free.first_touch()[free.first_touch() >= 0]
-    assert len(forced) == len(first) < len(free)
-    for name in ("recording", "onset_frame", "start_frame", "completed", "partial", "sums"):
-        np.testing.assert_array_equal(getattr(forced, name), getattr(free, name)[first])
-    empty = without_touches(recordings, SMALL, onsets)
-    quiet = find_touches(SMALL, empty, onsets=onsets)
-    np.testing.assert_array_equal(quiet.completed, forced.completed)
-    assert np.abs(quiet.sums[:, 2:]).max() < 0.1 * np.abs(forced.sums[:, 2:]).max()
 
 
 # ---------------------------------------------------------------------- the verdict

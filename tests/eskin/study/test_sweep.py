@@ -206,13 +206,6 @@ def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floo
     assert sweeping.size(chosen) == min(map(sweeping.size, meeting))
 
 
-@each_row(("by_seed", "spread", "error"), [([0.9], None, 0.03), ([0.8, 0.9, 1.0, 0.9], 0.0816, 0.0408)])
-def test_one_seed_has_no_spread_and_the_error_of_a_share(by_seed, spread, error):
-    figures = sweeping.spread_of(by_seed, 100)
-    assert figures["standard_error"] == pytest.approx(error, abs=1e-4)
-    assert figures["spread"] == (spread if spread is None else pytest.approx(spread, abs=1e-4))
-
-
 # ---------------------------------------------------------------------- energy
 def test_energy_of_a_touch_by_hand():
     """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle."""
@@ -233,6 +226,3 @@ def test_energy_of_a_touch_by_hand():
     suited = SMALL.with_lanes(4, "dsp")
     touch = frames * frame * of_frame + 6 * step_cycles(suited) * of_step + made
     assert cost_of(SMALL).energy_touch_j == pytest.approx(touch)
-
-
-# ---------------------------------------------------------------------- the verb

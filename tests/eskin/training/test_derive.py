@@ -55,7 +55,7 @@ def test_the_presets_are_recognised(pvdf, fabric):
     assert config == PRESETS["pvdf"].replace(
         class_names=renamed.class_names, volt_per_code=pvdf.volt_per_code
     )
-    assert "preset 'pvdf', which was taken" in reasons[-1]
+    assert "preset 'pvdf', which is used" in reasons[-1]
     config, reasons = derive_config(fabric)
     assert config == PRESETS["fabric"] and "preset 'fabric'" in reasons[-1]
 
@@ -63,7 +63,7 @@ def test_the_presets_are_recognised(pvdf, fabric):
 @each_row("change", [dict(sample_rate_hz=1900.0), dict(sample_signed=True), dict(sample_bits=15)])
 def test_another_rate_or_code_is_no_preset(pvdf, change):
     config, reasons = derive_config(replace(pvdf, **change))
-    assert config.name == "derived" and "fit no preset" in reasons[0]
+    assert config.name == "derived" and "match no preset" in reasons[0]
 
 
 @each_row(

@@ -292,7 +292,7 @@ def test_bits_of_a_feature_are_given_or_refused(cell, recurrent, most, tmp_path)
             assert integer.config.formats.feature_format.width == bits
             given.append(bits)
         except InputError as error:
-            assert f"{bits} bits were asked for" in str(error) and f"at most {given[-1]} feat" in str(error)
+            assert f"{bits} bits are too many" in str(error) and f"at most {given[-1]} feat" in str(error)
     assert given == list(range(4, most + 1))
 
 

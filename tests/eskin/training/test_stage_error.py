@@ -1,17 +1,13 @@
 """Float against integer, stage by stage: each stage's error is found where it was put, and the whole equals
 the two models' own runs."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 
 from eskin.golden.core import QFormat
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
     Touches,
-    decide_touches,
     find_touches,
     network_formats,
     network_shapes,
@@ -88,31 +84,3 @@ def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, st
     assert coarse[stage].mean > 1.5 * fine[stage].mean
     for other in set(STAGES) - {stage}:
         assert coarse[other].logit_max < 2.5 * fine[other].logit_max + 1e-9
-
-
-@each_row(("cell", "reset"), CELLS)
-def test_the_logits_are_those_of_the_two_models_and_only_completed_steps_count(cell, reset):
-    real, integer, touches = models(cell, reset)
-    assert touches.completed.min() + touches.completed.max() > 0
-    assert (touches.completed < WIDE.windows.steps).any()
-    done = np.arange(WIDE.windows.steps) < touches.completed[:, None]
-    ideal, exact = decide_touches(real, touches), decide_touches(integer, touches)
-    error = np.abs(integer.config.formats.logit_format.to_real(exact.logits) - ideal.logits)[done]
-    features = np.abs(integer.config.formats.feature_format.to_real(exact.features) - ideal.features)[done]
-    errors = {row.stage: row for row in stage_errors(real, integer, touches)}
-    assert errors["logits"].mean == pytest.approx(error.mean()) and errors["logits"].max == pytest.approx(
-        error.max()
-    )
-    assert errors["features"].max == pytest.approx(features.max())
-    hidden = np.abs(integer.config.formats.state_format.to_real(exact.hidden) - ideal.hidden)[done]
-    assert errors["hidden state"].max >= hidden.max()  # states are among the values in their format
-    assert logit_error(list(errors.values()))["mean"] == pytest.approx(error.mean())
-    nothing = replace(touches, completed=np.zeros_like(touches.completed))
-    assert stage_errors(real, integer, nothing) == [] and logit_error([]) == {
-        "mean": None,
-        "max": None,
-        "stage": None,
-    }
-
-
-# ---------------------------------------------------------------------- profiles

@@ -1,7 +1,6 @@
 """eskin/training/train.py: determinism, splits, learning, the record; and the accuracy on the real
 recordings (slow in full)."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,23 +9,13 @@ import torch
 
 from eskin.data import load_recordings
 from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    load_config,
-    load_training,
-    normalise,
-    real_features,
-    run,
-)
+from eskin.golden.model import FloatModel, IntegerModel, load_training, normalise, real_features, run
 from eskin.training import batches as batching
 from eskin.training import crossval, datasets
 from eskin.training import fit as fitting
 from eskin.training import recipe as recipes
 from eskin.training.crossval import cross_validate
-from eskin.training.evaluate import evaluate
 from eskin.training.formats import with_network
-from eskin.training.integers import quantise
 from eskin.training.quantise import IntegerNetwork, profile
 from eskin.training.recipe import RECIPES
 from eskin.training.splits import default_splits, split_folds
@@ -43,10 +32,6 @@ def few(updates: int, recipe=QUICK, **changes):
     return replace(recipe, updates=updates, **changes)
 
 
-def nothing(done: int, total: int) -> None:
-    """Progress that nobody looks at."""
-
-
 def touches_of(recordings, config=SMALL, recipe=QUICK):
     """(data set, its rows)."""
     data = datasets.find_dataset(recordings, config, recipe)
@@ -58,14 +43,6 @@ def fit(data, parts, recipe, config=SMALL, told=lambda *_: None):
 
 
 # ---------------------------------------------------------------------- learning and repeating
-
-
-def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
-    monkeypatch.setitem(recipes.RECIPES, "onset", few(30, weight_limit=0.4))
-    train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
-    arrays = FloatModel.load(tmp_path / "m").arrays
-    largest = max(np.abs(array).max() for name, array in arrays.items() if name not in ("mu", "sigma"))
-    assert largest == pytest.approx(0.4)  # reached, and not passed
 
 
 def test_the_seed_alone_decides_and_torch_is_left_as_it_was(tmp_path, quick):
@@ -177,32 +154,6 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     assert len({record["float_accuracy"] for record in by_training.values()}) == 1
 
 
-def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, quick, monkeypatch):
-    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 20)
-    recordings = scene(30, seed=9)
-    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
-    written = quantise(tmp_path / "m", recordings, aware=nothing, weight_bits=4)
-    tuned, record = IntegerModel.load(tmp_path / "m"), load_training(tmp_path / "m")
-    assert tuned.config == written.config and all(
-        (tuned.arrays[name] == written.arrays[name]).all() for name in written.arrays
-    )
-    assert record["quantisation_aware"]
-    assert record["widths"] == {"weight_bits": 4}
-    assert tuned.config.weight_bits == 4
-    assert {entry["signal"]: entry["format"] for entry in record["ranges"]}["weight"] == str(
-        tuned.config.formats.weight_format
-    )
-    evaluate(tmp_path / "m", recordings)
-    after = quantise(tmp_path / "m", weight_bits=4)
-    assert after.config == tuned.config and any(
-        (after.arrays[name] != tuned.arrays[name]).any() for name in after.arrays
-    )
-    assert not load_training(tmp_path / "m")["quantisation_aware"]
-    for widths, words in (({"weight_bits": 1}, "weight_format"), ({"table_entries": 100}, "table_entries")):
-        with pytest.raises(InputError, match=f"field {words}"):
-            quantise(tmp_path / "m", recordings, aware=nothing, **widths)
-
-
 # ---------------------------------------------------------------------- splits
 def test_no_group_is_on_both_sides(monkeypatch):
     """What is trained on and what is judged, as cross_validate really uses them."""
@@ -283,41 +234,6 @@ def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later
     assert 2 in lengths and np.all(np.isclose(failing, same) | changed[:, None])
 
 
-# ---------------------------------------------------------------------- the record and the folder
-def test_the_folder_and_the_record(tmp_path, quick):
-    recordings = scene(30, seed=9)
-    lines = []
-    request, config = (
-        TrainingRequest(folds=3, seeds=2, splits=[["person"]], seed=3),
-        with_network(SMALL, hidden=8, steps=5),
-    )
-    record = train(recordings, config, request, out=tmp_path / "m", progress=lambda *line: lines.append(line))
-    assert json.loads((tmp_path / "m" / "training.json").read_text()) == record
-    config = load_config(tmp_path / "m")
-    assert (config.network.hidden, config.windows.steps) == (8, 5) and record[
-        "parameters"
-    ] == config.parameter_count
-    assert record["seed"] == 3
-    assert record["recordings"] == 30
-    assert record["touched"] == 29
-    assert record["data"] == "scene"
-    (split,) = record["cross_validation"]
-    assert split["groups"] == ["person"]
-    assert split["seeds"] == [3, 4]
-    assert split["folds"] == len(split["per_fold"]) == 3
-    assert np.sum(split["confusion"]) == 2 * 30
-    shares = [fold["recordings"] * fold["integer_accuracy"] for fold in split["per_fold"]]
-    assert (
-        split["integer_accuracy"]
-        == pytest.approx(sum(shares) / 30)
-        == pytest.approx(np.trace(split["confusion"]) / 60)
-    )
-    assert {what for what, _, _ in lines} == {"cross-validation", "training on all recordings"}
-    quantise(tmp_path / "m", recordings)
-    result = evaluate(tmp_path / "m", recordings)
-    assert result["recordings"] == 30 and result["not_touched"] == 1
-
-
 # ---------------------------------------------------------------------- real recordings
 
 
@@ -352,8 +268,8 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
     recordings."""
     recordings = scene(40, seed=3)
     folds = split_folds(recordings, ["person"], 5, None)
-    pieces = crossval.pieces_of(DETECTING, few(15), len(recordings), folds, (0,))
-    trained = crossval.train_pieces(datasets.Datasets(recordings), pieces, 0)
+    pieces = crossval.fold_jobs(DETECTING, few(15), len(recordings), folds, (0,))
+    trained = crossval.train_folds(datasets.Datasets(recordings), pieces, 0)
     faults = trained[0].data.touches.faults
     assert faults.any() and not faults.all()
     for network, test in zip(trained, folds, strict=True):

@@ -10,9 +10,9 @@ from eskin.pages import views
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.synthesis import process_of, synthesise
 from eskin.rtl.program.schedule import decision_cycles, schedule
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import asic_job
 from tests.rtl.asic.test_synthesis import Words
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
 from tests.support.traffic_case import CONFIG

@@ -13,9 +13,9 @@ from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
 from eskin.study.energy import BATTERY_J
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import asic_job, chip_energy
 from eskin.verbs.flow import cosimulate
+from tests.support.random_models import random_integer_model
 from tests.support.tiny_cells import liberty_files
 from tests.support.traffic_case import CONFIG as TINY
 from tests.support.traffic_case import Case

@@ -10,8 +10,8 @@ from eskin.cosim.flow import joined
 from eskin.data.archive import save_archive
 from eskin.golden.model import IntegerModel
 from eskin.jobs import Jobs
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import cosim_job, flow
+from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import SMALL, scene
 
 TIMES = ("wall_s", "cycles_per_s")
@@ -104,9 +104,9 @@ def test_joined_counts_and_extremes():
     first["stages"] = {"sum": {"compared_values": 5, "mismatches": 0}}
     first["registers"] = dict(STATUS=1, FAULTS=8, TOUCHES=2, LONGEST=40)
     second = first | {"overruns": 1, "registers": dict(STATUS=3, FAULTS=16, TOUCHES=0, LONGEST=7)}
-    second["cycles"] = cycles | dict(frame_max=12, step_min=None, step_max=None, decision_latency_max=None)
+    second["cycles"] = cycles | dict(frame_max=12, step_min=28, step_max=None, decision_latency_max=None)
     both = joined(SMALL, [first, second])
-    assert both["cycles"] == cycles | {"frame_max": 12}
+    assert both["cycles"] == cycles | {"frame_max": 12, "step_min": 28}
     assert both["registers"] == dict(STATUS=3, FAULTS=24, TOUCHES=0, LONGEST=40)
     assert (both["recordings"], both["wall_s"], both["stages"]["sum"]["compared_values"]) == (6, 4.0, 10)
     assert both["bit_exact"] and not both["passed"], "an overrun misses the frame's budget"

@@ -16,10 +16,10 @@ from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import main_job
 from tests.support import result_case
 from tests.support.folder import contents
+from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
 from tests.support.table import each_row
 
@@ -43,8 +43,8 @@ class Chain:
         self.played: dict[str, tuple[list[int], int]] = {}
         stand_ins = {
             "load_recordings": lambda data, config: self.recordings,
-            "configure": lambda loaded, asked, market, **options: Plan(
-                self.config, ["made up"], ["person"], "the archive's first group", market
+            "configure": lambda loaded, asked, prices, **options: Plan(
+                self.config, ["made up"], ["person"], "the archive's first group", prices
             ),
             "choice.train_chosen": self.train,
             "integers.quantise": self.quantise,
@@ -63,7 +63,7 @@ class Chain:
         if name == self.stop_at:
             raise self.stop(f"stopped in {name}")
 
-    def train(self, loaded, asked, market, *, out, progress, **network):
+    def train(self, loaded, asked, prices, *, out, progress, **network):
         self.call("train")
         self.asked = asked, network
         progress("training", 1, 2)

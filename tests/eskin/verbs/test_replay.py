@@ -12,11 +12,12 @@ from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
-from eskin.training.made_up import image_recordings, random_images, random_integer_model, random_recordings
+from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs import replay_job
 from tests.cosim.test_link_cosim import CONFIG
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 
 
@@ -171,7 +172,7 @@ def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     assert (status, out) == (2, "") and "model/board, " in errors and errors.count("\n") == 1
     for name in ("board", "other"):
         shutil.rmtree(tmp_path / "model" / name)
-    assert "told by its build, and there is none" in replay("port")[2]
+    assert "holds its rate and lanes, and there is none" in replay("port")[2]
 
 
 class Script:

@@ -14,11 +14,12 @@ from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
 from eskin.golden.model import run
 from eskin.golden.model.prototypes import forget
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.training.times import decision_times
 from eskin.verbs import watch_job
 from tests.golden.model.test_prototypes import taught_model
 from tests.support import browser
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import scene
 
@@ -190,6 +191,3 @@ def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
         wait(lambda: body(page, "taught") == "0 0 0")
         assert browser.console_errors(page) == []
     assert watched.result["mismatches"] == 0
-
-
-# ---------------------------------------------------------------------- the verb

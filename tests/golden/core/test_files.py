@@ -13,8 +13,8 @@ from eskin.exchange.import_network import read_layers
 from eskin.golden.core import InputError, files, replacing, replacing_folder, write_json
 from eskin.golden.model import pipeline, write_vectors
 from eskin.rtl.fpga.generate import generate
-from eskin.training.made_up import random_integer_model
 from tests.support.folder import contents
+from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import SMALL, scene
 
 

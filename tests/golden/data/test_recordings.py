@@ -174,7 +174,7 @@ def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
     assert np.array_equal(part.recording(0), recordings.recording(3)) and np.array_equal(
         part.recording(1), recordings.recording(1)
     )
-    with pytest.raises(InputError, match="no recordings"):
+    with pytest.raises(InputError, match="subset is empty"):
         recordings.subset([])
 
 
@@ -216,7 +216,7 @@ def test_folds_that_cannot_be_made_are_refused(make_recordings):
         (["person"], 5, "has no group array 'person'; it has speed, trial"),
         (["trial"], 5, "group trial has one value"),
         (["speed"], 1, "needs at least 2"),
-        ([], 5, "5 folds were asked for and there are 4 recordings"),
+        ([], 5, "5 folds need as many recordings and there are 4"),
     ):
         with pytest.raises(InputError, match=sentence):
             grouped_folds(recordings, groups, folds, 0)
@@ -325,8 +325,5 @@ def test_folders_that_are_no_data_set_are_refused(tmp_path):
         load_recordings(root)
     for number in range(MOST_CLASSES):  # before any of a large tree's files is read
         (root / f"run {number}").mkdir()
-    with pytest.raises(InputError, match="has 131 sub-folders, one a class"):
+    with pytest.raises(InputError, match="has 131 sub-folders, one per class"):
         load_recordings(root)
-
-
-# ---------------------------------------------------------------------- the real ones

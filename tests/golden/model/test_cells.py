@@ -8,8 +8,8 @@ import torch
 from eskin.golden.core import PRESETS, sigmoid_table, tanh_table
 from eskin.golden.model import Fixed, Float, network_formats, run_cell
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_integer_model
 from eskin.training.network import RecurrentClassifier
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
@@ -45,22 +45,6 @@ def test_float_cells_equal_torch(network, cell, order):
 def test_a_hard_sigmoid_is_clipped_in_float_too():
     gates = Float(PRESETS["thesis"].replace(gate_activation="hard_sigmoid"))
     assert gates.sigmoid(np.array([-3.0, -1.0, 0.0, 2.0, 9.0])) == pytest.approx([0, 0.3, 0.5, 0.9, 1])
-
-
-@each_row(("cell", "reset"), CELLS)
-def test_leading_dimensions_are_independent_networks(cell, reset):
-    config = with_network(PRESETS["pvdf"], cell=cell, reset=reset)
-    many = random_network(config, 9, batch=(2, 3))
-    x = torch.randn(
-        2, 1, 4, 6, config.sensor.taxels, dtype=torch.float64, generator=torch.Generator().manual_seed(1)
-    )
-    together = many(x)
-    assert together.shape == (2, 3, 4, 6, config.classes)
-    for fold in range(2):
-        for seed in range(3):
-            single = {name: weight[fold, seed] for name, weight in many.weights.items()}
-            _, alone = run_cell(Float(config), config, single, x[fold, 0])
-            torch.testing.assert_close(together[fold, seed], alone, rtol=0, atol=1e-12)
 
 
 @each_row(("cell", "reset"), CELLS)

@@ -10,10 +10,8 @@ import pytest
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import find_touches, normalise, real_features
-from eskin.golden.model.preprocess import TouchFinder, by_input, shifts_by_input
-from eskin.training import datasets
-from eskin.training.formats import normaliser_constants
+from eskin.golden.model import find_touches
+from eskin.golden.model.preprocess import TouchFinder
 from eskin.training.made_up import random_recordings
 from tests.support.table import each_row
 
@@ -111,45 +109,6 @@ def test_windows_give_what_loops_over_their_frames_give(name, rule, block):
     assert np.abs(touches.sums).max() < bound
 
 
-@each_row("subset", SUBSETS)
-@each_row("scale", ["array", "taxel"])
-def test_normalised_codes_are_the_real_features(subset, scale):
-    """(d / unit - mu) / sigma but for what is rounded, where nothing saturates, in every kind and, with a
-    scale a taxel, every taxel."""
-    for config in CONFIGS.values():
-        config = config.replace(feature_kinds=subset, feature_scale=scale, masked_taxels=(2,))
-        touches = find_touches(config, streams(config, 8, seed=3))
-        real = real_features(config, touches.sums)
-        mu, sigma = datasets.scaling(config, real, touches.completed)
-        shape = () if config.constants == 1 else (config.constants,)
-        assert np.shape(mu) == np.shape(sigma) == shape
-        filled, mean, scales = normaliser_constants(config, mu, sigma)
-        assert len(filled.features.feature_shift) == len(config.window_lengths) * len(subset)
-        assert mean.shape == scales.shape == (len(config.window_lengths), *shape)
-        codes = normalise(filled, touches.sums, touches.completed, mean, scales)
-        mu, sigma = (
-            np.broadcast_to(values, (config.constants,))[list(config.input_constants)]
-            for values in (mu, sigma)
-        )
-        ideal = (real - mu) / sigma * 2.0**config.formats.feature_format.frac_bits
-        ideal[..., list(config.input_mask)] = 0.0
-        done = np.arange(config.windows.steps) < touches.completed[:, None]
-        inside = done[..., None] & (np.abs(ideal) < config.formats.feature_format.max_code - 2)
-        # half a code of the narrowing, half of the bits that the shift drops, half an LSB of mean and of
-        # scale
-        scale_of, shift_of = (
-            by_input(filled, scales)[list(config.length_index)],
-            shifts_by_input(filled)[list(config.length_index)],
-        )
-        ratio = scale_of * 2.0 ** -(shift_of + filled.formats.gate_frac)
-        allowed = 0.5 + ratio * (2.0**shift_of + 1) / 2 + np.abs(ideal) / (2 * scale_of)
-        assert inside.sum() > 60
-        assert (np.abs(codes - ideal) <= allowed)[inside].all()
-        assert allowed[inside].max() < 4
-        live = ~np.array(config.input_mask)
-        assert not codes[..., ~live].any() and (codes[done][:, live] != 0).any(axis=0).all()
-
-
 @each_row(
     ("changes", "match"),
     [
@@ -194,6 +153,3 @@ def test_normalised_codes_are_the_real_features(subset, scale):
 def test_what_cannot_work_is_refused_with_what_does(changes, match):
     with pytest.raises(InputError, match=match):
         FREE.replace(**changes)
-
-
-# ---------------------------------------------------------------------- training

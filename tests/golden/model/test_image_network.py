@@ -58,15 +58,3 @@ def test_the_float_network_is_torch_s():
             )
         values = values if stage.last else values.relu()
     assert np.allclose(float_images(real, images).logits, values.numpy(), atol=1e-12)
-
-
-def test_streams_hold_what_the_hardware_keeps():
-    model = model_of(1)
-    trace = run_images(model, random_images(model.config, 3, 0))
-    streams = trace.streams
-    assert list(streams) == ["map_0", "map_2", "map_3", "logit", "decision"]  # map_1 is pooled at once
-    values, offsets = streams["map_2"]
-    assert offsets.tolist() == [0, 24, 48, 72] and (values[24:48] == trace.maps[2][1].ravel()).all()
-    rows, offsets = streams["decision"]
-    assert rows.shape == (6, 6) and offsets.tolist() == [0, 2, 4, 6]
-    assert rows[2:4].tolist() == [[flag, 0, trace.decision[1], trace.margin[1], 0, 0] for flag in (0, 1)]

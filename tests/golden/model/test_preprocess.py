@@ -16,7 +16,6 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches, normalise
 from tests.support.front_end_cases import detect
 from tests.support.strategies import configurations
-from tests.support.table import each_row
 
 THESIS = PRESETS["thesis"]
 REST = 26400  # inside the thesis band, codes
@@ -79,32 +78,6 @@ def test_the_word_of_a_window_sum_holds_a_jump_from_end_to_end_and_a_bit_less_do
     streams = [np.broadcast_to(codes, (9000, taxels)) for codes in (level, sum(ends) - level)]
     peak = np.abs(find_touches(config, recordings_of(config, *streams)).sums).max()
     assert signed_bits(int(peak)) == config.sum_bits
-
-
-# ---------------------------------------------------------------- more windows, batches
-@each_row("name", ["pvdf", "synthetic"])
-def test_more_steps_leave_the_first_ones_alone_and_go_on_at_the_same_hop(name):
-    config, rng = PRESETS[name], np.random.default_rng(11)
-    streams = [
-        REST + rng.integers(-40, 41, (frames, config.sensor.taxels)) for frames in (3000, 9000, 200, 4100)
-    ]
-    streams[0][700:2000, 1] += 500
-    streams[1][400:3000, 0] -= 700
-    streams[3][4000:, 0] -= 700
-    recordings = recordings_of(config, *streams)
-    before = recordings.samples.copy()
-    plain, more, few = (find_touches(config, recordings, steps=steps) for steps in (None, 28, 7))
-    assert len(plain) and np.array_equal(recordings.samples, before)
-    for field in ("recording", "onset_frame", "start_frame", "partial"):
-        assert np.array_equal(getattr(plain, field), getattr(more, field))
-    assert np.array_equal(plain.sums, more.sums[:, :20]) and np.array_equal(plain.sums[:, :7], few.sums)
-    assert np.array_equal(plain.completed, np.minimum(more.completed, 20)) and more.completed.max() > 20
-    hop, length = config.windows.hop, config.windows.window
-    for touch, recording in enumerate(plain.recording):
-        left = recordings.lengths[recording] - plain.start_frame[touch] + 1
-        if more.completed[touch] > 20:
-            assert more.completed[touch] == min((left - length) // hop + 1, 28)
-        assert not more.sums[touch, more.completed[touch] :].any()
 
 
 # ---------------------------------------------------------------- the specification, frame by frame

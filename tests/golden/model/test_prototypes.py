@@ -10,8 +10,8 @@ from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream, decide_touches, find_touches, run
 from eskin.golden.model.prototypes import forget, taught_in_use, teach, trajectory_codes
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_integer_model
 from tests.golden.model.test_stream import check_same
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 

@@ -5,8 +5,9 @@ import numpy as np
 from hypothesis import given
 
 from eskin.golden.model import FloatModel, Stream, completing_frames, network_shapes, run
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from tests.support.front_end_cases import CASES
+from tests.support.random_models import random_integer_model
 from tests.support.strategies import designs, examples
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene

@@ -8,8 +8,9 @@ from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.model import run, run_images
 from eskin.golden.model.torch_model import Int64, on_torch, run_images_on_torch
 from eskin.training.formats import with_network
-from eskin.training.made_up import random_images, random_integer_model, random_recordings
+from eskin.training.made_up import random_images, random_recordings
 from tests.support.image_scenes import random_image_model
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 

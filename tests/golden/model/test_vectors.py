@@ -4,10 +4,9 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import completing_frames, run, write_vectors
-from eskin.golden.model.pipeline import STAGES
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.golden.model import completing_frames, run
 from eskin.training.times import decision_times
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
@@ -55,23 +54,3 @@ def test_the_frame_that_completes_each_decision(frames, early, expected):
         assert len(set(trace.local[0, :5])) == 1, "the model changes its mind: choose another seed"
         assert trace.streams["decision"][0][5].tolist()[:2] == [1, 4] and not trace.global_partial.any()
         assert decision_times(trace).tolist() == [4 / 3000.0]
-
-
-def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):
-    model = random_integer_model(
-        CONFIG.replace(sample_signed=True, sample_bits=12, band_low=-300, band_high=300), 2
-    )
-    recordings = random_recordings(model.config, [80, 200, 3], seed=5)
-    trace = run(model, recordings)
-    path = write_vectors(tmp_path / "new" / "vectors.npz", trace, recordings, numbers=[7, 2, 9])
-    assert [file.name for file in path.parent.iterdir()] == ["vectors.npz"]
-    with np.load(path) as archive:
-        assert archive["numbers"].tolist() == [7, 2, 9] and archive["offsets"].tolist() == [0, 80, 280, 283]
-        assert archive["samples"].dtype == np.uint16
-        assert np.array_equal(archive["samples"].view(np.int16), recordings.samples)
-        for stage in STAGES:
-            assert np.array_equal(archive[stage], trace.streams[stage][0])
-            assert np.array_equal(archive[f"{stage}_offsets"], trace.streams[stage][1])
-        assert archive["touches"].sum() == len(trace.touches) and len(archive["decision_frame"]) == len(
-            archive["decision"]
-        )

@@ -9,6 +9,7 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
 from eskin.rtl.asic.liberty import corners, read
 from eskin.rtl.asic.nets import Nets
@@ -55,7 +56,7 @@ def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cell
     # nothing else on the clock.
     on_the_clock = [nets.cells[name].kind for name, *_ in nets.receivers[nets.clock]]
     assert on_the_clock == ["gate"] * 3 and len(chip.program.gates) == 9
-    rng = random.Random(6)
+    device, rng = Device(chip), random.Random(6)
     words: dict[int, int] = {}
     seen, count = None, None
     for _ in range(600):
@@ -68,13 +69,12 @@ def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cell
         }
         now |= {"look": rng.getrandbits(1), "counts": rng.getrandbits(1), "rst": int(reset)}
         for name, value in now.items():
-            chip.put(name, value)
-        chip.settle()
-        chip.edge()
+            device.put(name, value)
+        device.cycle()
         if now["look"]:
             seen = words.get(now["at"])
         if now["write"]:
             words[now["to"]] = now["data"]
         count = 9 if reset else None if count is None else (count + now["counts"]) % 16
-        assert seen is None or chip.get("word") == seen
-        assert count is None or chip.get("count") == count
+        assert seen is None or device.get("word") == seen
+        assert count is None or device.get("count") == count

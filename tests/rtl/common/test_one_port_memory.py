@@ -19,7 +19,6 @@ from tests.support.vendor_cells import run_bench
 BUILD = Path(__file__).resolve().parents[3] / "build"
 BUILD.mkdir(exist_ok=True)
 WORDS, ACCESSES = 24, 3000
-SCRIPT = "proc -norom\nopt_clean\nmemory_collect\nwrite_verilog -noattr block.v\n"
 
 
 def accesses() -> list[tuple[int, int, int, int]]:

@@ -13,7 +13,7 @@ from eskin.rtl.engine.engine import Engine
 from eskin.rtl.engine.window_queue import WindowQueue
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import schedule
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, put, simulate, values
 
 

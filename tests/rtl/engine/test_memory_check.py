@@ -19,8 +19,8 @@ from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import check_words, reads, residue
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.training.made_up import random_integer_model
 from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
+from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, put
 from tests.support.unseen import unseen
 

@@ -19,8 +19,8 @@ from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
-from eskin.training.made_up import random_integer_model
 from eskin.verbs import build_job as job
+from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG
 from tests.support.table import each_row
 
@@ -95,9 +95,6 @@ NO_MULTIPLIERS = dataclasses.replace(
     pins=("112", "113", "114", "115", "116", "117", "118", "119", "78"),
 )
 """A part that lacks what the boards' parts have."""
-
-
-# ---------------------------------------------------------------------- multipliers
 
 
 # ---------------------------------------------------------------------- the accelerator

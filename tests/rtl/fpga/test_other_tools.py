@@ -10,10 +10,10 @@ import pytest
 from eskin.cosim.runner import verilator_command
 from eskin.golden.core import PRESETS, InputError
 from eskin.rtl.fpga.export import WAIVER
-from eskin.training.made_up import random_integer_model
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import make
 from tests.support.image_scenes import random_image_model
+from tests.support.random_models import random_integer_model
 from tests.test_matrix import IMAGES, KINDS, TOUCHES
 
 DESIGNS = {
@@ -46,7 +46,7 @@ def linted(folder, *waiver):
     return rules
 
 
-QUICK = ("lstm behind Wishbone", "image behind Wishbone", "behind a converter")
+QUICK = ("image behind Wishbone", "behind a converter")
 
 
 @pytest.mark.parametrize(

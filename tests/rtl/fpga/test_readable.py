@@ -6,7 +6,7 @@ import re
 from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.readable import ports_named, readable
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 
 MODULE = """module top(a, b, s, o);
   wire [3:0] _0_;

@@ -115,6 +115,3 @@ def test_documented_pace_and_latency(subset):
         cycle += slots[-1]
     assert set(slots) >= {1 + SLOTS[subset[-1]]} and [beat.cycle for beat in out] == offered
     assert taken == (np.cumsum(slots) - 1).tolist()
-
-
-# ---------------------------------------------------------------------- the whole chain

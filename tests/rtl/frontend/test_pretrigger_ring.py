@@ -120,35 +120,3 @@ def test_a_reset_forgets_everything(cut_frame):
     assert values(beats_after_reset(Ring(config), cut, frame_beats(config, second))) == touch_beats(
         config, second
     )
-
-
-@pytest.mark.parametrize("taxels", [4, 16])
-def test_an_onset_right_behind_a_touch_that_was_read_late(taxels):
-    """The ring is full of frames to drop when the touch's last beat is read, and the next touch begins with
-    the first frame that fits in: of those that come while frames are dropped none is missing."""
-    config = CASES["thesis"].replace(taxels=taxels)
-    assert config.onset_rule.rearm_frames == config.ring_frames
-    end = detect(config, make_stream(config, 200, seed=5, touches=[30])).touches[0][2]
-    onset = end + config.onset_rule.rearm_frames + 1
-    seen = detect(config, make_stream(config, 200, seed=5, touches=[30, onset]))
-    wanted = touch_beats(config, seen)
-    assert [touch[0] for touch in seen.touches] == [30, onset] and len(wanted) == 2 * 40 * taxels
-    dut = Ring(config)
-    bench = Bench(dut, quiet=300 * taxels)
-    bench.drive(dut.i, frame_beats(config, seen))
-    out = []
-
-    async def reader(ctx):
-        ctx.set(dut.o.ready, 1)
-        while len(out) < len(wanted):
-            if len(out) == 40 * taxels - 1:
-                ctx.set(dut.o.ready, 0)
-                await ctx.tick().repeat(50 * taxels)
-                ctx.set(dut.o.ready, 1)
-            _, _, valid, complement = await ctx.tick().sample(dut.o.valid, dut.o.p.complement)
-            if valid:
-                out.append({"complement": complement})
-
-    bench.process(reader)
-    bench.run()
-    assert out == wanted

@@ -12,10 +12,11 @@ from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Event, Fault, Register, ShellRegister
 from eskin.rtl.program.register_files import entries
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.c_driver import STRICT
 from tests.support.driver_board import Board
+from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import scene
 
 CONFIG = PRESETS["thesis"].replace(

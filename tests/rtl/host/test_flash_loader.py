@@ -13,7 +13,7 @@ from eskin.rtl.program.flash_image import (
     write_count,
 )
 from eskin.rtl.program.memory_map import Control, Register, load_writes
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 from tests.support.spi_flash import SpiFlash
 from tests.support.stream_bench import Bench
 from tests.support.table import each_row

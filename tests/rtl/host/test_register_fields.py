@@ -18,9 +18,10 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.register_files import entries
 from eskin.rtl.program.schedule import step_cycles
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from tests.rtl.host.test_driver import CONFIG
 from tests.support.driver_board import Board
+from tests.support.random_models import random_integer_model
 
 
 @pytest.mark.slow

@@ -12,11 +12,12 @@ from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue
 from eskin.training.formats import with_network
 from eskin.training.linear_fit import fit_linear
-from eskin.training.made_up import random_integer_model, random_recordings
+from eskin.training.made_up import random_recordings
 from eskin.training.quantise import quantise_model, signals
 from eskin.training.recipe import RECIPES, choose_recipe
 from eskin.training.train import TrainingRequest, train
 from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
+from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.unseen import unseen
 
@@ -214,6 +215,3 @@ def test_training_writes_a_model_that_quantises(tmp_path, monkeypatch):
     )
     with pytest.raises(InputError, match="field protocol: is 'thesis' and the cell is linear"):
         choose_recipe(model.config, "thesis")
-
-
-# ---------------------------------------------------------------------- import

@@ -12,10 +12,9 @@ from eskin.rtl.program.memory_map import (
     mask_words,
     mean_word,
     memory_images,
-    memory_words,
 )
 from eskin.rtl.program.schedule import schedule
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 from tests.support.small_designs import reference
 from tests.support.table import each_row
 
@@ -65,13 +64,6 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
     zero = [0] * bool(plan.program.t_regions)
     assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half + zero
     assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared + len(zero)
-
-
-@each_row(("lanes", "lane_type"), [(4, "plain"), (1, "dsp"), (5, "dsp")])
-def test_every_memory_has_as_many_words_as_its_image(lanes, lane_type):
-    model = random_integer_model(PRESETS["thesis"].replace(lanes=lanes, lane_type=lane_type), seed=1)
-    images = memory_images(model.config, model.arrays)
-    assert memory_words(model.config) == {select: len(image) for select, image in images.items()}
 
 
 def test_a_checked_mean_has_an_even_number_of_ones_and_its_own_bits():

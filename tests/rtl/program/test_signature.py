@@ -6,7 +6,7 @@ from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import WIDTH, reads, residue
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 from tests.support.unseen import unseen
 
 

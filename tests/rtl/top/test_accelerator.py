@@ -22,7 +22,7 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, bus_accesses, give_frame, values
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
@@ -296,21 +296,6 @@ def test_bit_exact_at_every_stage(name, stall):
     assert not any(status[1] & ~allowed for status in statuses)
 
 
-def test_early_decisions_are_bit_exact():
-    """Some touches are decided early, one of them cut short later; some at their end, one of them because the
-    recording ends."""
-    model = random_integer_model(CONFIGS["tracked, free"].replace(decision="early", early_steps=2), seed=3)
-    data = recordings(model.config, 44, [150, 60, 33, 200, 7])
-    margin = int(np.median(run(model, data).margin))
-    model = dataclasses.replace(model, config=model.config.replace(early_margin=margin))
-    trace = run(model, data)
-    completed = trace.touches.completed
-    assert (trace.global_step < completed - 1).any() and trace.global_partial.any()
-    assert ((trace.global_step == completed - 1) & ~trace.partial).any()
-    streams, _ = play(model, data, stall=0.4)
-    check(model, data, streams)
-
-
 def test_a_recording_that_stops_in_the_middle_of_a_frame_is_finished():
     """Also where the frame would have ended a window: half of its sums wait in the engine for ever, and count
     as nothing under way."""
@@ -357,13 +342,10 @@ def test_weight_write_during_a_touch_is_refused_and_flagged(config):
     assert flags[0] & Fault.WRITE_REFUSED and not flags[1] & Fault.WRITE_REFUSED
 
 
+@SLOW
 @pytest.mark.parametrize(
     ("name", "lanes"),
-    [
-        ("tracked, free", 12),
-        pytest.param("two windows end together", 1, marks=SLOW),
-        pytest.param("tracked, free, companded", 12, marks=SLOW),
-    ],
+    [("tracked, free", 12), ("two windows end together", 1), ("tracked, free, companded", 12)],
 )
 def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
     """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with

@@ -10,7 +10,7 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top import board
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board import Board, class_pin_count, reaches_pins
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 from tests.support.silent import Silent
 from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row

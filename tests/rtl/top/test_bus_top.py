@@ -8,7 +8,7 @@ from cocotb_tools.runner import get_results, get_runner
 from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.export import verilog
 from eskin.rtl.top.bus_top import BusTop
-from eskin.training.made_up import random_integer_model
+from tests.support.random_models import random_integer_model
 
 CONFIG = random_integer_model(
     PRESETS["thesis"].replace(taxels=5, feature_shift=(), hidden=4, lanes=1), 1

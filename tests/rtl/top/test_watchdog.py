@@ -8,8 +8,8 @@ from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
-from eskin.training.made_up import random_integer_model
 from tests.rtl.top.test_accelerator import CONFIGS, SEEDS, Host, recordings
+from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, give_frame, put
 
 
