@@ -16,7 +16,7 @@ import numpy as np
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.device import Design, Model
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import REGISTERS, Mismatch, loading, part_of, recordings_of, stages_of
+from eskin.cosim.scoreboard import REGISTERS, Mismatch, count_stages, loading, part_of, recordings_of
 from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
@@ -294,7 +294,7 @@ def result_of(
         **{name: said[name] for name in ("frames", "steps", "decisions")},
         "compared_values": sum(said["compared"].values()),
         "mismatches": int(mismatch is not None),
-        "stages": stages_of(said["compared"], mismatch),
+        "stages": count_stages(said["compared"], mismatch),
         "golden": "torch",
         "gave_up": {"recording": mismatch.recording, "frame": mismatch.frame}
         if mismatch and mismatch.stage == "input"

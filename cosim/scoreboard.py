@@ -300,7 +300,7 @@ def _kept_values(config: AcceleratorConfig) -> int:
     return sum(math.prod(stage.result) for stage, behind in following if not isinstance(behind.layer, Pool))
 
 
-def stages_of(compared: Mapping[str, int], mismatch: Mismatch | None) -> dict[str, dict[str, int]]:
+def count_stages(compared: Mapping[str, int], mismatch: Mismatch | None) -> dict[str, dict[str, int]]:
     """Stage -> {compared_values, mismatches}."""
     names = dict.fromkeys([*compared, *([mismatch.stage] if mismatch else [])])
     return {

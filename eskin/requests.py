@@ -53,12 +53,12 @@ ModelOut = Annotated[Path, option("Model folder: new, or an earlier model to rep
 GateOfReset = Annotated[Reset | None, option("GRU: reset gate before or after the recurrent product.")]
 
 
-def names_of(text: str) -> list[str]:
+def parse_names(text: str) -> list[str]:
     """The names in ``A,B``."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def count_of(text: str) -> int:
+def parse_count(text: str) -> int:
     """The number in ``N|all``; all: more than there are of anything."""
     if text == "all":
         return sys.maxsize
@@ -67,7 +67,7 @@ def count_of(text: str) -> int:
     return int(text)
 
 
-def lanes_of(text: str | None) -> tuple[int | None, Any]:
+def parse_lanes(text: str | None) -> tuple[int | None, Any]:
     """(lanes, their type) of ``P[:TYPE]``; None where it is not said."""
     number, colon, kind = (text or "").partition(":")
     if text is None:
@@ -88,7 +88,7 @@ class GroupOptions:
     @property
     def groups(self) -> list[str] | None:
         """The names of ``group``; None where it is not given."""
-        return None if self.group is None else names_of(self.group)
+        return None if self.group is None else parse_names(self.group)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,7 +242,7 @@ class RunRequest(ChoiceOptions):
     @property
     def count(self) -> int | None:
         """The number of ``recordings``; None where it is not given."""
-        return None if self.recordings is None else count_of(self.recordings)
+        return None if self.recordings is None else parse_count(self.recordings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,7 +369,7 @@ class QuantiseRequest(GroupOptions):
         widths: dict[str, Any] = {name: value for name, value in bits.items() if value is not None}
         if self.formats == "lean":
             return widths | {"lean": True}
-        for word in names_of(self.formats or ""):
+        for word in parse_names(self.formats or ""):
             name, _, number = word.partition("=")
             if name not in FORMATS or not (number.isdecimal() and len(number) < 5):
                 raise InputError(

@@ -408,6 +408,7 @@ def hung(config) -> list[int]:
 
 
 # ---------------------------------------------------------------------- tests
+@pytest.mark.slow
 def test_what_is_counted_is_what_happened():
     """One ordinary run: points against the run's own streams; extremes that were not forced are holes."""
     config = chain.CONFIGS["thesis"]

@@ -28,7 +28,7 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import IntegerModel
 from eskin.training.crossval import FoldDecisions
 from eskin.training.formats import with_network
-from eskin.training.level import TIE, behind, is_level, least_error
+from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import Recipe
 
 CLEAN_LOSS, DEARER = 0.007, 4 / 3
@@ -277,7 +277,7 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
 def screened_row(one: ScoredCandidate, best: ScoredCandidate) -> Record:
     """A row of ``front_end`` in training.json: the fields, accuracy, standard_error, missed, behind (the best,
     accuracy), behind_error (of the paired difference), level."""
-    shortfall, error = behind(best.correct, one.correct)
+    shortfall, error = paired_shortfall(best.correct, one.correct)
     figures: dict[str, Any] = {
         "accuracy": one.accuracy,
         "standard_error": one.standard_error,

@@ -9,7 +9,8 @@ does better depends on how many touches there are for its weights. Where the rec
 helps or harms by what tells the classes apart, both are fitted to touches as they were recorded too; and a
 logistic regression of these with a weaker penalty, and least squares with each of RIDGES. All cost the same,
 so all are tried on the cheapest front end, and on the others the best of either kind that is not out of
-reach. Logistic regressions, whose margins are logarithms of odds, come first.
+reach. First comes the mean of a logistic regression and least squares, then logistic regressions, whose
+margins are logarithms of odds.
 
 Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
@@ -25,7 +26,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -46,6 +47,7 @@ from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import Listed
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
 from eskin.training.crossval import CrossValidationSettings, FoldJob, Trained, share_right, train_folds
 from eskin.training.formats import with_network
 from eskin.training.level import is_level
@@ -79,7 +81,9 @@ near copies of others where groups are few: of two sessions of sign_glove it tak
 third are right, and 67.9 % are with 0.01."""
 
 SQUARES: Record = {"name": "least squares", "squares": True}
+AVERAGED = "mean of both"
 FITS: dict[str, Record] = {
+    AVERAGED: {"name": AVERAGED, "averaged": True, "ridge": 0.01, **AS_RECORDED},
     "linear": {},
     "not augmented": {"name": "not augmented", **AS_RECORDED},
     "weak penalty": {"name": "weak penalty", "penalty": WEAK_PENALTY, **AS_RECORDED},
@@ -119,9 +123,17 @@ class Effort:
     ends: int = 3
     rounds: int = 2
 
+    def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
+        """With the fits that leaving ``parts`` out in turn can tell apart. Where there are two and each is a group,
+        a network learns from one alone, and so nothing of how groups differ: what does best then need not with both,
+        so the first fit stands."""
+        values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
+        alone = len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
+        return dataclasses.replace(self, fits=self.fits[:1]) if alone else self
+
 
 INSIDE = Effort(
-    fits=("weak penalty", "least squares, not augmented", "ridge 0.01"),
+    fits=(AVERAGED, "weak penalty", "least squares, not augmented", "ridge 0.01"),
     units=(8,),
     share=4,
     probe=8,
@@ -228,137 +240,171 @@ def network_choice(
     InputError
         No candidate fits an accelerator, or the named board.
     """
-    tried: list[ScoredCandidate] = []
-    known: dict[tuple[Candidate, int], ScoredCandidate] = {}
+    choice = _Choice(front_ends, options, prices, effort)
+    if not options.open:
+        return (yield from choice.of_asked()), []
+    calm = yield from choice.by_accuracy()
+    if hardening is None:
+        return calm.candidate, choice.tried
+    return (yield from choice.under_stress(calm, hardening)), choice.tried
 
-    def usable(candidates: Iterable[Candidate | None]) -> list[Candidate]:
-        fitting = [
-            candidate for candidate in candidates if candidate and prices.is_candidate(candidate.config)
-        ]
-        return [one for one in dict.fromkeys(fitting) if not (effort.brief and beaten(one))]
 
-    def beaten(candidate: Candidate) -> bool:
-        price = prices.price(candidate.config)
-        return any(one.settled and prices.price(one.config) < price for one in tried)
+Judging = Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]
 
-    def asked(
-        candidates: Sequence[Candidate], share: int
-    ) -> Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]:
-        fresh = [candidate for candidate in candidates if (candidate, share) not in known]
+
+@dataclass(eq=False)
+class _Choice:
+    """A choice under way. tried: all that it judged; known: these, and probes, by candidate and share."""
+
+    front_ends: Listed
+    options: SearchOptions
+    prices: CostModel
+    effort: Effort
+    tried: list[ScoredCandidate] = field(default_factory=list)
+    known: dict[tuple[Candidate, int], ScoredCandidate] = field(default_factory=dict)
+
+    # -- rounds
+    def usable(self, candidates: Iterable[Candidate | None]) -> list[Candidate]:
+        fitting = [one for one in candidates if one and self.prices.is_candidate(one.config)]
+        return [one for one in dict.fromkeys(fitting) if not (self.effort.brief and self.beaten(one))]
+
+    def beaten(self, candidate: Candidate) -> bool:
+        price = self.prices.price(candidate.config)
+        return any(one.settled and self.prices.price(one.config) < price for one in self.tried)
+
+    def asked(self, candidates: Sequence[Candidate], share: int) -> Judging:
+        fresh = [candidate for candidate in candidates if (candidate, share) not in self.known]
         for one in (yield Round(fresh, share)) if fresh else []:
-            known[one.candidate, share] = one
-        return [known[candidate, share] for candidate in candidates if (candidate, share) in known]
+            self.known[one.candidate, share] = one
+        return [self.known[one, share] for one in candidates if (one, share) in self.known]
 
-    def judged(
-        candidates: Iterable[Candidate | None],
-    ) -> Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]:
-        outcomes = yield from asked(usable(candidates), effort.share)
-        tried.extend(outcomes)
+    def judged(self, candidates: Iterable[Candidate | None]) -> Judging:
+        outcomes = yield from self.asked(self.usable(candidates), self.effort.share)
+        self.tried.extend(outcomes)
         return outcomes
 
-    def best_probe(probes: Sequence[Candidate]) -> Generator[Round, list[ScoredCandidate], Candidate]:
+    def with_other_seeds(
+        self, near: Sequence[ScoredCandidate]
+    ) -> Generator[Round, list[ScoredCandidate], None]:
+        if self.effort.seeds > 1 and near:
+            more = yield Round([one.candidate for one in near], self.effort.share, other_seeds=True)
+            further = {one.candidate: one for one in more}
+            self.tried = [
+                one.joined(further[one.candidate]) if one.candidate in further else one for one in self.tried
+            ]
+
+    def best_probe(self, probes: Sequence[Candidate]) -> Generator[Round, list[ScoredCandidate], Candidate]:
         # the best, not the cheapest that is level: with few updates short touches look better than they are
-        outcomes = yield from asked(probes, effort.probe_share)
-        outcomes.sort(key=lambda one: prices.price(one.config))
+        outcomes = yield from self.asked(probes, self.effort.probe_share)
+        outcomes.sort(key=lambda one: self.prices.price(one.config))
         return best_of(outcomes).candidate
 
-    cell, hidden = ("gru", effort.probe) if options.open else (None, None)
-    probes = usable(options.possible(on, cell, hidden) for on in front_ends.for_recurrent)
-    if not options.open:
+    # -- choices
+    def of_asked(self) -> Generator[Round, list[ScoredCandidate], Candidate]:
+        """The network that was asked for, on the front end that suits it."""
+        probes = self.usable(map(self.options.possible, self.front_ends.for_recurrent))
         if not probes:
-            cell = options.candidate(front_ends.taken).config.network.cell  # or says why not
+            cell = self.options.candidate(self.front_ends.taken).config.network.cell  # or says why not
             raise InputError(
-                f"--fits {prices.board}: does not hold {cell} on the front end asked for or chosen; name a "
+                f"--fits {self.prices.board}: does not hold {cell} on the front end asked for or chosen; name a "
                 "larger board, or leave the network open"
             )
         if len(probes) < 2 or not probes[0].config.recurrent:
-            return probes[0], []
-        return (yield from best_probe(probes)), []
-    cheapest, *others = front_ends.smaller
-    fits = {fit: options.possible(cheapest, "linear", None, fit) for fit in effort.fits}
-    first = yield from judged(fits.values())
-    if first and not any(one.settled for one in first):
-        best = best_of(first)
-        near = [one for one in first if is_level(best.correct, one.correct, OUT_OF_REACH)]
-        kinds = [
-            [one for one in near if one.candidate.recipe.squares == squares] for squares in (False, True)
-        ]
-        taken = [best_of(kind).candidate for kind in kinds if kind]
-        kept = [fit for fit, candidate in fits.items() if candidate in taken]
-        yield from judged(options.possible(on, "linear", None, fit) for on in others for fit in kept)
-    on, probes = front_ends.taken, usable(probes)
-    if len(probes) > 1 and not any(one.settled for one in tried):
-        on = (yield from best_probe(probes)).front_end
-    units = yield from judged(options.possible(on, "gru", count) for count in effort.units)
-    if len(units) > 1 and goes_on(tried):
-        yield from judged([options.possible(on, "gru", LARGER_UNITS)])
-    if not tried:
-        board = f" and the board {prices.board}" if prices.named else ""
-        raise InputError(
-            f"configuration '{front_ends.taken.name}': no network of the candidates fits it{board}; name one "
-            "with --cell and --hidden"
-        )
+            return probes[0]
+        return (yield from self.best_probe(probes))
 
-    def with_other_seeds(near: Sequence[ScoredCandidate]) -> Generator[Round, list[ScoredCandidate], None]:
-        if effort.seeds > 1 and near:
-            more = yield Round([one.candidate for one in near], effort.share, other_seeds=True)
-            further = {one.candidate: one for one in more}
-            tried[:] = [
-                one.joined(further[one.candidate]) if one.candidate in further else one for one in tried
+    def by_accuracy(self) -> Generator[Round, list[ScoredCandidate], ScoredCandidate]:
+        """By sound recordings alone."""
+        options, effort, front_ends = self.options, self.effort, self.front_ends
+        probes = self.usable(options.possible(on, "gru", effort.probe) for on in front_ends.for_recurrent)
+        cheapest, *others = front_ends.smaller
+        fits = {fit: options.possible(cheapest, "linear", None, fit) for fit in effort.fits}
+        first = yield from self.judged(fits.values())
+        if first and not any(one.settled for one in first):
+            best = best_of(first)
+            near = [one for one in first if is_level(best.correct, one.correct, OUT_OF_REACH)]
+            kinds = [
+                [one for one in near if (one.candidate.recipe.averaged, one.candidate.recipe.squares) == kind]
+                for kind in ((True, False), (False, False), (False, True))
             ]
-
-    most = best_of(tried).accuracy
-    yield from with_other_seeds(
-        [
+            taken = [best_of(kind).candidate for kind in kinds if kind]
+            kept = [fit for fit, candidate in fits.items() if candidate in taken]
+            yield from self.judged(options.possible(on, "linear", None, fit) for on in others for fit in kept)
+        on, probes = front_ends.taken, self.usable(probes)
+        if len(probes) > 1 and not any(one.settled for one in self.tried):
+            on = (yield from self.best_probe(probes)).front_end
+        units = yield from self.judged(options.possible(on, "gru", count) for count in effort.units)
+        if len(units) > 1 and goes_on(self.tried):
+            yield from self.judged([options.possible(on, "gru", LARGER_UNITS)])
+        if not self.tried:
+            board = f" and the board {self.prices.board}" if self.prices.named else ""
+            raise InputError(
+                f"configuration '{front_ends.taken.name}': no network of the candidates fits it{board}; name one "
+                "with --cell and --hidden"
+            )
+        most = best_of(self.tried).accuracy
+        near = [
             one
-            for one in tried
-            if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not beaten(one.candidate)
+            for one in self.tried
+            if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not self.beaten(one.candidate)
         ]
-    )
-    calm = choose(tried, prices)
-    if hardening is None:
-        return calm.candidate, tried
-    # under disturbance: the same network, fitted to it, and more units, as far as they are in reach
-    cell, hidden = calm.config.network.cell, calm.config.network.hidden if calm.config.recurrent else None
-    fits = dict.fromkeys((fit_of(calm), *(effort.sturdy if hidden is None else effort.robust)))
+        yield from self.with_other_seeds(near)
+        return choose(self.tried, self.prices)
 
-    def stable(candidates: Iterable[Candidate | None]) -> Generator[Round, list[ScoredCandidate], int]:
-        known_ones = {one.candidate for one in tried}
-        fresh = [one for one in dict.fromkeys(candidates) if one and affordable(one.config, calm, prices)]
-        outcomes = yield from asked([one for one in fresh if one not in known_ones], effort.share)
-        tried.extend(outcomes)
-        return len(outcomes)
+    def under_stress(
+        self, calm: ScoredCandidate, hardening: Hardening
+    ) -> Generator[Round, list[ScoredCandidate], Candidate]:
+        """The network ``calm`` on sturdier front ends, fitted to disturbances, and with more units, as far as
+        these are in reach of it."""
+        prices, effort, front_ends = self.prices, self.effort, self.front_ends
+        recurrent, network = calm.config.recurrent, calm.config.network
+        possible = partial(self._alike, network.cell, network.hidden if recurrent else None)
+        on = calm.candidate.front_end
+        every = dict.fromkeys([on, *hardening.denser(on), *front_ends.smaller, *front_ends.rivals])
+        # a recurrent network takes seconds
+        ends = [on for on in every if self.in_price([possible(on)], calm)][: 1 if recurrent else effort.ends]
+        ends += [one for on in ends for one in hardening.sturdier(on)]
+        fits = dict.fromkeys((fit_of(calm), *(effort.robust if recurrent else effort.sturdy)))
+        yield from self.stable((possible(on, fit) for on in ends for fit in fits), calm)
+        for _ in range(effort.rounds):
+            # longer windows bring back some of what a sturdier fit loses
+            ahead = max(in_reach(self.tried, calm, prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
+            on, fit = ahead.candidate.front_end, fit_of(ahead)
+            if recurrent:
+                further = [self._alike(network.cell, network.hidden + 4, on, fit)]
+            else:
+                further = [possible(longer, fit) for longer in hardening.longer(on)]
+            if not (yield from self.stable(further, calm)):
+                break
+        ranked = sorted(in_reach(self.tried, calm, prices), key=lambda one: -one.score)
+        behind = [one for one in ranked if len(one.runs) < len(calm.runs)]
+        level = [one for one in behind if is_level(ranked[0].scores, one.scores)]
+        yield from self.with_other_seeds(level[:AGAIN])
+        stablest = choose_stable(self.tried, calm, prices)
+        # of what is out of reach only the most accurate is judged under disturbance: it tells what more would buy
+        told = {one.candidate for one in (*in_reach(self.tried, calm, prices), best_of(self.tried))}
+        self.tried = [
+            dataclasses.replace(one, calm=one.candidate == calm.candidate)
+            if one.candidate in told
+            else dataclasses.replace(one, stress=None, disturbed=None)
+            for one in self.tried
+        ]
+        return stablest.candidate
 
-    on, recurrent = calm.candidate.front_end, hidden is not None
-    every = dict.fromkeys([on, *hardening.denser(on), *front_ends.smaller, *front_ends.rivals])
-    on_each = {on: options.possible(on, cell, hidden) for on in every}
-    ends = [on for on, one in on_each.items() if one and affordable(one.config, calm, prices)]
-    # a recurrent network takes seconds
-    ends = ends[: 1 if recurrent else effort.ends]
-    ends += [one for on in ends for one in hardening.sturdier(on)]
-    yield from stable(options.possible(on, cell, hidden, fit) for on in ends for fit in fits)
-    for _ in range(effort.rounds):
-        # longer windows bring back some of what a sturdier fit loses
-        ahead = max(in_reach(tried, calm, prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
-        on, fit = ahead.candidate.front_end, fit_of(ahead)
-        further = (
-            [] if recurrent else [options.possible(one, cell, hidden, fit) for one in hardening.longer(on)]
-        )
-        larger = [options.possible(on, cell, hidden + 4, fit)] if hidden else []
-        if not (yield from stable([*further, *larger])):
-            break
-    ranked = sorted(in_reach(tried, calm, prices), key=lambda one: -one.score)
-    behind = [one for one in ranked if len(one.runs) < len(calm.runs)]
-    yield from with_other_seeds([one for one in behind if is_level(ranked[0].scores, one.scores)][:AGAIN])
-    stablest = choose_stable(tried, calm, prices)
-    # what is out of reach is not judged under disturbance, but the most accurate one, which tells what more would buy
-    told = {one.candidate for one in (*in_reach(tried, calm, prices), best_of(tried))}
-    for place, one in enumerate(tried):
-        if one.candidate not in told:
-            tried[place] = dataclasses.replace(one, stress=None, disturbed=None)
-        elif one.candidate == calm.candidate:
-            tried[place] = dataclasses.replace(one, calm=True)
-    return stablest.candidate, tried
+    def _alike(self, cell: str, hidden: int | None, on: AcceleratorConfig, fit: str = "") -> Candidate | None:
+        return self.options.possible(on, cell, hidden, fit)
+
+    def in_price(self, candidates: Iterable[Candidate | None], calm: ScoredCandidate) -> list[Candidate]:
+        unique = dict.fromkeys(candidates)
+        return [one for one in unique if one and affordable(one.config, calm, self.prices)]
+
+    def stable(self, candidates: Iterable[Candidate | None], calm: ScoredCandidate) -> Judging:
+        """Those of the candidates that are new, judged."""
+        before = {one.candidate for one in self.tried}
+        fresh = [one for one in self.in_price(candidates, calm) if one not in before]
+        outcomes = yield from self.asked(fresh, self.effort.share)
+        self.tried.extend(outcomes)
+        return outcomes
 
 
 def fit_of(one: ScoredCandidate) -> str:

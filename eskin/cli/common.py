@@ -47,21 +47,21 @@ class Application(typer.Typer):
         def add(verb: Callable[[Any], Any]) -> Any:
             panel = next((panel for panel, verbs in PANELS.items() if verb.__name__ in verbs), None)
             register = super(Application, self).command(*names, rich_help_panel=panel, **settings)
-            asked = get_type_hints(verb)["asked"]
+            request = get_type_hints(verb)["request"]
 
             @functools.wraps(verb)
             def checked(**options: Any) -> Any:
                 check_outputs(verb.__name__, options)
                 target = options.get("json")
                 check_target(target)
-                result = verb(asked(**options))
+                result = verb(request(**options))
                 if target and result is not None:
                     write_json(target, result)
                 if not (result or {}).get("passed", True):
                     raise typer.Exit(1)
 
-            checked.__annotations__ = get_type_hints(asked, include_extras=True)
-            checked.__signature__ = inspect.signature(asked)  # type: ignore[attr-defined]
+            checked.__annotations__ = get_type_hints(request, include_extras=True)
+            checked.__signature__ = inspect.signature(request)  # type: ignore[attr-defined]
             return register(checked)
 
         return add
@@ -69,7 +69,7 @@ class Application(typer.Typer):
 
 def check_outputs(verb: str, options: Record) -> None:
     """Refuse an output that is another output or an input, under whatever name, is a file of an input folder,
-    or is replaced as a whole with an input in it.
+    or is replaced as a whole with an input in it; and --json over a file that is no earlier result.
 
     Raises
     ------
@@ -118,6 +118,13 @@ def check_outputs(verb: str, options: Record) -> None:
                 raise InputError(
                     f"{option} {path}: would overwrite a file of the input {given_path}; give another name"
                 )
+        result = (
+            path.suffix == ".json"
+            or not path.is_file()
+            or path.read_bytes().lstrip()[:1] in (b"", b"{", b"[")
+        )
+        if option == "--json" and not result:
+            raise InputError(f"--json {path}: would overwrite a file that is no JSON; give another name")
 
 
 app = Application(
@@ -152,7 +159,7 @@ def warn(sentence: str) -> None:
 
 
 def load_data(data: str, config: str | None = None):
-    """Recordings, and the configuration that was asked for, if one was."""
+    """Recordings, and the configuration of --config, if given."""
     from eskin.data import load_recordings
     from eskin.golden.core import AcceleratorConfig
 
@@ -177,7 +184,7 @@ def show_text(text: str) -> None:
 
 
 def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, prices=None):
-    """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are
+    """The front end of --config, or a chosen one with the table of its alternatives; the reasons are
     printed."""
     from eskin.choose.choice import configure
     from eskin.choose.choice_table import front_end_table, front_end_words

@@ -6,29 +6,29 @@ from pathlib import Path
 
 from eskin.cli.common import app, load_data, show, show_text, warn
 from eskin.golden.core import AcceleratorConfig, InputError, Record, check_target
-from eskin.requests import ConvertRequest, InspectRequest, names_of
+from eskin.requests import ConvertRequest, InspectRequest, parse_names
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
-def inspect(asked: InspectRequest) -> Record:
+def inspect(request: InspectRequest) -> Record:
     """Show the content of an archive: taxels, rate, lengths, classes, groups, the onset of each recording,
     a picture."""
     from eskin.pages.inspect_data import draw, in_rows
     from eskin.pages.inspect_data import inspect as look
     from eskin.pages.views import short_name, words, write_text
 
-    picture = asked.out or Path("build/inspect") / f"{short_name(asked.data)}.png"
+    picture = request.out or Path("build/inspect") / f"{short_name(request.data)}.png"
     check_target(picture)
     readme = picture.with_suffix("") / "README.md"
-    if asked.card and readme.exists():
+    if request.card and readme.exists():
         raise InputError(f"{readme}: exists already and may be filled in; move it, or give another --out")
-    recordings, chosen = load_data(asked.data, asked.config)
+    recordings, chosen = load_data(request.data, request.config)
     figures = look(recordings, chosen)
     draw(recordings, figures.get("onset_frames"), picture)
-    more = {} if recordings.image_shape else in_rows(recordings, figures, asked.data)
+    more = {} if recordings.image_shape else in_rows(recordings, figures, request.data)
     show("inspect", **figures, **more, picture=picture)
-    if asked.card:
-        write_text(readme, words("card", held=recordings, name=short_name(asked.data), **figures))
+    if request.card:
+        write_text(readme, words("card", held=recordings, name=short_name(request.data), **figures))
         show_text(f"data card: {readme}; replace each TO FILL IN")
     return figures
 
@@ -36,53 +36,53 @@ def inspect(asked: InspectRequest) -> Record:
 @app.command(
     epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz"
 )
-def convert(asked: ConvertRequest) -> None:
+def convert(request: ConvertRequest) -> None:
     """Convert recordings to an archive, and print how eskin interpreted them."""
     from eskin.data import Reading, load_recordings
     from eskin.data.archive import save_archive
     from eskin.data.fit import for_model
 
-    if asked.out.suffix != ".npz":
-        raise InputError(f"--out {asked.out}: must end in .npz; give such a name")
-    for name, value in (("--rate", asked.rate), ("--scale", asked.scale)):
+    if request.out.suffix != ".npz":
+        raise InputError(f"--out {request.out}: must end in .npz; give such a name")
+    for name, value in (("--rate", request.rate), ("--scale", request.scale)):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} {value}: is out of range; give a number above 0")
-    check_target(asked.out)
+    check_target(request.out)
     reading = Reading(
-        rate_hz=asked.rate,
-        columns=tuple(names_of(asked.columns or "")),
-        recording=asked.recording,
-        label=asked.class_,
-        delimiter=asked.delimiter,
-        samples=asked.samples,
-        labels=asked.labels,
-        clock=asked.clock,
-        scale=asked.scale,
+        rate_hz=request.rate,
+        columns=tuple(parse_names(request.columns or "")),
+        recording=request.recording,
+        label=request.class_,
+        delimiter=request.delimiter,
+        samples=request.samples,
+        labels=request.labels,
+        clock=request.clock,
+        scale=request.scale,
     )
-    if asked.like is not None:
-        model, columns_of, unit = _sensor_of(asked.like)
+    if request.like is not None:
+        model, columns_of, unit = _sensor_of(request.like)
         reading = replace(reading, columns=reading.columns or columns_of)
-        if asked.columns is None and not columns_of:
+        if request.columns is None and not columns_of:
             warn(
-                f"--like {asked.like}: does not name its columns, so eskin finds them; --columns overrides this"
+                f"--like {request.like}: does not name its columns, so eskin finds them; --columns overrides this"
             )
-        if model.sensor.volt_per_code and asked.scale is None:
+        if model.sensor.volt_per_code and request.scale is None:
             reading = replace(reading, scale=model.sensor.volt_per_code)
-        reading = replace(reading, rate_hz=asked.rate or model.sensor.sample_rate_hz)
-    recordings = load_recordings(asked.source, reading=reading)
-    if asked.like is not None:
+        reading = replace(reading, rate_hz=request.rate or model.sensor.sample_rate_hz)
+    recordings = load_recordings(request.source, reading=reading)
+    if request.like is not None:
         if unit and recordings.unit and unit != recordings.unit:
             raise InputError(
-                f"--like {asked.like}: its samples are in {unit}, those of '{asked.source}' in {recordings.unit}; convert them to "
+                f"--like {request.like}: its samples are in {unit}, those of '{request.source}' in {recordings.unit}; convert them to "
                 "one unit"
             )
         recordings = for_model(recordings, model)
-    if asked.size is not None:
+    if request.size is not None:
         from eskin.study.image_size import image_size, resized
 
-        recordings = resized(recordings, *image_size(asked.size))
-    save_archive(recordings, asked.out)
-    show("convert", source=asked.source, recordings=recordings, out=asked.out)
+        recordings = resized(recordings, *image_size(request.size))
+    save_archive(recordings, request.out)
+    show("convert", source=request.source, recordings=recordings, out=request.out)
 
 
 def _sensor_of(like: Path) -> tuple[AcceleratorConfig, tuple[str, ...], str]:

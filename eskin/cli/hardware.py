@@ -18,56 +18,56 @@ from eskin.requests import (
     GenerateRequest,
     ReplayRequest,
     ScheduleRequest,
-    count_of,
-    lanes_of,
+    parse_count,
+    parse_lanes,
 )
 
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
-def generate(asked: GenerateRequest) -> None:
+def generate(request: GenerateRequest) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, a cocotb bench."""
     from eskin.verbs.generate_job import generate_design
 
-    integer = integer_model(asked.model)
-    recordings = None if asked.data is None else recordings_for(asked.data, integer.config)
-    lanes, lane_type = lanes_of(asked.lanes)
+    integer = integer_model(request.model)
+    recordings = None if request.data is None else recordings_for(request.data, integer.config)
+    lanes, lane_type = parse_lanes(request.lanes)
     design = {
         "lanes": lanes,
         "lane_type": lane_type,
-        "bus": asked.bus,
-        "axis": asked.streams is not None,
-        "top": asked.top,
+        "bus": request.bus,
+        "axis": request.streams is not None,
+        "top": request.top,
     }
-    folder = generate_design(integer, asked.out, recordings=recordings, **design)
+    folder = generate_design(integer, request.out, recordings=recordings, **design)
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
 @app.command(
     epilog="Example: eskin export model --to c --out controller, or eskin export model --to onnx --out net"
 )
-def export(asked: ExportRequest) -> Record:
+def export(request: ExportRequest) -> Record:
     """Write a model for other tools, with a check."""
     from eskin.golden.model import FloatModel
     from eskin.verbs.export_job import export_c, export_onnx
 
     exported: Any = (
-        integer_model(asked.model) if asked.to == "c" else FloatModel.load(asked.model, images=True)
+        integer_model(request.model) if request.to == "c" else FloatModel.load(request.model, images=True)
     )
-    if asked.to == "c":
-        prefix = PREFIX if asked.prefix is None else asked.prefix
-        result: Record = export_c(exported, asked.out, prefix=prefix)
-    elif asked.prefix is not None:
+    if request.to == "c":
+        prefix = PREFIX if request.prefix is None else request.prefix
+        result: Record = export_c(exported, request.out, prefix=prefix)
+    elif request.prefix is not None:
         raise InputError("--prefix: belongs to --to c; leave it out")
     else:
-        result = export_onnx(exported, asked.out)
-    show("export", to=asked.to, **result)
+        result = export_onnx(exported, request.out)
+    show("export", to=request.to, **result)
     return result
 
 
 @app.command(
     epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json"
 )
-def cosim(asked: CosimRequest) -> Record:
+def cosim(request: CosimRequest) -> Record:
     """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
 
     Many recordings are split into parts that run side by side; an interrupted command continues where
@@ -77,44 +77,44 @@ def cosim(asked: CosimRequest) -> Record:
     from eskin.verbs import cosim_job
     from eskin.verbs.flow import cosimulate
 
-    count = count_of(asked.recordings)
-    hertz = _clock(asked.clock)
-    lowest, (lanes, lane_type) = asked.clock == "lowest", lanes_of(asked.lanes)
-    if lowest and asked.pace != "declared":
+    count = parse_count(request.recordings)
+    hertz = _clock(request.clock)
+    lowest, (lanes, lane_type) = request.clock == "lowest", parse_lanes(request.lanes)
+    if lowest and request.pace != "declared":
         raise InputError("--clock lowest: needs the pace of the sensor; add --pace declared")
-    if lowest and asked.dask:
+    if lowest and request.dask:
         raise InputError(
             "--dask: the lowest clock is looked for in one run after the other, here; leave --dask out"
         )
-    simulator = asked.simulator or (
-        "compiled" if asked.target == "asic" and not (asked.stalls or lowest) else "verilator"
+    simulator = request.simulator or (
+        "compiled" if request.target == "asic" and not (request.stalls or lowest) else "verilator"
     )
-    integer = integer_model(asked.model)
-    loaded = recordings_for(asked.data, integer.config)
+    integer = integer_model(request.model)
+    loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: Record = {
             "lanes": lanes,
             "lane_type": lane_type,
             "simulator": simulator,
-            "stalls": asked.stalls,
-            "level": asked.level,
-            "target": asked.target,
-            "converter": asked.converter,
+            "stalls": request.stalls,
+            "level": request.level,
+            "target": request.target,
+            "converter": request.converter,
         }
-        if asked.pdk or asked.liberty or asked.rom or asked.target == "asic":
+        if request.pdk or request.liberty or request.rom or request.target == "asic":
             options["chip"] = {
-                "pdk": asked.pdk,
-                "liberty": [str(path) for path in asked.liberty or ()],
-                "rom": asked.rom,
+                "pdk": request.pdk,
+                "liberty": [str(path) for path in request.liberty or ()],
+                "rom": request.rom,
             }
-        options |= {"lowest": True} if lowest else {"pace": asked.pace, "clock_hz": hertz}
+        options |= {"lowest": True} if lowest else {"pace": request.pace, "clock_hz": hertz}
         played = loaded.subset(numbers)
         if lowest:
             result = cosimulate(integer, played, numbers=numbers, work=work, **options)
         else:
-            where = Jobs(dask=asked.dask, progress=report, version=cosim_job.CODE)
-            options["bench"] = asked.bench
+            where = Jobs(dask=request.dask, progress=report, version=cosim_job.CODE)
+            options["bench"] = request.bench
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
@@ -151,7 +151,7 @@ def _clock(text: str | None) -> float | None:
 
 
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
-def build(asked: BoardRequest) -> None:
+def build(request: BoardRequest) -> None:
     """Make a board's bitstream and report its area by block, its clock and the clock that each budget
     needs."""
     from eskin.rtl.fpga.targets import target as board
@@ -159,39 +159,39 @@ def build(asked: BoardRequest) -> None:
     from eskin.verbs import build_job as job
     from eskin.verbs.flow import with_converter
 
-    if asked.stimulator and not (asked.standalone or asked.converter):
+    if request.stimulator and not (request.standalone or request.converter):
         raise InputError(
             "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
         )
-    if asked.converter and not (asked.standalone or asked.link):
+    if request.converter and not (request.standalone or request.link):
         raise InputError("--converter: needs the link or --standalone; leave out --no-link")
-    if asked.flash and not asked.standalone:
+    if request.flash and not request.standalone:
         raise InputError("--flash: is for a board without a host; add --standalone")
-    if asked.standalone and not asked.link:
+    if request.standalone and not request.link:
         raise InputError("--standalone: never has a link; leave out --no-link")
-    target, (lanes, lane_type) = board(asked.target), lanes_of(asked.lanes)
-    folder = asked.out or job.BOARDS / asked.target
+    target, (lanes, lane_type) = board(request.target), parse_lanes(request.lanes)
+    folder = request.out or job.BOARDS / request.target
     check_folder(folder, job.MARK)
-    integer = integer_model(asked.model)
+    integer = integer_model(request.model)
     config = job.suited(integer.config, target, lanes, lane_type)
-    config = with_converter(config, asked.converter)
-    if asked.stimulator and config.interface.stimulator == "none":
+    config = with_converter(config, request.converter)
+    if request.stimulator and config.interface.stimulator == "none":
         config = config.replace(stimulator="decisions")
-    request = job.BuildRequest(
+    build_request = job.BuildRequest(
         config=config,
         arrays=integer.arrays,
         target=target,
-        link=asked.link,
-        standalone=asked.standalone,
-        flash=asked.flash,
-        sensing=bool(asked.converter) and not asked.standalone,
-        clock_hz=asked.clock,
+        link=request.link,
+        standalone=request.standalone,
+        flash=request.flash,
+        sensing=bool(request.converter) and not request.standalone,
+        clock_hz=request.clock,
         lanes_asked=lanes is not None,
-        seeds=asked.seeds,
+        seeds=request.seeds,
     )
     try:
         with progress_bars() as report:
-            built = job.build(request, report)
+            built = job.build(build_request, report)
     except job.BuildError as error:
         stop(str(error), 1)
     result = built[0]
@@ -202,46 +202,46 @@ def build(asked: BoardRequest) -> None:
 
 
 @app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz")
-def replay(asked: ReplayRequest) -> Record:
+def replay(request: ReplayRequest) -> Record:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
     from eskin.verbs import build_job
     from eskin.verbs.replay_job import replay as play
 
-    baud, lanes, lane_type = build_job.board_of(asked.model)
-    integer = integer_model(asked.model).with_lanes(lanes, lane_type)
+    baud, lanes, lane_type = build_job.board_of(request.model)
+    integer = integer_model(request.model).with_lanes(lanes, lane_type)
     classes = integer.config.network.class_names
-    if asked.teach is not None and asked.teach not in classes:
-        raise InputError(f"--teach {asked.teach}: is no class of the model; there are {', '.join(classes)}")
-    recordings = recordings_for(asked.data, integer.config)
+    if request.teach is not None and request.teach not in classes:
+        raise InputError(f"--teach {request.teach}: is no class of the model; there are {', '.join(classes)}")
+    recordings = recordings_for(request.data, integer.config)
     with progress_bars() as report:
         result = play(
             integer,
             recordings,
-            port=asked.port,
+            port=request.port,
             baud=baud,
             progress=lambda done, total: report("frames played", done, total),
-            teach=None if asked.teach is None else classes.index(asked.teach),
-            kept=asked.save_taught,
+            teach=None if request.teach is None else classes.index(request.teach),
+            kept=request.save_taught,
         )
     show("replay", **result)
     return result
 
 
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
-def schedule(asked: ScheduleRequest) -> None:
+def schedule(request: ScheduleRequest) -> None:
     """Draw the work of each unit in each cycle, from the program of the hardware."""
     from eskin.golden.core import PRESETS
     from eskin.pages.views import terminal_table
     from eskin.rtl.views import schedule_view
 
-    if asked.model in PRESETS:
-        config = PRESETS[asked.model]
+    if request.model in PRESETS:
+        config = PRESETS[request.model]
     else:
         from eskin.golden.model import load_config
 
-        config = load_config(asked.model)
-    config = config.with_lanes(*lanes_of(asked.lanes))
-    check_target(asked.out / "schedule")
+        config = load_config(request.model)
+    config = config.with_lanes(*parse_lanes(request.lanes))
+    check_target(request.out / "schedule")
     if config.is_image:
         from eskin.rtl.program.image_passes import plan_of
         from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -261,9 +261,9 @@ def schedule(asked: ScheduleRequest) -> None:
         plan = plan_step(config)
         files = schedule_view.drawing_files(plan)
         shown = (schedule_view.title(plan).partition("\n")[0], ("what", "value"), schedule_view.figures(plan))
-    _write_files(asked.out, files)
+    _write_files(request.out, files)
     console.print(terminal_table(*shown))
-    say(f"files: {', '.join(str(asked.out / name) for name in files)}")
+    say(f"files: {', '.join(str(request.out / name) for name in files)}")
 
 
 def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
@@ -279,17 +279,17 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
     epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration "
     "ulx3s:12"
 )
-def energy(asked: EnergyRequest) -> Record:
+def energy(request: EnergyRequest) -> Record:
     """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
     from eskin.pages.energy_page import PAGE
     from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job
 
-    check_target(asked.out / RESULT)
-    integer = integer_model(asked.model)
-    loaded = recordings_for(asked.data, integer.config)
+    check_target(request.out / RESULT)
+    integer = integer_model(request.model)
+    loaded = recordings_for(request.data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        options: Record = {"count": asked.recordings, "out": asked.out, "work": work, "notify": report}
-        result = job(integer, loaded, asked.configuration, **options)
-    show("energy", **result, in_words=in_words, page=asked.out / PAGE)
+        options: Record = {"count": request.recordings, "out": request.out, "work": work, "notify": report}
+        result = job(integer, loaded, request.configuration, **options)
+    show("energy", **result, in_words=in_words, page=request.out / PAGE)
     return result

@@ -11,36 +11,38 @@ from eskin.requests import WatchRequest
     epilog="Example: eskin watch model --data recordings.npz, or eskin watch model --simulate, or "
     "eskin watch model --data recordings.npz --port /dev/ttyUSB1"
 )
-def watch(asked: WatchRequest) -> Record:
+def watch(request: WatchRequest) -> Record:
     """Watch a model live in the browser: taxels, windows, features, hidden state, logits and decisions."""
     from eskin.verbs import build_job, watch_job
 
-    if asked.port and asked.simulate:
+    if request.port and request.simulate:
         raise InputError("--simulate: cannot be combined with --port; leave one out")
-    if not (asked.data or asked.port or asked.simulate):
+    if not (request.data or request.port or request.simulate):
         raise InputError(
             "--data: is missing; name recordings, or a board with --port, or add --simulate for a synthetic "
             "scene"
         )
-    baud, lanes, lane_type = build_job.board_of(asked.model) if asked.port else (None, None, None)
-    integer = integer_model(asked.model).with_lanes(lanes, lane_type)
-    if integer.config.is_image and not asked.data:
+    baud, lanes, lane_type = build_job.board_of(request.model) if request.port else (None, None, None)
+    integer = integer_model(request.model).with_lanes(lanes, lane_type)
+    if integer.config.is_image and not request.data:
         raise InputError("--data: is missing; a model for images has no synthetic scene, so name images")
     recordings = (
-        None if asked.port and not asked.data else recordings_for(asked.data or "synthetic", integer.config)
+        None
+        if request.port and not request.data
+        else recordings_for(request.data or "synthetic", integer.config)
     )
-    if asked.simulate:
+    if request.simulate:
         messages.print("watch: building the simulator, once a design", soft_wrap=True)
     result = watch_job.watch(
         integer,
         recordings,
-        port=asked.port,
+        port=request.port,
         baud=baud,
-        simulate=asked.simulate,
-        host_port=asked.host_port,
+        simulate=request.simulate,
+        host_port=request.host_port,
         ready=lambda address, _: messages.print(
             f"watch: {escape(address)} (stop with Ctrl-C)", soft_wrap=True, highlight=False
         ),
     )
-    show("watch", **result, hardware=bool(asked.simulate or asked.port))
+    show("watch", **result, hardware=bool(request.simulate or request.port))
     return result

@@ -10,10 +10,10 @@ from eskin.requests import FORMATS, StabilityRequest, SweepRequest
 @app.command(
     epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6"
 )
-def sweep(asked: SweepRequest) -> None:
+def sweep(request: SweepRequest) -> None:
     """Train and quantise a grid of networks, plot accuracy against cost, and name the smallest that meets
     the bounds."""
-    bounds = (("--accuracy-floor", asked.accuracy_floor), ("--latency-budget", asked.latency_budget))
+    bounds = (("--accuracy-floor", request.accuracy_floor), ("--latency-budget", request.latency_budget))
     for (name, value), most in zip(bounds, (1.0, math.inf), strict=True):
         if value is not None and not (0 < value <= most and math.isfinite(value)):
             raise InputError(
@@ -23,47 +23,49 @@ def sweep(asked: SweepRequest) -> None:
     from eskin.study.sweep import split_name
     from eskin.verbs import sweep_job
 
-    recordings, user_config = load_data(asked.data, asked.config)
-    if recordings.image_shape and asked.config is not None:
+    recordings, user_config = load_data(request.data, request.config)
+    if recordings.image_shape and request.config is not None:
         raise InputError(
             "--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and "
             "lanes there"
         )
-    config = None if recordings.image_shape else fitting_config(recordings, user_config, asked.groups).config
+    config = (
+        None if recordings.image_shape else fitting_config(recordings, user_config, request.groups).config
+    )
     with progress_bars() as report:
-        result = sweep_job.run(asked, recordings, config, progress=report)
+        result = sweep_job.run(request, recordings, config, progress=report)
     point = result["points"][result["recommended"]]
-    size, source, first = point["config"].get("size"), asked.data, ""
+    size, source, first = point["config"].get("size"), request.data, ""
     if size and size != "{}x{}".format(*(recordings.image_shape or ())):
-        source, first = "SMALL.npz", f"eskin convert {asked.data} --size {size} --out SMALL.npz, then "
+        source, first = "SMALL.npz", f"eskin convert {request.data} --size {size} --out SMALL.npz, then "
     named = [f"{name}={bits}" for name, bits in point["widths"].items() if name in FORMATS]
     options = "".join(
         f" --{name.replace('_', '-')} {bits}" for name, bits in point["widths"].items() if name not in FORMATS
     ) + (f" --formats {','.join(named)}" if named else "")
     if point["config"]["quantisation_aware"]:
         options += f" --data {source} --quantisation-aware"
-    train = f"eskin train --data {source} --config {asked.out / sweep_job.CONFIG} --out MODEL"
+    train = f"eskin train --data {source} --config {request.out / sweep_job.CONFIG} --out MODEL"
     command = f"{first}{train}, then eskin quantise MODEL{options}"
     things = "images" if recordings.image_shape else "recordings"
     names = [
         f"unseen {split_name(split['groups']) if split['groups'] else things} (%)"
         for split in point["splits"]
     ]
-    shown = {"names": names, "command": command, "out": asked.out}
+    shown = {"names": names, "command": command, "out": request.out}
 
     show("sweep", **result, **shown)
 
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
-def stability(asked: StabilityRequest) -> Record:
+def stability(request: StabilityRequest) -> Record:
     """Show where a model fails: every failure mode with a figure, a bound and a curve; benefit and cost of
     defences."""
     from eskin.golden.model import load_config
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs import stability_job
 
-    recordings = recordings_for(asked.data, load_config(asked.model))
+    recordings = recordings_for(request.data, load_config(request.model))
     with progress_bars() as report:
-        result = stability_job.run(asked, recordings, progress=report)
-    show("stability", **result, figure=figure_in_words, page=asked.out / PAGE)
+        result = stability_job.run(request, recordings, progress=report)
+    show("stability", **result, figure=figure_in_words, page=request.out / PAGE)
     return result

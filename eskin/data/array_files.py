@@ -26,7 +26,9 @@ def read_hdf5(path: Path, refuse: Refuse) -> Group:
 
     root = Group()
 
-    def check(name: str, item: Any) -> None:
+    def check(name: str | bytes, item: Any) -> None:
+        if isinstance(name, bytes):
+            refuse(f"has an object whose name is not UTF-8 ({name!r}); rename it")
         if not isinstance(item, h5py.Dataset):
             return
         if item.external or item.is_virtual:
@@ -66,7 +68,8 @@ def _values(item: Any) -> np.ndarray | None:
 def _attributes(item: Any) -> dict[str, Any]:
     """Attributes that are one number or text."""
     values: dict[str, Any] = {}
-    for name, value in item.attrs.items():
+    for key, value in item.attrs.items():
+        name = key.decode("utf-8", "replace") if isinstance(key, bytes) else key
         cells = np.asarray(value).reshape(-1).tolist()
         one = cells[0] if len(cells) == 1 else None
         one = one.decode("utf-8", "replace") if isinstance(one, bytes) else one

@@ -53,7 +53,7 @@ CODES = 1 << 27
 """Samples (codes of one taxel) that a scene made from a configuration has at most: half a gigabyte."""
 
 
-def scene_of(config: AcceleratorConfig) -> Recordings:
+def synthetic_scene(config: AcceleratorConfig) -> Recordings:
     """The scene that belongs to a configuration: what ``--data synthetic`` means beside ``--config`` or a
     model.
 

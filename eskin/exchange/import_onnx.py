@@ -56,7 +56,7 @@ def _first_line(error: Exception) -> str:
     return f"{str(error).strip().partition(chr(10))[0]:.160}"
 
 
-def attributes_of(node: onnx.NodeProto) -> Record:
+def node_attributes(node: onnx.NodeProto) -> Record:
     """A node's attributes by name."""
     values = {entry.name: onnx.helper.get_attribute_value(entry) for entry in node.attribute}
     return {
@@ -144,7 +144,7 @@ class Graph:
         name = node.input[place] if place < len(node.input) else ""
         by_node = {output: entry for entry in self.nodes("Constant") for output in entry.output}
         if name in by_node:
-            value = attributes_of(by_node[name]).get("value")
+            value = node_attributes(by_node[name]).get("value")
             return self._array(value) if isinstance(value, onnx.TensorProto) else np.asarray(value)
         if name not in self.constants:
             self.refuse(node, f"computes its {role}; save trained weights")
@@ -203,7 +203,7 @@ class OnnxNetwork:
         )
 
 
-def configuration_of(path: str | Path) -> AcceleratorConfig | None:
+def embedded_configuration(path: str | Path) -> AcceleratorConfig | None:
     """The configuration that an exported file keeps; None where it keeps none."""
     values = read_onnx(path).metadata
     return AcceleratorConfig.from_dict(values["config"], f"network '{path}'") if values else None
@@ -228,7 +228,7 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
         classes, columns = weights.shape
         return OnnxNetwork(graph, "linear", "before", "sigmoid", 0, classes, columns, arrays, names, metadata)
     node = layers[0]
-    attributes, order = attributes_of(node), GATES[node.op_type]
+    attributes, order = node_attributes(node), GATES[node.op_type]
     activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
     slopes = (attributes.get("activation_alpha") or [0.2])[:1] + (attributes.get("activation_beta") or [0.5])[
         :1
@@ -278,7 +278,7 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
         node = layers[1] if layers else graph.graph.node[-1]
         graph.refuse(node, f"is one of {len(layers)} layers in place of a dense layer; save {TAKEN}")
     node, additions = layers[0], graph.nodes("Add")
-    weights, attributes = graph.constant(node, 1, "weights"), attributes_of(node)
+    weights, attributes = graph.constant(node, 1, "weights"), node_attributes(node)
     names = {"dense": node.input[1]}
     if node.op_type == "Gemm":
         if additions or attributes.get("alpha", 1.0) != 1.0 or attributes.get("beta", 1.0) != 1.0:

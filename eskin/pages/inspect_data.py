@@ -11,7 +11,7 @@ import numpy as np
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
-from eskin.golden.core.images import network, stages_of
+from eskin.golden.core.images import layer_stages, network
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.pages.charts import draw_events
@@ -87,7 +87,7 @@ def _of_images(recordings: Recordings) -> Record:
         "silent_rows": np.flatnonzero(np.ptp(images, axis=(0, 2)) == 0).tolist(),
         "silent_columns": np.flatnonzero(np.ptp(images, axis=(0, 1)) == 0).tolist(),
         "networks": {
-            name: sum(stage.multiplies for stage in stages_of(height, width, network(name, classes)))
+            name: sum(stage.multiplies for stage in layer_stages(height, width, network(name, classes)))
             for name in NETWORKS
         },
         "reasons": list(recordings.notes),

@@ -293,7 +293,7 @@ def split_figures(record: Mapping[str, Any]) -> Record:
     return {
         "groups": list(record["groups"]),
         "accuracy": record["integer_accuracy"],
-        **spread_of(record["integer_by_seed"], sum(fold["recordings"] for fold in record["per_fold"])),
+        **seed_spread(record["integer_by_seed"], sum(fold["recordings"] for fold in record["per_fold"])),
         "float_accuracy": record["float_accuracy"],
         "float_by_seed": record["float_by_seed"],
         "agreement": record["agreement"],
@@ -313,7 +313,7 @@ def split_figures(record: Mapping[str, Any]) -> Record:
     }
 
 
-def spread_of(by_seed: Sequence[float], recordings: int) -> Record:
+def seed_spread(by_seed: Sequence[float], recordings: int) -> Record:
     """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either:
     then the spread is None and the standard error that of a share of so many recordings."""
     values = np.asarray(by_seed, dtype=np.float64)

@@ -9,7 +9,7 @@ from eskin.golden.core import Record
 from eskin.golden.data import Recordings
 from eskin.golden.model.image_network import image_seconds
 from eskin.training.stage_error import logit_error, records
-from eskin.training.task import task_of
+from eskin.training.task import load_task
 from eskin.training.times import decision_times, step_rows, step_times
 
 MAX_LOSS = 0.01
@@ -42,9 +42,9 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     InputError
         When the folder is no quantised model folder, or the recordings are of another array or task.
     """
-    task = task_of(model_dir, recordings)
+    task = load_task(model_dir, recordings)
     stages, result = task.stages(), compare(task.ideal, task.trace, recordings.labels)
-    return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": held(result)}
+    return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": passes(result)}
 
 
 def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
@@ -61,7 +61,7 @@ def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
     InputError
         As ``evaluate``.
     """
-    task = task_of(model_dir, recordings)
+    task = load_task(model_dir, recordings)
     stages = task.stages()
     return {
         "model": str(model_dir),
@@ -122,7 +122,7 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
     }
 
 
-def held(result: Record) -> bool:
+def passes(result: Record) -> bool:
     """True when the integer model is at most MAX_LOSS under the float one and agrees on at least
     MIN_AGREEMENT."""
     return (

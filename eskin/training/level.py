@@ -18,7 +18,7 @@ def least_error(count: int) -> float:
     return float(np.sqrt((count + 1) / (count + 2) ** 2 / count))
 
 
-def behind(best: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+def paired_shortfall(best: np.ndarray, other: np.ndarray) -> tuple[float, float]:
     """(shortfall of ``other``, standard error of the paired difference over recordings), both of ``correct``."""
     difference = best.astype(float) - other
     return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
@@ -26,5 +26,5 @@ def behind(best: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 def is_level(best: np.ndarray, other: np.ndarray, errors: float = TIE) -> bool:
     """The shortfall is none, or at most so many standard errors of the paired difference."""
-    shortfall, error = behind(best, other)
+    shortfall, error = paired_shortfall(best, other)
     return shortfall <= errors * error * (1 + 1e-9)  # one recording lost, none won: exactly one

@@ -113,7 +113,7 @@ class ImageTask:
         return logits.reshape(len(self._some), -1)
 
 
-def task_of(model_dir: str | Path, recordings: Recordings) -> TouchTask | ImageTask:
+def load_task(model_dir: str | Path, recordings: Recordings) -> TouchTask | ImageTask:
     """Both networks of a model folder on recordings, or images.
 
     Raises

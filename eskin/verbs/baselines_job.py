@@ -22,7 +22,7 @@ RESULT = "baselines.json"
 
 
 def run(
-    asked: BaselinesRequest,
+    request: BaselinesRequest,
     recordings: Recordings,
     config: AcceleratorConfig,
     *,
@@ -42,8 +42,8 @@ def run(
         A folder or a group that cannot be used, before anything is trained.
     """
     begin = time.perf_counter()
-    check_target(asked.out / RESULT)
-    splits = default_splits(recordings, config) if asked.groups is None else [asked.groups]
+    check_target(request.out / RESULT)
+    splits = default_splits(recordings, config) if request.groups is None else [request.groups]
     for groups in splits:
         check_split(recordings, groups, folds)
     result = baselines.results(
@@ -53,10 +53,10 @@ def run(
         methods=methods,
         folds=folds,
         seeds=range(seeds),
-        jobs=Jobs(dask=asked.dask, progress=progress, version=CODE),
+        jobs=Jobs(dask=request.dask, progress=progress, version=CODE),
         keep=Memo(CACHE),
         version=json.dumps([recordings.content, CODE()]),
     )
     result["wall_s"] = time.perf_counter() - begin
-    write_json(asked.out / RESULT, result)
+    write_json(request.out / RESULT, result)
     return result

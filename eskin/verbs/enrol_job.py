@@ -38,7 +38,7 @@ def choose(shared: tuple[Recordings, list[str]], values: dict[str, np.ndarray]) 
 
 
 def evaluate(
-    asked: EnrolRequest,
+    request: EnrolRequest,
     recordings: Recordings,
     config: AcceleratorConfig | None,
     *,
@@ -58,7 +58,7 @@ def evaluate(
         A group that is not there or has too few recordings; before anything is trained.
     """
     begin = time.perf_counter()
-    group, ks = asked.groups or [], asked.ks
+    group, ks = request.groups or [], request.ks
     values = evaluation.group_values(recordings, group, ks)
     content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
     jobs = Jobs(progress=progress, version=CODE)
@@ -73,15 +73,15 @@ def evaluate(
     plain = [configuration.to_dict() for configuration in configs]
     ordered = tuple(sorted(set(ks)))
     questions = {
-        content_key(content, ordered, plain, seed, asked.readout): EnrolmentTrial(
-            tuple(group), ordered, tuple(configs), seed, asked.readout
+        content_key(content, ordered, plain, seed, request.readout): EnrolmentTrial(
+            tuple(group), ordered, tuple(configs), seed, request.readout
         )
-        for seed in range(asked.seeds)
+        for seed in range(request.seeds)
     }
     judged = list(jobs.results(judge, questions, recordings, keep=keep, what="seeds judged").values())
     return evaluation.summary(group, judged) | {
-        "readout": asked.readout,
-        "seeds": list(range(asked.seeds)),
+        "readout": request.readout,
+        "seeds": list(range(request.seeds)),
         "setting": dataclasses.asdict(SETTINGS[True]),
         "set_aside": evaluation.SET_ASIDE,
         "data": str(recordings.source),

@@ -80,8 +80,8 @@ RESULT_MARK = "run.json"
 GOLDEN = LEARNING
 
 
-def run(asked: RunRequest, console: Console | None = None) -> Record:
-    """Do the main job and put everything into ``asked.out``, at the very end. ``console``: where progress is shown;
+def run(request: RunRequest, console: Console | None = None) -> Record:
+    """Do the main job and put everything into ``request.out``, at the very end. ``console``: where progress is shown;
     None: standard error.
 
     The folder
@@ -99,9 +99,9 @@ def run(asked: RunRequest, console: Console | None = None) -> Record:
     SimulationError
         The simulator fails.
     """
-    out = Path(os.path.abspath(asked.out))
+    out = Path(os.path.abspath(request.out))
     check_folder(out, RESULT_MARK)
-    user_config = AcceleratorConfig.load(asked.config) if asked.config else None
+    user_config = AcceleratorConfig.load(request.config) if request.config else None
     begin = time.perf_counter()
     console = console or Console(stderr=True)
 
@@ -110,33 +110,33 @@ def run(asked: RunRequest, console: Console | None = None) -> Record:
 
     stages = partial(_stage, console)
     with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
-        loaded = load_recordings(asked.data, config=user_config)
-        check_units(asked.cell, asked.hidden)
-        prices, panel = cost_model(asked.prefer, asked.fits), panel_of(loaded, asked.stress)
+        loaded = load_recordings(request.data, config=user_config)
+        check_units(request.cell, request.hidden)
+        prices, panel = cost_model(request.prefer, request.fits), panel_of(loaded, request.stress)
     with stages("configuration") as notify:  # what does not work is refused here
-        held = load_recordings(asked.test, config=user_config) if asked.test else None
+        held = load_recordings(request.test, config=user_config) if request.test else None
         if held is not None:
             check_alike(held, loaded)
             held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
-        if asked.groups:
-            check_split(loaded, asked.groups, 5)
+        if request.groups:
+            check_split(loaded, request.groups, 5)
         if loaded.image_shape:
-            chosen_config(loaded, user_config, asked.cell)
+            chosen_config(loaded, user_config, request.cell)
         plan = (
             None
             if loaded.image_shape
-            else configure(loaded, user_config, prices, groups=asked.groups, progress=notify)
+            else configure(loaded, user_config, prices, groups=request.groups, progress=notify)
         )
-        network: Record = {"group": asked.groups, "cell": asked.cell, "hidden": asked.hidden}
-        network["seeds"] = asked.seeds or (1 if loaded.image_shape else 3)
+        network: Record = {"group": request.groups, "cell": request.cell, "hidden": request.hidden}
+        network["seeds"] = request.seeds or (1 if loaded.image_shape else 3)
         planned = plan.config if plan else user_config
         if held is not None and planned is not None:
             held = for_model(held, planned, say)
-        wished = [planned and planned.to_dict(), user_config is None, network, asked.prefer, asked.fits]
+        wished = [planned and planned.to_dict(), user_config is None, network, request.prefer, request.fits]
         base = [loaded.content, *wished, panel and panel.weights]
     with _Work(out) as work:
         steps = _Steps(
-            asked, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
+            request, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
         )
         result = work.folder / "result"
         record = steps.all(result, begin)
@@ -201,7 +201,7 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
 class _Steps:
     """The stages in order, each a call into golden, rtl or cosim."""
 
-    asked: RunRequest
+    request: RunRequest
     recordings: Recordings
     held: Recordings | None
     user_config: AcceleratorConfig | None
@@ -237,7 +237,7 @@ class _Steps:
         model = IntegerModel.load(quantised / "model", images=True)
         training = load_training(quantised / "model")
         config = self.config = model.config
-        numbers = self.recordings.evenly(self.asked.count or default_count(self.recordings, config))
+        numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
         evaluated = self.stage(
             "evaluation", GOLDEN, None, lambda folder, notify: self._evaluate(quantised, folder, notify)
         )
@@ -277,7 +277,7 @@ class _Steps:
         checks = _checks(judged, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
         record = {
-            "name": self.asked.name,
+            "name": self.request.name,
             "data": self._data(),
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
             "baselines": baselines,
@@ -557,7 +557,7 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
     def check(name: str, held: bool, detail: str) -> None:
         checks.append({"name": name, "held": held, "detail": detail})
 
-    check("integer and float network agree", evaluate.held(evaluated), detail)
+    check("integer and float network agree", evaluate.passes(evaluated), detail)
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue

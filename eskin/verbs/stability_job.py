@@ -63,7 +63,7 @@ AROUND = range(-9, 3)
 
 
 def run(
-    asked: StabilityRequest,
+    request: StabilityRequest,
     recordings: Recordings,
     *,
     seeds: int = 3,
@@ -75,7 +75,7 @@ def run(
     """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the
     recommended defences).
 
-    With ``asked.cosim`` the weakest golden cases are confirmed in co-simulation, and modes that need the
+    With ``request.cosim`` the weakest golden cases are confirmed in co-simulation, and modes that need the
     hardware run. Defences are compared by cross-validation, where no mode was named.
 
     Parameters
@@ -97,8 +97,8 @@ def run(
     InputError
         A folder that is no quantised model, an unknown mode, recordings without a touch.
     """
-    out, model_dir, few = asked.out, asked.model, asked.few
-    compare = not asked.mode if asked.defences is None else asked.defences
+    out, model_dir, few = request.out, request.model, request.few
+    compare = not request.mode if request.defences is None else request.defences
     begin = time.perf_counter()
     for name in (RESULT, RECOMMENDED, PAGE):
         check_target(out / name)
@@ -106,8 +106,8 @@ def run(
     bench = Bench.of(*models, recordings, few=few, **bench_options)
     options = [few, bench.flips, bench.seed, bench.points, bench.long]
     content = content_key(bench.model, recordings, code_version(*LEARNING), options, bench.real)
-    keep = _Records(cache, content, Jobs(workers=workers, dask=asked.dask, progress=progress, version=CODE))
-    hardware = _Hardware(bench, keep, progress) if asked.cosim else None
+    keep = _Records(cache, content, Jobs(workers=workers, dask=request.dask, progress=progress, version=CODE))
+    hardware = _Hardware(bench, keep, progress) if request.cosim else None
 
     def records(modes: Sequence[Mode]) -> list[Record]:
         golden = {mode.name: mode.name for mode in modes if not isinstance(mode.run, str)}
@@ -116,7 +116,7 @@ def run(
         return found + [hardware.record(mode) for mode in others if hardware]
 
     judged = stability.run_modes(
-        bench, names=asked.mode or None, judged=records, hardware=hardware is not None
+        bench, names=request.mode or None, judged=records, hardware=hardware is not None
     )
     if hardware:
         hardware.confirm(judged["modes"])

@@ -58,9 +58,9 @@ def cost_of(config: AcceleratorConfig) -> dict[str, float]:
 
 
 def request_of(
-    recordings: Recordings, config: AcceleratorConfig | None, asked: SweepRequest
+    recordings: Recordings, config: AcceleratorConfig | None, request: SweepRequest
 ) -> sweeping.Request:
-    """The points, splits and seeds that a sweep of ``asked`` has; ``config``: sensor, windows, clock, and what
+    """The points, splits and seeds that a sweep of ``request`` has; ``config``: sensor, windows, clock, and what
     the grid leaves open; of images None.
 
     Without groups every split that the configuration names is judged, by the first of them, and images by
@@ -71,27 +71,29 @@ def request_of(
     InputError
         A grid or group that cannot be used, or lanes that the hardware does not have.
     """
-    grid, source = asked.grid, f"grid '{asked.grid}'"
-    splits = default_splits(recordings, config) if asked.groups is None and config else [asked.groups or []]
+    grid, source = request.grid, f"grid '{request.grid}'"
+    splits = (
+        default_splits(recordings, config) if request.groups is None and config else [request.groups or []]
+    )
     for groups in splits:
         check_split(recordings, groups, FOLDS)
-    bounds = {name: getattr(asked, name) for name in ("accuracy_floor", "latency_budget")}
+    bounds = {name: getattr(request, name) for name in ("accuracy_floor", "latency_budget")}
     common: Record = {"folds": FOLDS, "bounds": sweeping.Bounds(**bounds)}
     if config is not None:
         grids = sweeping.DEFAULT_GRID if grid == "default" else sweeping.read_grid(grid)
         points: Sequence[Any] = sweeping.make_points(config, grids, source)
         common |= {"base": config, "splits": splits}
-        return sweeping.SweepRequest(points=points, seeds=range(asked.seeds or 3), **common)
+        return sweeping.SweepRequest(points=points, seeds=range(request.seeds or 3), **common)
     assert recordings.image_shape is not None
     grids = default_grid(*recordings.image_shape) if grid == "default" else sweeping.read_grid(grid)
     points = make_image_points(recordings, grids, source)
     for point in points:
         refuse_hardware(point.config)
-    return ImageSweepRequest(points=points, seeds=range(asked.seeds or 1), group=splits[0], **common)
+    return ImageSweepRequest(points=points, seeds=range(request.seeds or 1), group=splits[0], **common)
 
 
 def run(
-    asked: SweepRequest,
+    request: SweepRequest,
     recordings: Recordings,
     config: AcceleratorConfig | None,
     *,
@@ -105,16 +107,16 @@ def run(
     InputError
         A folder that cannot be used; before anything is trained.
     """
-    out, request = asked.out, request_of(recordings, config, asked)
+    out, sweep_request = request.out, request_of(recordings, config, request)
     for name in (RESULT, TABLE, CONFIG):
         check_target(out / name)
-    images = isinstance(request, ImageSweepRequest)
+    images = isinstance(sweep_request, ImageSweepRequest)
     code = IMAGE_CODE if images else CODE
     result = sweeping.sweep(
         recordings,
-        request,
+        sweep_request,
         cost_of=cost_of,
-        jobs=Jobs(dask=asked.dask, progress=progress, version=code),
+        jobs=Jobs(dask=request.dask, progress=progress, version=code),
         keep=Memo(KEPT if images else CACHE),
         version=json.dumps([recordings.content, code()]),
     )
@@ -129,7 +131,7 @@ def run(
         writer.writeheader()
         writer.writerows(rows)
     recommended = result["points"][result["recommended"]]["config"]
-    point = next(point for point in request.points if point.to_dict() == recommended)
+    point = next(point for point in sweep_request.points if point.to_dict() == recommended)
     write_json(out / CONFIG, point.recommended.to_dict())
     write_json(out / RESULT, result)
     return result

@@ -4,13 +4,13 @@ read is written."""
 from amaranth.hdl import Module, Signal
 
 from eskin.golden.core import Conv, Dense, QFormat
-from eskin.golden.core.images import stages_of
+from eskin.golden.core.images import layer_stages
 from eskin.rtl.image.map_memory import MapMemory
 from eskin.rtl.program.image_passes import ImagePlan
 from formal.proof import Bug, any_number, assume, placed_free, proof, prove
 
 PLAN = ImagePlan(
-    stages_of(2, 4, [Conv(1, 1), Dense(2)]),
+    layer_stages(2, 4, [Conv(1, 1), Dense(2)]),
     weight_bits=8,
     shifts=(0, 0),
     logit_format=QFormat(16, 0),

@@ -4,13 +4,13 @@ end."""
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import Conv, Dense, Pool, QFormat
-from eskin.golden.core.images import stages_of
+from eskin.golden.core.images import layer_stages
 from eskin.rtl.image.tap_sequencer import TapSequencer
 from eskin.rtl.program.image_passes import ImagePlan
 from formal.proof import Bug, any_number, assume, proof, prove
 
 PLAN = ImagePlan(
-    stages_of(4, 4, [Conv(3, 1), Dense(2)]),
+    layer_stages(4, 4, [Conv(3, 1), Dense(2)]),
     weight_bits=8,
     shifts=(0, 0),
     logit_format=QFormat(16, 0),
@@ -91,7 +91,7 @@ def small_passes(m: Module) -> None:
 
 
 PAIRS = ImagePlan(
-    stages_of(4, 4, [Conv(3, 1), Pool(), Dense(2)]),
+    layer_stages(4, 4, [Conv(3, 1), Pool(), Dense(2)]),
     weight_bits=8,
     shifts=(0, 0),
     logit_format=QFormat(16, 0),

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BeforeValidator, InstanceOf, StrictBool, St
 from eskin.golden.core.converters import Converter, NoConverter, converter_of
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.group import Code, Group, Real, Refusal
-from eskin.golden.core.images import Stage, parse_layer, stages_of
+from eskin.golden.core.images import Stage, layer_stages, parse_layer
 
 Rest = Literal["none", "tracked", "initial"]
 OnsetRule = Literal["band", "baseline", "immediate"]
@@ -400,7 +400,9 @@ class Image(Group):
 
     def stages(self) -> tuple[Stage, ...]:
         """Every layer with the shapes of its maps."""
-        return stages_of(self.height, self.width, tuple(map(parse_layer, self.layers))) if self.layers else ()
+        return (
+            layer_stages(self.height, self.width, tuple(map(parse_layer, self.layers))) if self.layers else ()
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -172,7 +172,7 @@ class Stage:
         return products + (1 << BIAS_BITS - 1) + (1 << shift - 1 if shift else 0)
 
 
-def stages_of(height: int, width: int, layers: Sequence[Layer]) -> tuple[Stage, ...]:
+def layer_stages(height: int, width: int, layers: Sequence[Layer]) -> tuple[Stage, ...]:
     """Every layer with the shapes of its maps, for images of ``height`` x ``width`` pixels.
 
     Raises

@@ -197,7 +197,7 @@ class ImagePlan:
     Parameters
     ----------
     stages:
-        `eskin.golden.core.images.stages_of`.
+        `eskin.golden.core.images.layer_stages`.
     weight_bits, shifts, logit_format:
         Number formats: bits of a weight, a shift for each layer with weights, the format of logits.
     checksum:

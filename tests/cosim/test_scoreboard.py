@@ -11,8 +11,8 @@ from eskin.cosim.scoreboard import (
     FLAT_STAGES,
     Mismatch,
     Scoreboard,
+    count_stages,
     recordings_of,
-    stages_of,
 )
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from tests.support.link_flow import pack_decisions
@@ -91,7 +91,7 @@ def said(expected) -> Said:
 def test_agreement_counts_every_value(expected, said):
     counted = {stage: 5 * size for stage, size in SIZES.items()} | {"decision": 7 * 6, "status": 2 * 3}
     assert said.judged(expected).compared == counted
-    assert stages_of(counted, None) == {
+    assert count_stages(counted, None) == {
         stage: {"compared_values": values, "mismatches": 0} for stage, values in counted.items()
     }
 

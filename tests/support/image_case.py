@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eskin.golden.core import QFormat
-from eskin.golden.core.images import parse_layer, stages_of
+from eskin.golden.core.images import layer_stages, parse_layer
 from eskin.rtl.program.image_passes import ImagePlan
 
 LOGIT = QFormat(16, 0)
@@ -68,7 +68,7 @@ def make_case(
     """Random weights of any size, shifts that leave most values inside the format and some outside; the last
     one as given."""
     rng = np.random.default_rng(seed)
-    stages = stages_of(height, width, [parse_layer(text) for text in layers])
+    stages = layer_stages(height, width, [parse_layer(text) for text in layers])
     weighted = [stage for stage in stages if stage.weights]
     shifts = [
         max(0, int(np.log2(stage.products) / 2) + weight_bits - 1 + int(rng.integers(-1, 2)))

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, NoReturn
 import torch
 from matplotlib.figure import Figure
 
-from eskin.choose.front_ends import Judge
+from eskin.choose.front_ends import FrontEndScorer
 from eskin.cli import main as command_line
 from eskin.study.stability import suite as stability
 
@@ -101,10 +101,12 @@ def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) 
         elif event == "pickle.find_class":
             notes.append(f"unpickled: {arguments[0]}.{arguments[1]}")
 
-    def judged(judge: Judge, config: Any, judge_it: Callable[..., Any] = Judge.__call__) -> Any:
+    def judged(
+        judge: FrontEndScorer, config: Any, judge_it: Callable[..., Any] = FrontEndScorer.__call__
+    ) -> Any:
         return stop() if len(judge.judged) > JUDGED else judge_it(judge, config)
 
-    Judge.__call__ = judged  # type: ignore[method-assign]
+    FrontEndScorer.__call__ = judged  # type: ignore[method-assign]
     torch.Tensor.backward = torch.autograd.grad = ProcessPoolExecutor.submit = stability.judge = stop  # type: ignore
     if not draws:
         Figure.__init__ = stop  # type: ignore

@@ -19,7 +19,7 @@ def rest_of(stream: np.ndarray, bench: Scene) -> np.ndarray:
     return np.median(stream[: max(bench.config.rest_level.rest_frames, 5)], axis=0)
 
 
-def held(bench: Scene, taxels: Sequence[int], level: str, since: float | None) -> Change:
+def stuck_taxels(bench: Scene, taxels: Sequence[int], level: str, since: float | None) -> Change:
     """Taxels held at ``rest``, ``high`` or ``low`` (ends of the code range): from the first frame (None), or
     from so many touch lengths after the onset on."""
     fmt = bench.config.sample_format
@@ -38,12 +38,12 @@ def held(bench: Scene, taxels: Sequence[int], level: str, since: float | None) -
 def stuck(level: str) -> Callable[[Scene, float, Sequence[int]], Change]:
     """Taxels at an end of their range, or without a sound at their rest level, from so many touch lengths after
     the onset on."""
-    return lambda bench, since, taxels: held(bench, taxels, level, since)
+    return lambda bench, since, taxels: stuck_taxels(bench, taxels, level, since)
 
 
 def stuck_from_start(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """Taxels at the highest code from the first frame on."""
-    return held(bench, taxels, "high", None)
+    return stuck_taxels(bench, taxels, "high", None)
 
 
 def noisy(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
@@ -82,7 +82,7 @@ def offset(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
 # ---------------------------------------------------------------------- several taxels, or all
 def dead_together(bench: Scene, count: float, taxels: Sequence[int]) -> Change:
     """Taxels that rest from shortly before the touch on."""
-    return held(bench, taxels, "rest", -0.1)
+    return stuck_taxels(bench, taxels, "rest", -0.1)
 
 
 def exchanged(bench: Scene, count: float, taxels: Sequence[int]) -> Change:
@@ -133,7 +133,7 @@ def _missed(bench: Bench, level: str, within: int) -> float:
     shares = [0.0]
     begin = np.maximum(0, bench.onsets - 1 + round(0.25 * bench.config.last_frame))
     for taxel in bench.live:
-        recordings = disturbed(bench, held(bench, [taxel], level, 0.25))
+        recordings = disturbed(bench, stuck_taxels(bench, [taxel], level, 0.25))
         flagged = bench.parts.find_touches(bench.config, recordings, steps=0).flagged
         if flagged is None:
             return 1.0

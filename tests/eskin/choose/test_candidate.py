@@ -7,7 +7,7 @@ from eskin.choose.candidate import Candidate, ScoredCandidate, choose
 from eskin.choose.cost import Cost
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.training.formats import with_network
-from eskin.training.level import TIE, behind, is_level, least_error
+from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import RECIPES
 from tests.support.prices import priced
 from tests.support.table import each_row
@@ -50,7 +50,7 @@ def judged(cell: str, hidden: int | None, right: int, of: int = 100, won: int = 
 )
 def test_the_cheapest_within_a_standard_error_of_the_paired_difference(right, won, level):
     large, small = judged("gru", 12, 90), judged("gru", 4, right, won=won)
-    shortfall, error = behind(large.correct, small.correct)
+    shortfall, error = paired_shortfall(large.correct, small.correct)
     difference = large.correct - small.correct
     assert shortfall == pytest.approx((90 - right) / 100)
     assert error == pytest.approx(np.sqrt(difference.var(ddof=1) / 100))

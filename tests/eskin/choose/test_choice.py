@@ -39,7 +39,7 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = trained(gripped, None, tmp_path)
     rows = record["candidates"]
     assert [(row["cell"], row["hidden"]) for row in rows] == [
-        *[("linear", 0)] * 6,
+        *[("linear", 0)] * 7,
         *[("gru", units) for units in (4, 8, 12, 16)],
     ]
     (chosen,) = (row for row in rows if row["chosen"])

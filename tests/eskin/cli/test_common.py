@@ -9,7 +9,7 @@ import pytest
 from eskin.cli.common import INPUT_WORDS, OUTPUTS, app, check_outputs
 from eskin.cli.main import VERBS
 from eskin.golden.core import InputError
-from eskin.requests import EnrolRequest, count_of, lanes_of
+from eskin.requests import EnrolRequest, parse_count, parse_lanes
 from eskin.study.image_size import image_size
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
@@ -22,7 +22,7 @@ def here(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("mine.npz", "in/model/config.json", "in/model/new.json", "in/c.csv"):
         Path(name).parent.mkdir(parents=True, exist_ok=True)
-        Path(name).touch()
+        Path(name).write_text("PK")
     Path("link.npz").symlink_to("mine.npz")
     Path("hard.npz").hardlink_to("mine.npz")
     Path("synthetic").touch()
@@ -79,6 +79,7 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
             "would overwrite a file of the input in/model",
         ),
         ("evaluate", {"model": "in/model", "json": "in/model/new.json"}, None),
+        ("evaluate", {"model": "in/model", "json": "mine.npz"}, "would overwrite a file that is no JSON"),
         ("inspect", {"data": "mine.npz", "out": "a", "json": "./a"}, "--out a: --json names the same path"),
         ("convert", {"source": "absent.csv", "out": "absent.csv"}, None),
     ],
@@ -95,7 +96,7 @@ def test_folders_and_words(verb, given, said):
 
 @each_row("text", ["9" * 5000, "-1", "x", "1_0"])
 def test_numbers_that_are_none_are_one_short_sentence(text):
-    for reader in (count_of, lambda k: EnrolRequest(k=k).ks, parse_configuration, image_size, lanes_of):
+    for reader in (parse_count, lambda k: EnrolRequest(k=k).ks, parse_configuration, image_size, parse_lanes):
         before = {image_size: "9x", parse_configuration: "icebreaker:"}.get(reader, "")
         with pytest.raises(InputError, match="^.{20,250}$"):
             reader(f"{before}{text}")

@@ -97,6 +97,17 @@ def test_what_hdf5_does_not_say_is_refused_with_what_there_is(tmp_path, more, se
         load_recordings(trials(tmp_path / "a.h5", **more))
 
 
+def test_names_that_are_no_unicode_are_replaced_or_refused(tmp_path):
+    path = trials(tmp_path / "a.h5", label=lambda n: CLASSES[n % 2])
+    with h5py.File(path, "r+") as file:
+        file["trial0"].attrs[b"\xffnit"] = "mV"
+    assert load_recordings(path).taxels == 3
+    with h5py.File(path, "r+") as file:
+        file[b"b\xff"] = SIGNALS[0]
+    with pytest.raises(InputError, match="name is not UTF-8"):
+        load_recordings(path)
+
+
 def test_the_samples_of_several_sensors_are_named(tmp_path):
     path = trials(tmp_path / "a.h5", imu=lambda n: np.zeros((FRAMES, 6)), label=lambda n: CLASSES[n % 2])
     assert load_recordings(path, reading=Reading(samples="skin")).taxels == 3

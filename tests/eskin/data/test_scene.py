@@ -5,7 +5,7 @@ import pytest
 
 from eskin.data import load_recordings, synthetic_recordings, turns
 from eskin.data.fit import check_fit
-from eskin.data.scene import SCENES, scene_of
+from eskin.data.scene import SCENES, synthetic_scene
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.training.formats import with_network
 from tests.support.table import each_row
@@ -61,7 +61,7 @@ def test_the_scene_follows_from_the_configuration():
 def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, classes, persons, trials):
     asked: dict[str, int] = {}
     monkeypatch.setattr("eskin.data.scene.synthetic_recordings", asked.update)
-    scene_of(sized(taxels, classes))
+    synthetic_scene(sized(taxels, classes))
     assert (asked["persons"], asked["trials"], asked["rows"] * asked["columns"]) == (persons, trials, taxels)
     assert persons * trials * classes * taxels * 9000 <= 1 << 27
 

@@ -115,7 +115,8 @@ def test_one_difference_in_one_recording_is_seen(model, recordings, case):
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("scan_every", [pytest.param(1, marks=pytest.mark.slow), 4])
+@pytest.mark.slow
+@pytest.mark.parametrize("scan_every", [1, 4])
 def test_the_simulated_rtl_is_equal_in_lock_step(model, scan_every):
     """Several touches, a partial one, none; a fault detector that masks; decisions by vote; frames that the chain does
     not take. Then a word of the model is spoilt."""

@@ -44,7 +44,7 @@ class Stub:
         return {
             "groups": list(groups),
             "accuracy": accuracy,
-            **sweeping.spread_of(by_seed, 60),
+            **sweeping.seed_spread(by_seed, 60),
             "float_accuracy": accuracy,
             "float_by_seed": by_seed,
             "agreement": 0.99,

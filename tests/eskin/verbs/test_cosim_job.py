@@ -80,6 +80,7 @@ def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, m
     assert result["mismatch_list"][0].startswith("recording 21,") and Path(result["waves"]).is_dir()
 
 
+@pytest.mark.slow
 def test_a_fault_of_the_torch_model_alone_ends_the_verb_with_1(model, here, monkeypatch):
     from eskin.cli.main import app
     from eskin.golden.model.torch_model import Int64

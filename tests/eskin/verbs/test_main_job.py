@@ -241,7 +241,7 @@ def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
 
 def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
     cases = {
-        "float one": {"evaluation": evaluation(12, agreement=0.979)},
+        "float network agree": {"evaluation": evaluation(12, agreement=0.979)},
         "float": {"evaluation": evaluation(12) | {"integer_accuracy": 0.9}},
         "hardware equals model at full pace": {"full": {"mismatches": 3}},
         "hardware equals model at the sensor's pace": {"declared": {"mismatches": 1}},

@@ -122,3 +122,12 @@ def test_a_configuration_survives_its_file_and_its_flat_fields():
         assert AcceleratorConfig.from_dict(json.loads(preset.to_json())) == preset
         flat = {name: preset.value(name) for name in preset.fields()}
         assert AcceleratorConfig.of(**flat) == preset
+
+
+def test_a_weight_word_is_as_wide_as_the_widest_of_the_three_formats():
+    for name in ("weight_format", "recurrent_format", "dense_format"):
+        assert (
+            PRESETS["thesis"].replace(**{name: QFormat(4, 5)}).weight_bits
+            == 9
+            > PRESETS["thesis"].weight_bits
+        )

@@ -5,7 +5,15 @@ import pytest
 import torch
 
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.model import FloatModel, IntegerModel, load_config, load_training, normalise
+from eskin.golden.model import (
+    Float,
+    FloatModel,
+    IntegerModel,
+    load_config,
+    load_training,
+    normalise,
+    run_cell,
+)
 from eskin.training.formats import normaliser_constants, with_network
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
@@ -153,3 +161,16 @@ def test_with_network_moves_the_state_format_and_the_windows():
     for name in ("thesis", "pvdf"):
         with pytest.raises(InputError, match="field steps"):
             with_network(PRESETS[name], steps=0)
+
+
+def test_masked_taxels_do_not_reach_the_float_network():
+    config = SMALL.replace(masked_taxels=(1,))
+    model = float_model(config)
+    means = np.random.default_rng(2).normal(0, 50, (3, 6, 4))
+    broken = means.copy()
+    broken[..., 1] = 1e6
+    np.testing.assert_array_equal(model.features(means), model.features(broken))
+    features = model.features(means)
+    tensors = {name: torch.tensor(array) for name, array in model.arrays.items()}
+    expected = run_cell(Float(config), config, tensors, torch.tensor(features))[1]
+    np.testing.assert_allclose(model.forward(features)[1], expected.numpy(), rtol=0, atol=1e-12)

@@ -38,7 +38,13 @@ def test_random_designs(network):
         assert check(model, random_recordings(model.config, (400, 700), seed)) > 20
 
 
-@pytest.mark.parametrize("name", ["pvdf_indent", "fabric_slide", "biotac_slide"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pvdf_indent",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("fabric_slide", "biotac_slide")),
+    ],
+)
 def test_all_recordings_of_a_data_set(name, shared_data):
     recordings = load_recordings(shared_data / name / "recordings.npz")
     if name == "biotac_slide":

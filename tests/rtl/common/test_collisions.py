@@ -50,9 +50,11 @@ def test_a_collision_shows(attributes, value):
     simulate(m, bench)
 
 
-@pytest.mark.parametrize(("name", "stall"), [("two windows end together", 0.4), ("tracked, free", 0.4)])
-def test_whole_design(name, stall):
-    test_accelerator.test_bit_exact_at_every_stage(name, stall)
+@pytest.mark.parametrize(
+    "name", [pytest.param("two windows end together", marks=pytest.mark.slow), "tracked, free"]
+)
+def test_whole_design(name):
+    test_accelerator.test_bit_exact_at_every_stage(name, 0.4)
 
 
 def test_only_large_memories_begin_as_anything():

@@ -85,3 +85,9 @@ def test_clip_every_code(bound):
 def test_convergent_rounding_takes_ties_to_the_even_code(shift):
     codes = np.arange(-200, 200)
     assert (formats.shift_right(codes, shift, "RND_CONV") == np.rint(codes / 2**shift)).all()
+
+
+def test_wrapping_keeps_the_low_bits():
+    codes = np.arange(-700, 700)
+    assert (formats.clamp(codes, QFormat(3, 5), "WRAP") == codes.astype(np.int8)).all()
+    assert (formats.clamp(codes, QFormat(3, 5, False), "WRAP") == codes.astype(np.uint8)).all()

@@ -2,6 +2,8 @@
 
 import random
 
+from amaranth.hdl import Fragment
+
 from eskin.golden.core import PRESETS, QFormat, sigmoid_table, tanh_table
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from tests.support.stream_bench import put, simulate
@@ -75,3 +77,25 @@ def test_a_wrong_entry_is_told_from_the_cycle_after_its_look_up_to_the_next():
 
     simulate(dut, bench)
     assert min(told.values()) > 5
+
+
+@each_row(
+    ("changes", "tables"),
+    [
+        ({}, 1),
+        ({"lane_type": "dsp", "lanes": 5}, 1),
+        ({"lane_type": "dsp", "lanes": 4}, 2),
+        ({"lanes": 12, "gate_frac": 12}, 2),
+    ],
+)
+def test_two_tables_where_the_codes_are_not_alike_or_a_few_dsp_lanes_spare_logic(changes, tables):
+    config, depths = PRESETS["thesis"].replace(**changes), []
+
+    class Watched(ActivationUnit):
+        def elaborate(self, platform):
+            m = super().elaborate(platform)
+            depths.append(m.submodules.table.depth)
+            return m
+
+    Fragment.get(Watched(config), None)
+    assert depths == [tables * config.formats.table_entries]

@@ -17,7 +17,17 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
-from eskin.rtl.program.signature import check_words, reads, residue
+from eskin.rtl.program.signature import (
+    START,
+    WIDTH,
+    advance,
+    check_words,
+    fold,
+    parity,
+    reads,
+    residue,
+    retreat,
+)
 from eskin.rtl.top.accelerator import Accelerator
 from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
 from tests.support.random_models import random_integer_model
@@ -188,3 +198,19 @@ def test_memories_that_were_never_loaded_are_flagged():
     config = checked("thesis", rearm_frames=60)
     model = random_integer_model(config, seed=3)
     assert run_with(model, touch_data(config), [], []) & Fault.CHECKSUM
+
+
+def test_the_register_runs_through_every_value_and_back():
+    value, seen = START, 0
+    while True:
+        assert retreat(advance(value)) == value
+        value, seen = advance(value), seen + 1
+        if value == START:
+            break
+    assert seen == (1 << WIDTH) - 1
+    assert (
+        fold(-1, 20) == 0xFFFF ^ 0xF
+        and fold(0x1234_5678, 32) == 0x1234 ^ 0x5678
+        and parity(-1, 3) == 1
+        and parity(0b1010, 4) == 0
+    )

@@ -3,7 +3,10 @@
 import random
 from pathlib import Path
 
+from amaranth.back import rtlil
+
 from eskin.golden.core import PRESETS
+from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from tests.support.table import each_row
 from tests.support.vendor_cells import SETTLED, differences, with_parameter
@@ -41,3 +44,19 @@ def test_the_block_does_what_the_behaviour_says(tmp_path, carry):
 @each_row(("parameter", "wrong"), [("TOPADDSUB_CARRYSELECT", 0), ("BOTOUTPUT_SELECT", 0)])
 def test_a_wrong_parameter_is_seen(tmp_path, parameter, wrong):
     assert of_the_adder(tmp_path, change=with_parameter(parameter, wrong))[0] > OPERATIONS // 100
+
+
+@each_row(
+    ("lanes", "lane_type", "platform", "blocks"),
+    [
+        (1, "dsp", ICE40, 2),
+        (5, "dsp", ICE40, 2),
+        (6, "dsp", ICE40, 1),
+        (7, "dsp", ICE40, 0),
+        (1, "dsp", None, 0),
+    ],
+)
+def test_only_where_a_block_is_idle(lanes, lane_type, platform, blocks):
+    config = CONFIG.with_lanes(lanes, lane_type)
+    adders = [RegisteredAdder(config, config.sum_bits, before=before) for before in (0, 1)]
+    assert sum("SB_MAC16" in rtlil.convert(adder, platform=platform) for adder in adders) == blocks

@@ -74,3 +74,19 @@ def test_no_clock_comes_near_an_edge_of_conv_whenever_dvalid_comes(delay):
     assert {frame.fault for frame in frames} == {ConverterFault(0) if in_time else ConverterFault.SILENT}
     for conv in chip.conv_edges:
         assert all(abs(edge - conv) >= QUIET for edge in chip.dclk_edges)
+
+
+@each_row("level", [0, 0xFFFFF])
+def test_a_stuck_line_is_a_fault(level):
+    assert play(1, lambda channel: level)[0][0].fault == ConverterFault.STUCK
+
+
+def test_bits_of_the_readback_are_looked_at_but_not_those_of_the_revision():
+    """The chip is set up anew behind each wrong one."""
+    flips = iter([1, 1 << 40, 1 << 71, 1 << 76, 1 << 87, 1 << 72 | 1 << 75])
+
+    def spoil(name, value):
+        return value ^ next(flips) if name == "readback" else value
+
+    frames, _ = play(6, lambda channel: 1000, spoil)
+    assert [frame.fault for frame in frames] == [ConverterFault.READBACK] * 5 + [ConverterFault(0)]

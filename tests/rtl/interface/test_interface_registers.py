@@ -5,7 +5,7 @@ import random
 
 from eskin.golden.core import PRESETS, ConverterFault
 from eskin.rtl.interface.interface_registers import InterfaceRegisters
-from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, interface_registers
+from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, interface_registers, mapped
 from tests.support.stream_bench import bus_accesses, simulate
 
 ALL = PRESETS["thesis"].replace(converter="ads7953", position=True, stimulator="decisions")
@@ -86,3 +86,16 @@ def test_faults_stay_until_they_are_cleared():
         assert await read(InterfaceRegister.CONVERTER_FAULTS) == 0
 
     play(body)
+
+
+def test_every_other_access_goes_through_in_its_cycle():
+    others = [number for number in range(64) if number not in interface_registers(ALL)]
+
+    async def body(ctx, dut, write, read):
+        for number in others:
+            assert await read(number) == 257 * number
+            await write(number, 0x1234)
+
+    assert play(body) == [event for number in others for event in ((number, None), (number, 0x1234))]
+    assert not set(mapped(ALL)) & set(map(int, interface_registers(ALL)))
+    assert interface_registers(PRESETS["thesis"]) == []

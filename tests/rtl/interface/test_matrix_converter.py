@@ -79,3 +79,7 @@ def test_a_leading_bit_that_is_not_zero_is_a_fault_of_that_frame_alone():
     bad = iter([*[0] * 14, 1, 1, *[0] * 29])  # the last cell of the first frame, the first of the second
     frames, _ = play(lambda cell: 700 | next(bad) << 13, 3)
     assert [frame.fault for frame in frames] == [ConverterFault.ORDER] * 2 + [ConverterFault(0)]
+
+
+def test_one_cell_at_its_end_is_no_fault():
+    assert not play([0, *[700] * 13, 4095].__getitem__, 1)[0][0].fault

@@ -7,6 +7,7 @@ import random
 import numpy as np
 
 from eskin.golden.core import PRESETS, ConverterFault, converter_plan
+from eskin.golden.core.converters import mpr121
 from eskin.rtl.interface.mpr121_converter import Mpr121Converter
 from tests.support.converter_bench import play_frames
 from tests.support.pin_chips import MprSlave
@@ -92,3 +93,24 @@ def test_what_is_wrong_with_a_chip_is_told_and_all_are_set_up_anew(config):
         assert frames[1].codes == frames[-2].codes == dict(enumerate(plan.from_pins(own, config)[0].tolist()))
     faults = sum(map(bool, (fault for *_, fault in rows[:-1])))
     assert chip.written.count((0x5A + plan.chips - 1, 0x5E, RUNNING)) == faults + (config is TWO)
+
+
+def test_the_chip_has_its_time_before_its_first_data():
+    early, late = (play(SMALL, 1, lambda address: [700] * 12, first=first)[0][0].end for first in (50, 500))
+    assert late - early == 450
+    plan = converter_plan(SMALL.replace(converter=dict(name="mpr121", hz=1e5)), 12e6)
+    assert (plan.quarter, plan.reset, plan.first) == (30, 12_000, 120_000)
+
+
+def test_electrodes_of_cells_are_the_codes_that_make_them():
+    config = SMALL.replace(rows=13, columns=9, taxels=117)
+    plan = converter_plan(config)
+    cells = plan.from_pins(np.random.default_rng(1).integers(0, 1024, (50, 12)), config)
+    assert cells.min() >= 0 and cells.max() <= mpr121.FULL
+    # a touch on one cell lowers its row and its column, and is seen there alone
+    rest = np.full((1, 12), 800)
+    rest[0, [2, 5 + 3]] = 300
+    seen = plan.from_pins(rest, config)[0].reshape(13, 9)
+    assert seen[6, 4] == seen.max() == mpr121.FULL - 600 and (seen == seen.max()).sum() == 1
+    again = plan.from_pins(plan.to_pins(seen.reshape(1, -1), config), config)[0].reshape(13, 9)
+    assert again[6, 4] == seen[6, 4]

@@ -131,3 +131,13 @@ def test_the_centre_is_near_the_truth_and_slides_give_their_direction(size, inne
     told = f"error {np.mean(errors):.3f}, at most {np.max(errors):.3f} cells; {right} of {clear} slides"
     print(f"{size}: {len(errors)} positions, {told}")
     assert clear > 5 and right == clear
+
+
+@each_row("size", SIZES)
+def test_bit_exact_on_generated_touches(size):
+    rows, columns = SIZES[size]
+    config = config_of(rows, columns)
+    samples, _, _ = touches(rows, columns, count=3, seed=rows, frames=6)
+    golden = positions(samples, config)
+    assert len(golden) > 20 and {p.direction for p in golden} - {0}
+    assert hardware(samples, config) == as_told(golden)

@@ -2,13 +2,13 @@
 to."""
 
 from eskin.golden.core import QFormat
-from eskin.golden.core.images import SIZES, network, stages_of
+from eskin.golden.core.images import SIZES, layer_stages, network
 from eskin.rtl.program.image_passes import ImagePlan
 from tests.support.table import each_row
 
 
 def plan_of(name: str, height: int, width: int, lanes: int) -> ImagePlan:
-    stages = stages_of(height, width, network(name, 22))
+    stages = layer_stages(height, width, network(name, 22))
     shifts = (8,) * sum(1 for stage in stages if stage.weights)
     return ImagePlan(stages, weight_bits=8, shifts=shifts, logit_format=QFormat(16, 0), lanes=lanes)
 

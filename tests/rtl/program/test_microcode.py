@@ -90,3 +90,27 @@ def test_a_schedule_with_two_uses_of_one_slot_is_refused():
         Microcode(replace(plan, mac_after=(first, replace(second, cycle=first.cycle), *rest)))
     with pytest.raises(RuntimeError, match="the schedule ends too soon"):
         Microcode(replace(plan, slots_after=plan.slots_after - 5))
+
+
+def test_vector_counts_within_a_word_and_nothing_else_does():
+    plan = schedule(reference())
+    code = Microcode(plan)
+    code.slots = [{}] * code.wait + [
+        {"mac": 1, "vector": 5},
+        {"mac": 1, "vector": 6, "t": 3},
+        {"mac": 1, "vector": 7},
+        {"mac": 1, "vector": 9},
+        {"mac": 1, "vector": 10, "t": 4},
+        {"mac": 1, "vector": 11, "t": 4},
+        {"mac": 1, "vector": 12, "t": 5},
+        {"mac": 1, "vector": 0},
+        {},
+    ]
+    words = [word for word in code.words[code.again_word + 1 :] if not word["wait"] and word["mac"]]
+    # the slot that waits is a word of its own, and so is the slot after it
+    assert [(word["vector"], word["repeat"], word["t"]) for word in words] == [
+        (6, 1, 3),
+        (9, 2, 4),
+        (12, 0, 5),
+        (0, 0, 0),
+    ]

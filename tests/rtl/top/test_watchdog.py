@@ -4,6 +4,7 @@ longest wait there is."""
 import pytest
 from amaranth.hdl import EnableInserter, ResetInserter, Signal
 
+from eskin.golden.core import PRESETS
 from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
@@ -168,3 +169,10 @@ def test_an_engine_or_a_classifier_that_stands_still_is_found(monkeypatch):
     bench.process(drive)
     bench.run()
     assert flags == [Fault.WATCHDOG] * 2
+
+
+def test_the_bound_is_short_against_a_frame_of_the_presets():
+    """Nobody waits long: less than two frames of the sensor, at the clock the presets name."""
+    for name in ("thesis", "pvdf"):
+        config = PRESETS[name]
+        assert bound(config) < 3 * config.hardware.clock_hz / config.sensor.sample_rate_hz

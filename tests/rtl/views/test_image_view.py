@@ -4,11 +4,11 @@ another."""
 from itertools import pairwise
 
 from eskin.golden.core import QFormat
-from eskin.golden.core.images import network, stages_of
+from eskin.golden.core.images import layer_stages, network
 from eskin.rtl.program.image_passes import ImagePlan
 from eskin.rtl.views import image_view
 
-STAGES = stages_of(28, 50, network("tactnet", 22))
+STAGES = layer_stages(28, 50, network("tactnet", 22))
 PLAN = ImagePlan(STAGES, weight_bits=8, shifts=(8,) * 4, logit_format=QFormat(6, 10), lanes=8)
 
 

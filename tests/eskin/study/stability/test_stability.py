@@ -129,18 +129,18 @@ def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
             for mode in modes
         ]
 
-    def names_of(records):
+    def parse_names(records):
         return [record["name"] for record in records]
 
     result = run_modes(bench, judged=judged)
-    assert names_of(result["modes"]) == [*GOLDEN]
+    assert parse_names(result["modes"]) == [*GOLDEN]
     reasons = {row["name"]: row["why"] for row in result["not_run"]}
     assert reasons == {mode.name: "needs a co-simulation" for mode in HARDWARE}
 
     result = run_modes(bench, judged=judged, hardware=True)
-    assert names_of(result["modes"]) == [*MODES] and not result["not_run"]
+    assert parse_names(result["modes"]) == [*MODES] and not result["not_run"]
     failed = [record for record in result["modes"] if not record["passed"]]
-    assert names_of(failed) == [HARDWARE[0].name] == result["weakest"][:1]
+    assert parse_names(failed) == [HARDWARE[0].name] == result["weakest"][:1]
     for changes, name, why in (
         ({"loadable": False}, "weight write during a touch", "weights are in ROM: there is nothing to write"),
         (
@@ -156,7 +156,7 @@ def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
     ):
         case = stability_case.linear_bench() if "cell" in changes else bench.changed(changes)
         result = run_modes(case, names=[name, "feature bits"], judged=judged, hardware=True)
-        assert names_of(result["modes"]) == ["feature bits"] and result["not_run"][0]["why"] == why
+        assert parse_names(result["modes"]) == ["feature bits"] and result["not_run"][0]["why"] == why
     with pytest.raises(InputError, match="mode 'tie': is unknown"):
         run_modes(bench, names=["tie"])
 
