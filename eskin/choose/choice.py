@@ -98,7 +98,7 @@ class Plan:
         return listed(self.screened, self.prices) if self.screened else Listed.alone(self.config)
 
     def hardening(self, stress: Stress | None) -> Hardening | None:
-        """What makes them sturdier, where networks are judged under disturbance."""
+        """Sturdier front ends and networks, where networks are judged under disturbance."""
         return Hardening(stress, self.front_ends.screen if self.front_ends else None) if stress else None
 
     def record(self, taken: AcceleratorConfig | None = None) -> Record | None:

@@ -351,8 +351,8 @@ class FrontEnds:
 
 
 class FrontEndScorer:
-    """Judges front ends on ``rows`` of the recordings looked at, each once, leaving out ``folds`` of them in
-    turn; ``judged``: all of them so far."""
+    """Cross-validates front ends on ``rows`` of the sampled recordings with ``folds``, each front end once.
+    ``judged`` holds all results."""
 
     def __init__(
         self, front_ends: FrontEnds, rows: np.ndarray, folds: Sequence[np.ndarray], talks: bool = False
@@ -479,7 +479,7 @@ def _kind_of_gate(one: ScoredCandidate) -> tuple[str, bool] | str:
 
 
 def _longer(configs: Sequence[AcceleratorConfig]) -> list[AcceleratorConfig]:
-    """Those of a gate with all steps that end after the first."""
+    """Windows of a gate with all steps that end after the first."""
     return [one for one in configs if one.windows.steps == STEPS and one.last_frame > configs[0].last_frame]
 
 

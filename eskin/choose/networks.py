@@ -73,7 +73,7 @@ STURDY: dict[str, Record] = {
 ROBUST, ROBUST_UPDATES = "robust", 400
 """Recipe of recurrent cells that are, and its updates."""
 AGAIN = 2
-"""Of these so many are judged with other seeds at most."""
+"""Maximum number of these that are scored with other seeds."""
 
 RIDGES = (0.1, 0.01, 0.001)
 """Penalties of least squares beside the one that each training part chooses by leaving touches out, which are
@@ -399,7 +399,7 @@ class _Choice:
         return [one for one in unique if one and affordable(one.config, calm, self.prices)]
 
     def stable(self, candidates: Iterable[Candidate | None], calm: ScoredCandidate) -> Judging:
-        """Those of the candidates that are new, judged."""
+        """The new candidates, scored."""
         before = {one.candidate for one in self.tried}
         fresh = [one for one in self.in_price(candidates, calm) if one not in before]
         outcomes = yield from self.asked(fresh, self.effort.share)
@@ -408,7 +408,7 @@ class _Choice:
 
 
 def fit_of(one: ScoredCandidate) -> str:
-    """What `SearchOptions.candidate` calls the fit of a candidate."""
+    """Name of the fit of a candidate, as in `SearchOptions.candidate`."""
     name = one.candidate.recipe.name
     if one.config.recurrent:
         return ROBUST if name == ROBUST else ""

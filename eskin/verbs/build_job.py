@@ -58,7 +58,7 @@ CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
 
 BOARDS = Path("build/board")
-"""Where builds are written by default, a folder a board."""
+"""Default folder of builds, with one sub-folder per board."""
 
 MARK = "build.json"
 """A folder with this file was built and may be replaced."""
