@@ -22,7 +22,7 @@ SETTLE = 6
 
 
 class Played(NamedTuple):
-    """What a recording brought. streams: stage -> codes, cycles. taken: cycle of each frame's last taxel. longest:
+    """Result of one recording. streams: stage -> codes, cycles. taken: cycle of each frame's last taxel. longest:
     cycles of a frame. status: registers at the end; None: the device stands still. armed: cycle of ARM."""
 
     streams: dict[str, tuple[np.ndarray, np.ndarray]]

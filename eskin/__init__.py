@@ -52,7 +52,7 @@ _PLACES = {
     "load": ("data.load", "load_recordings"),
     "train": ("api", "train"),
 }
-"""Where each public name comes from."""
+"""Module of each public name."""
 
 
 def __getattr__(name: str) -> Any:

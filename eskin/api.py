@@ -436,7 +436,7 @@ class Model(Estimator):
         indices = self._indices(labels, verb)
         if indices.shape != (len(each),):
             raise InputError(
-                f"{verb}: {indices.size} labels for {len(each)} recordings; give one a recording"
+                f"{verb}: {indices.size} labels for {len(each)} recordings; give one per recording"
             )
         return indices
 

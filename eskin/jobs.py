@@ -30,7 +30,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 
 
 class Jobs:
-    """Where pieces of work are done.
+    """Executor of pieces of work.
 
     Parameters
     ----------

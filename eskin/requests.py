@@ -364,7 +364,7 @@ class QuantiseRequest(GroupOptions):
 
     @property
     def widths(self) -> dict[str, Any]:
-        """Those that were asked for, by the names of ``eskin.training.quantise.choose_formats``."""
+        """The widths that were given, by the names of ``eskin.training.quantise.choose_formats``."""
         bits = {"weight_bits": self.weight_bits, "state_bits": self.state_bits}
         widths: dict[str, Any] = {name: value for name, value in bits.items() if value is not None}
         if self.formats == "lean":

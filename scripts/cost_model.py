@@ -173,7 +173,7 @@ def read_rows(document: str) -> dict[str, Record]:
 
 
 def terms(name: str, row: Record) -> tuple[float, np.ndarray, np.ndarray]:
-    """Of a counted design: joule of clock and products, joule of each toggle constant's unit, its `parts_of`."""
+    """Energies of a counted design: joule of clock and products, joule of each toggle constant's unit, its `parts_of`."""
     part, config = PARTS[target(BOARD).device], suited(DESIGNS[name], target(BOARD))
     frames, steps = (row[what] * row[f"cycles a {what[:-1]}"] for what in ("frames", "steps"))
     products = row["steps"] * (config.multiplies + config.inputs)

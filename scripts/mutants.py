@@ -445,8 +445,7 @@ class Bench:
         self.free: queue.Queue[Path] = queue.Queue()
 
     def kept(self, work: Work) -> Path:
-        """Where a verdict is: by code, tests and fault. Of the tests' own files only those that are run, and
-        the helpers, count."""
+        """Cache file of a verdict, from code, tests and fault. Only test files that are run, and helpers, count."""
         _, tests, _, mutant = work
         run = {test.partition("::")[0] for test in tests}
         digest = hashlib.sha256(str(tests).encode())

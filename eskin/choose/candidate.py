@@ -226,7 +226,7 @@ def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandid
 
 
 def _cheapest(level: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
-    """Of candidates that are level."""
+    """The rule among tied candidates."""
     level = sorted(level, key=lambda one: prices.price(one.config))
     return next((one for one in level if prices.fits(one.config)), level[0])
 
@@ -240,7 +240,7 @@ def affordable(config: AcceleratorConfig, calm: ScoredCandidate, prices: CostMod
 def in_reach(
     judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel, loss: float = CLEAN_LOSS
 ) -> list[ScoredCandidate]:
-    """Those that `choose_stable` may take in place of ``calm``, and itself; loss: of accuracy."""
+    """Candidates that `choose_stable` may take in place of ``calm``, and itself; loss: of accuracy."""
     return [
         one
         for one in judged

@@ -98,7 +98,7 @@ class Plan:
         return listed(self.screened, self.prices) if self.screened else Listed.alone(self.config)
 
     def hardening(self, stress: Stress | None) -> Hardening | None:
-        """What makes them sturdier, where networks are judged under disturbance."""
+        """Sturdier front ends and networks, where networks are judged under disturbance."""
         return Hardening(stress, self.front_ends.screen if self.front_ends else None) if stress else None
 
     def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
@@ -291,10 +291,10 @@ def choose_inside(
         front_ends = Listed.alone(plan.config)
         if plan.front_ends:
             front_ends = search_inside(plan.front_ends, part, settings.groups, plan.prices)
-        choices.append(network_choice(front_ends, search_options, plan.prices, effort, hardening))
-        held.append(
-            Part(part, [part[fold] for fold in inner_folds(recordings.subset(part), settings.groups)])
-        )
+        folds = [part[fold] for fold in inner_folds(recordings.subset(part), settings.groups)]
+        within = effort.by(recordings, folds)
+        choices.append(network_choice(front_ends, search_options, plan.prices, within, hardening))
+        held.append(Part(part, folds))
     return [candidate for candidate, _ in side_by_side(choices, held, settings)]
 
 
@@ -483,7 +483,7 @@ def train_chosen(
         stress=stress if search_options.open else None,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
-    effort = Effort(seeds=len(settings.seeds))
+    effort = Effort(seeds=len(settings.seeds)).by(recordings, tests)
     choice = network_choice(
         plan.listed if folds else Listed.alone(plan.config),
         search_options,

@@ -32,11 +32,11 @@ class Cost:
 
 @dataclass(frozen=True, kw_only=True)
 class CostModel:
-    """Prices of candidates, and the user's preference.
+    """Costs of candidates, and the user's preference.
 
-    cost_of, blocks_of, fits: of a configuration its `Cost`, its block memories, and whether ``board`` holds
-    it. prefer: what is to be least. named: the user named the board, so only what fits it is a candidate;
-    otherwise the board only decides between level candidates.
+    cost_of, blocks_of, fits: functions of a configuration that return its `Cost`, its block memories, and
+    whether it fits ``board``. prefer: the cost to minimise. named: the user named the board, so a candidate
+    must fit it; otherwise the board only decides between tied candidates.
     """
 
     cost_of: Callable[[AcceleratorConfig], Cost]
@@ -53,7 +53,7 @@ class CostModel:
         return (first, cost.energy_touch_j, cost.touch_s)
 
     def is_candidate(self, config: AcceleratorConfig) -> bool:
-        """False where a board was named that does not hold it."""
+        """False if the user named a board that is too small for it."""
         return not self.named or self.fits(config)
 
     def row(self, config: AcceleratorConfig) -> dict[str, Any]:

@@ -317,7 +317,7 @@ class FrontEnds:
         if len(moves) and moves.max() > UNEVEN * moves.min():
             self._base["feature_scale"] = "taxel"
             self.reasons.append(
-                f"taxels differ by {moves.max() / moves.min():.3g} in range: a scale a taxel comes first"
+                f"taxels differ by {moves.max() / moves.min():.3g} in range, so each has a scale of its own"
             )
         self.looked_at = recordings.evenly(_how_many(recordings))
         self.recordings = recordings.subset(self.looked_at)
@@ -351,8 +351,8 @@ class FrontEnds:
 
 
 class FrontEndScorer:
-    """Judges front ends on ``rows`` of the recordings looked at, each once, leaving out ``folds`` of them in
-    turn; ``judged``: all of them so far."""
+    """Cross-validates front ends on ``rows`` of the sampled recordings with ``folds``, each front end once.
+    ``judged`` holds all results."""
 
     def __init__(
         self, front_ends: FrontEnds, rows: np.ndarray, folds: Sequence[np.ndarray], talks: bool = False
@@ -372,7 +372,7 @@ class FrontEndScorer:
             self.judged[config] = ScoredCandidate(Candidate.screened(config), correct, missed)
             if self._talks:
                 done = len(self.judged)
-                self.front_ends.progress("front ends judged", done, max(80, done))
+                self.front_ends.progress("front ends judged", done, 0)
         return self.judged[config]
 
     def all(self, configs: Iterable[AcceleratorConfig]) -> list[ScoredCandidate]:
@@ -479,7 +479,7 @@ def _kind_of_gate(one: ScoredCandidate) -> tuple[str, bool] | str:
 
 
 def _longer(configs: Sequence[AcceleratorConfig]) -> list[AcceleratorConfig]:
-    """Those of a gate with all steps that end after the first."""
+    """Windows of a gate with all steps that end after the first."""
     return [one for one in configs if one.windows.steps == STEPS and one.last_frame > configs[0].last_frame]
 
 
@@ -629,7 +629,8 @@ def block_of(hop: int) -> int:
 
 
 def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
-    """``config`` with every kind of feature and both scales, as far as the network's inputs go."""
+    """``config`` with every kind of feature, as far as the network's inputs go, on both scales; where it has a
+    scale a taxel already, on that: its taxels differ."""
     block = block_of(config.windows.hop)
     small, large, middle = ("change", 1), ("sum", block), ("change", block)
     kinds: list[tuple[tuple[str, ...], tuple[str, int]]] = [(("mean",), ("sum", 1))]
@@ -638,12 +639,13 @@ def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
         kinds += [(("activity",), small)]
         kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
     kinds += [(("mean", "integral"), ("sum", 1))]
+    scales = ("taxel",) if config.features.feature_scale == "taxel" else ("array", "taxel")
     candidates = []
     for kind, (rule, length) in kinds:
         changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)
         if "integral" in kind:
             changes["integral_knee"] = knee
-        for scale in ("array", "taxel"):
+        for scale in scales:
             candidate = valid(config, feature_scale=scale, **changes)
             if candidate is not None:
                 same = candidate == config.replace(name="derived")

@@ -9,7 +9,8 @@ does better depends on how many touches there are for its weights. Where the rec
 helps or harms by what tells the classes apart, both are fitted to touches as they were recorded too; and a
 logistic regression of these with a weaker penalty, and least squares with each of RIDGES. All cost the same,
 so all are tried on the cheapest front end, and on the others the best of either kind that is not out of
-reach. Logistic regressions, whose margins are logarithms of odds, come first.
+reach. First comes the mean of a logistic regression and least squares, then logistic regressions, whose
+margins are logarithms of odds.
 
 Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
@@ -46,6 +47,7 @@ from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import Listed
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
 from eskin.training.crossval import CrossValidationSettings, FoldJob, Trained, share_right, train_folds
 from eskin.training.formats import with_network
 from eskin.training.level import is_level
@@ -71,7 +73,7 @@ STURDY: dict[str, Record] = {
 ROBUST, ROBUST_UPDATES = "robust", 400
 """Recipe of recurrent cells that are, and its updates."""
 AGAIN = 2
-"""Of these so many are judged with other seeds at most."""
+"""Maximum number of these that are scored with other seeds."""
 
 RIDGES = (0.1, 0.01, 0.001)
 """Penalties of least squares beside the one that each training part chooses by leaving touches out, which are
@@ -79,7 +81,9 @@ near copies of others where groups are few: of two sessions of sign_glove it tak
 third are right, and 67.9 % are with 0.01."""
 
 SQUARES: Record = {"name": "least squares", "squares": True}
+AVERAGED = "mean of both"
 FITS: dict[str, Record] = {
+    AVERAGED: {"name": AVERAGED, "averaged": True, "ridge": 0.01, **AS_RECORDED},
     "linear": {},
     "not augmented": {"name": "not augmented", **AS_RECORDED},
     "weak penalty": {"name": "weak penalty", "penalty": WEAK_PENALTY, **AS_RECORDED},
@@ -119,9 +123,17 @@ class Effort:
     ends: int = 3
     rounds: int = 2
 
+    def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
+        """With the fits that leaving ``parts`` out in turn can tell apart. Where there are two and each is a group,
+        a network learns from one alone, and so nothing of how groups differ: what does best then need not with both,
+        so the first fit stands."""
+        values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
+        alone = len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
+        return dataclasses.replace(self, fits=self.fits[:1]) if alone else self
+
 
 INSIDE = Effort(
-    fits=("weak penalty", "least squares, not augmented", "ridge 0.01"),
+    fits=(AVERAGED, "weak penalty", "least squares, not augmented", "ridge 0.01"),
     units=(8,),
     share=4,
     probe=8,
@@ -312,7 +324,8 @@ class _Choice:
             best = best_of(first)
             near = [one for one in first if is_level(best.correct, one.correct, OUT_OF_REACH)]
             kinds = [
-                [one for one in near if one.candidate.recipe.squares == squares] for squares in (False, True)
+                [one for one in near if (one.candidate.recipe.averaged, one.candidate.recipe.squares) == kind]
+                for kind in ((True, False), (False, False), (False, True))
             ]
             taken = [best_of(kind).candidate for kind in kinds if kind]
             kept = [fit for fit, candidate in fits.items() if candidate in taken]
@@ -386,7 +399,7 @@ class _Choice:
         return [one for one in unique if one and affordable(one.config, calm, self.prices)]
 
     def stable(self, candidates: Iterable[Candidate | None], calm: ScoredCandidate) -> Judging:
-        """Those of the candidates that are new, judged."""
+        """The new candidates, scored."""
         before = {one.candidate for one in self.tried}
         fresh = [one for one in self.in_price(candidates, calm) if one not in before]
         outcomes = yield from self.asked(fresh, self.effort.share)
@@ -395,7 +408,7 @@ class _Choice:
 
 
 def fit_of(one: ScoredCandidate) -> str:
-    """What `SearchOptions.candidate` calls the fit of a candidate."""
+    """Name of the fit of a candidate, as in `SearchOptions.candidate`."""
     name = one.candidate.recipe.name
     if one.config.recurrent:
         return ROBUST if name == ROBUST else ""

@@ -41,8 +41,8 @@ LONGER = (1.15, 1.33, 2.0)
 
 @dataclass(frozen=True, eq=False)
 class Hardening:
-    """What makes front ends sturdier. stress: the disturbances. screen: the touches of front ends; None: the
-    front end was asked for, and stays."""
+    """Inputs of the search for sturdier front ends. stress: the disturbances. screen: the touches of front ends; None: the
+    front end is given and stays."""
 
     stress: Stress
     screen: Screen | None = None

@@ -1,4 +1,4 @@
-"""Where the installed command begins: an interrupt while modules are loaded ends it as any later one does."""
+"""Entry point of the installed command. An interrupt during imports ends it like any later one."""
 
 import os
 import signal

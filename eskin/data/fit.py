@@ -1,4 +1,4 @@
-"""Whether recordings fit a configuration, and recordings brought to its codes and classes."""
+"""Check that recordings fit a configuration, and convert them to its codes and classes."""
 
 import dataclasses
 from collections.abc import Callable

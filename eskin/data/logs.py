@@ -126,7 +126,7 @@ def _frames(messages: list[Any], topic: str, refuse: Refuse) -> np.ndarray:
             refuse(f"topic {topic}: message {number} holds no list of numbers; name another with --samples")
         if rows and len(row) != len(rows[0]):
             why = f"message {number} has {len(row)} values and the first {len(rows[0])}"
-            refuse(f"topic {topic}: {why}; a frame has one value a taxel")
+            refuse(f"topic {topic}: {why}; a frame has one value per taxel")
         rows.append(row)
     return np.array(rows)
 

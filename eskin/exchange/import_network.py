@@ -91,7 +91,7 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
     inputs = [name for name in shapes if name.rpartition(".")[2] in ("weight_ih_l0", "weight_ih")]
     if len(inputs) != 1:
         layers = "one torch.nn.GRU, LSTM, GRUCell or LSTMCell and one Linear"
-        refuse(f"is there {len(inputs)} times; save the state_dict of {layers}", "weight_ih_l0")
+        refuse(f"occurs {len(inputs)} times; save the state_dict of {layers}", "weight_ih_l0")
     prefix, _, last = inputs[0].rpartition("weight_ih")
     recurrent = [f"{prefix}{role}{last}" for role in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")]
     remaining = [name for name in shapes if name not in recurrent]

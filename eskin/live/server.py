@@ -76,7 +76,7 @@ class PageServer:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{HOST}:{self.port}"
 
     def close(self) -> None:

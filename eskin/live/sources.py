@@ -1,4 +1,4 @@
-"""Where stages come from: the integer model alone, the simulated hardware beside it, a board beside it, or a
+"""Sources of stages: the integer model alone, the simulated hardware beside it, a board beside it, or a
 board that works by itself.
 
 Each takes frames as fast as they are given and tells what they brought (``eskin.live.feed``). The model
@@ -125,7 +125,7 @@ class ModelSource:
         return []
 
     def _held(self, device: str, said: int) -> list[Event]:
-        """Where TAUGHT does not count what the model holds."""
+        """A mismatch if TAUGHT differs from the number of touches in the model."""
         held = int(taught_in_use(self._model()).sum())
         if said & 0xFF == held:
             return []
@@ -177,7 +177,7 @@ class ModelSource:
             self._told = touch + 1
 
     def _registers(self, device: str, touches: int, faults: int) -> list[Event]:
-        """Where a recording's last registers are not what the model says."""
+        """A mismatch if the last registers of a recording differ from the model."""
         sentences = []
         if touches != self.stream.touches % 256:
             sentences.append(f"{device} TOUCHES reads {touches} and the model saw {self.stream.touches}")

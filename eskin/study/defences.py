@@ -194,7 +194,7 @@ def judge_defences(
     networks = [*zip([number for number, _ in tests] * len(seeds), pieces, trained, strict=True)]
 
     def judged(key: str, number: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Of each network of a split: its test, decisions and margins there, and training margins."""
+        """For each network of a split: its test recordings, their decisions and margins, and training margins."""
         changed, rows, touches = found[key]
         outcome = []
         for of, piece, network in networks:

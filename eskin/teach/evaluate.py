@@ -33,10 +33,10 @@ FIGURES = ("before", "after", "others_before", "others_after")
 
 @dataclass(frozen=True)
 class EnrolmentTrial:
-    """Input of ``judge`` for one seed: the accuracy of a network on each value of ``groups`` on which it
-    was not trained, before and after k touches per class of it are enrolled, for each of ``ks``. configs:
-    for each value, in the order of ``group_values``. readout: ``dense``, which is trained on with them, or
-    ``prototypes``, which are taught them (k = 0 too)."""
+    """Input of ``judge`` for one seed. It measures, for each value of ``groups``, the accuracy of a network
+    that was not trained on this value, before and after k touches per class are enrolled (k in ``ks``).
+    configs: one per value, in the order of ``group_values``. readout: ``dense`` trains further,
+    ``prototypes`` stores the touches (also k = 0)."""
 
     groups: tuple[str, ...]
     ks: tuple[int, ...]

@@ -88,8 +88,8 @@ def cross_validate(
 class CrossValidationSettings:
     """Shared settings of cross-validation.
 
-    groups: what is left out. seeds: of the networks of a fold. stress: disturbances that they are judged
-    under, too.
+    groups: arrays whose values are left out. seeds: of the networks of a fold. stress: disturbances for a
+    second score.
     """
 
     recordings: Recordings
@@ -101,14 +101,14 @@ class CrossValidationSettings:
     stress: Any = None
 
     def called(self, name: str) -> Progress | None:
-        """Its progress, that says what is worked on."""
+        """Progress whose task names include ``name``."""
         progress = self.progress
         return progress and (lambda task, done, total: progress(f"{task}, {name}", done, total))
 
 
 @dataclass(frozen=True, eq=False)
 class FoldJob:
-    """A network to train on the recordings ``train`` and to judge on ``test``; copies begin at other
+    """One network to train on the recordings ``train`` and to test on ``test``; each copy starts from other
     weights."""
 
     config: AcceleratorConfig

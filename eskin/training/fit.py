@@ -11,7 +11,7 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import FloatModel, IntegerModel
 from eskin.training.batches import Batches
 from eskin.training.datasets import Dataset
-from eskin.training.linear_fit import cut_short, fit_least_squares, fit_linear, fit_sturdy
+from eskin.training.linear_fit import cut_short, fit_average, fit_least_squares, fit_linear, fit_sturdy
 from eskin.training.losses import EpochReporter, Progress, class_loss, descend, teacher_loss
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import IntegerNetwork, check_given, profile, quantise_model
@@ -154,6 +154,8 @@ def _fit_linear(
             mu, sigma = batches.scales[0]
             if recipe.sturdy:
                 arrays = fit_sturdy(config, features, counts, labels, (mu, sigma), recipe.sturdy)
+            elif recipe.averaged:
+                arrays = fit_average(config, features, labels, len(again), penalty, recipe.ridge)
             elif recipe.squares:
                 arrays = fit_least_squares(config, features, labels, len(again), recipe.ridge)
             else:

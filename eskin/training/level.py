@@ -1,4 +1,4 @@
-"""When two networks or front ends are level: by their decisions on the same recordings.
+"""Test for a tie of two networks or front ends, from their decisions on the same recordings.
 
 ``correct`` is (recordings), the share of networks that decided each correctly.
 """

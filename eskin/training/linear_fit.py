@@ -159,6 +159,33 @@ def fit_least_squares(
     return _arrays(config, turn.T @ ridge.coef_, ridge.intercept_ @ turn + bias)
 
 
+def fit_average(
+    config: AcceleratorConfig,
+    features: np.ndarray,
+    labels: np.ndarray,
+    copies: int,
+    penalty: float,
+    ridge: float,
+) -> dict[str, np.ndarray]:
+    """The mean of ``fit_linear`` with ``penalty`` and ``fit_least_squares`` with ``ridge``, whose logits are
+    scaled to deviate between the classes as much as those of the first: one linear cell, at the price of one.
+
+    The logistic regression is drawn by touches near other classes, least squares by the means and covariance
+    of all, so on a new session they are wrong about different touches.
+    """
+    inputs, present = _inputs(config, features), np.unique(labels)
+    odds = fit_linear(config, features, labels, penalty)
+    squares = fit_least_squares(config, features, labels, copies, ridge)
+
+    def deviation(fit: dict[str, np.ndarray]) -> float:
+        logits = inputs @ fit["V"].swapaxes(0, 1).reshape(config.classes, -1).T + fit["b_y"]
+        logits = logits[:, present]  # the others only have to lose
+        return float((logits - logits.mean(axis=1, keepdims=True)).std())
+
+    scale = deviation(odds) / max(deviation(squares), 1e-12)
+    return {name: (odds[name] + scale * squares[name]) / 2 for name in odds}
+
+
 LOST, CUT = 0.5, 0.5
 """Shares of the touches that are fitted with a taxel lost, and cut short to each of CUT_AFTER."""
 CUT_AFTER = (0.4, 0.6, 0.8)

@@ -33,9 +33,9 @@ class Recipe:
     weights on standardised inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and
     weight_limit say nothing then. squares: a linear cell is a ridge regression on the classes' indicators
     instead; ridge: its penalty, as a share of the mean squared length of a touch's inputs; 0: chosen by leaving
-    touches out. sturdy: under the disturbances of `eskin.training.linear_fit.fit_sturdy`, of this strength; 0 =
-    none. weight_limit: parameters are held within +-this (0
-    = no limit), so that 8-bit weights need one integer bit beside the sign.
+    touches out. averaged: it is the mean of both. sturdy: under the disturbances of
+    `eskin.training.linear_fit.fit_sturdy`, of this strength; 0 = none. weight_limit: parameters are held within
+    +-this (0 = no limit), so that 8-bit weights need one integer bit beside the sign.
     """
 
     name: str
@@ -55,6 +55,7 @@ class Recipe:
     penalty: float = 0.0
     squares: bool = False
     ridge: float = 0.0
+    averaged: bool = False
     sturdy: float = 0.0
 
     @property

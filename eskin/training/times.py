@@ -1,4 +1,4 @@
-"""When decisions are given: seconds from the onset (from the first frame where the gate opens at once)."""
+"""Times of decisions, in seconds from the onset (from the first frame where the gate opens at once)."""
 
 from collections.abc import Iterable
 

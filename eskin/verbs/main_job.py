@@ -327,7 +327,7 @@ class _Steps:
         return {"cosim_declared": declared, "cosim_lowest": lowest}
 
     def _baselines(self, training: Record) -> list[Record]:
-        """Those of the training and other classifiers on the same folds."""
+        """The baselines of the training, and other classifiers on the same folds."""
         measured = self.stage(
             "other classifiers",
             GOLDEN,
@@ -374,7 +374,7 @@ class _Steps:
         evaluated: Record,
         model: IntegerModel,
     ) -> list[Record]:
-        """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
+        """The doubts from the training, from the baselines, and from the recordings held back."""
         found, things = list(training.get("doubts", [])), "recordings"
         if self.config.is_image:
             things = "images"

@@ -16,6 +16,11 @@ MILESTONE_S = 10.0
 """Seconds between two of them."""
 
 
+def counted(done: int, total: int) -> str:
+    """``done`` of ``total`` in words; 0: the whole is not known."""
+    return f"{done} of {total}" if total else str(done)
+
+
 class Milestones:
     """Progress as lines, at most one every ``MILESTONE_S`` seconds.
 
@@ -33,8 +38,8 @@ class Milestones:
         self._last = ""
 
     def __call__(self, task: str, done: int, total: int) -> None:
-        """``done`` of ``total`` of something are there."""
-        self._last = f"{task}: {done} of {total}"
+        """``done`` of ``total`` (0: not known) of something are there."""
+        self._last = f"{task}: {counted(done, total)}"
         if self._clock() - self._said >= MILESTONE_S:
             self.say(self._last)
 
@@ -75,7 +80,7 @@ def shown(console: Console, name: str = "") -> Iterator[Progress]:
 
     if console.is_terminal:
         with console.status(Text(name or "at work")) as status:
-            yield lambda task, done, total: status.update(Text(f"{words(task)}: {done} of {total}"))
+            yield lambda task, done, total: status.update(Text(f"{words(task)}: {counted(done, total)}"))
         return
     milestones = Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
     with milestones.alive(name or "at work"):

@@ -289,7 +289,7 @@ class AcceleratorConfig:
         if self.distance_bound > most:
             yield (
                 "state_code_bits",
-                f"is {rule.state_code_bits}: distances of {self.trajectory_width} values a step reach "
+                f"is {rule.state_code_bits}: distances of {self.trajectory_width} values per step reach "
                 f"{self.distance_bound}, above the limit of {most}; use fewer bits",
             )
         if rule.state_code_shift >= self.trajectory_format.width:

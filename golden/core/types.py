@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 Progress = Callable[[str, int, int], None]
-"""Callback of progress: (name of the work, done, total)."""
+"""Callback of progress: (name of the work, done, total; 0: not known)."""
 Record = dict[str, Any]
 """Named values: a result, a row of it, options; as JSON holds them."""
 Arrays = Mapping[str, np.ndarray]

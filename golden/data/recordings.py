@@ -531,7 +531,7 @@ def _classes(arrays: Arrays, recordings: int, refuse: Refuse) -> tuple[tuple[str
     if names.dtype.kind not in "US" or names.ndim != 1 or not len(names):
         refuse(
             "class_names",
-            f"is {names.dtype} of shape {names.shape}; it must be a list of text, one name a class",
+            f"is {names.dtype} of shape {names.shape}; it must be a list of text, one name per class",
         )
     try:
         class_names = tuple(str(name.decode() if isinstance(name, bytes) else name) for name in names)
@@ -559,7 +559,7 @@ def _classes(arrays: Arrays, recordings: int, refuse: Refuse) -> tuple[tuple[str
         refuse(
             "labels",
             f"is {labels.dtype} of shape {labels.shape}; it must be integers, or names, of shape "
-            f"({recordings},), one a recording",
+            f"({recordings},), one per recording",
         )
     outside = (labels < 0) | (labels >= len(class_names))
     if outside.any():
@@ -615,7 +615,7 @@ def _images(
     if rate is None:
         refuse(
             "sample_rate_hz",
-            f"is {_shown(arrays['sample_rate_hz'])}; give rows a second, above 0, or leave the array out",
+            f"is {_shown(arrays['sample_rate_hz'])}; give rows per second, above 0, or leave the array out",
         )
     recordings = image_recordings(images, labels, class_names, rate_hz=rate, source=source)
     return dataclasses.replace(

@@ -190,7 +190,7 @@ class Scene:
 
     @property
     def in_turn(self) -> list[int]:
-        """Those of them that are disturbed in turn."""
+        """The taxels that are disturbed in turn."""
         return self.live[:: -(-len(self.live) // self.turns)] if self.turns else self.live
 
 
@@ -306,7 +306,7 @@ def disturbed(scene: Scene, change: Change) -> Recordings:
 # ---------------------------------------------------------------------- what an experiment says
 @dataclass(frozen=True)
 class Curve:
-    """Where it starts to fail: ``lines`` (name -> y at each x, in order of severity). The bound holds for the
+    """Curve of an experiment: ``lines`` (name -> y at each x, in order of severity). The bound holds for the
     first line; log: the x axis is."""
 
     xlabel: str

@@ -14,7 +14,7 @@ MEAN_CHANGED = 0.02
 """Share of decisions that a bit flip, any one, may change on average: what a fault is worth until the
 checksum is read."""
 BEGINS = (0.9, 0.75, 0.5, 0.25, 0.1, 0.0, -0.1)
-"""Where in the touch a taxel fails, in touch lengths after the onset; later is milder."""
+"""Times at which a taxel fails, in touch lengths after the onset; later is milder."""
 
 ACCURACY, CHANGED = "accuracy", "share of decisions changed"
 QUIET, LOCAL = "share of quiet recordings with an onset", "share of local decisions as in float"

@@ -39,7 +39,7 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = trained(gripped, None, tmp_path)
     rows = record["candidates"]
     assert [(row["cell"], row["hidden"]) for row in rows] == [
-        *[("linear", 0)] * 6,
+        *[("linear", 0)] * 7,
         *[("gru", units) for units in (4, 8, 12, 16)],
     ]
     (chosen,) = (row for row in rows if row["chosen"])
@@ -113,7 +113,7 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
     record = trained(gripped, None, tmp_path, folds=0)
     network = record["config"]["network"]
     assert (network["cell"], network["hidden"], record["cross_validation"]) == ("gru", 12, [])
-    with pytest.raises(InputError, match="--cell auto: needs folds"):
+    with pytest.raises(InputError, match="--cell auto: needs cross-validation"):
         trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
 
 

@@ -72,6 +72,15 @@ def test_a_network_below_its_best_baseline(rows, candidates, parts):
         assert all(part in one["text"] for part in parts)
 
 
+def test_what_chose_nothing_is_compared_with_what_was_chosen_without_the_fold():
+    chosen = split() | {"nested": {"integer_accuracy": 0.85, "standard_error": 0.02}}
+    whole = baseline(0.9, WHOLE, False, whole=True)
+    (one,) = doubts.below_baselines(chosen, [baseline(0.905), whole], [LINEAR])
+    assert WHOLE in one["text"] and "the network 85.0 %, 5.0 points less" in one["text"]
+    assert doubts.below_baselines(chosen, [baseline(0.905)], [LINEAR]) == []
+    assert doubts.below_baselines(split(), [whole], [LINEAR]) == []
+
+
 def test_a_choice_that_is_too_optimistic():
     nested = {"integer_accuracy": 0.87, "standard_error": 0.02}
     assert doubts.by_choice(split() | {"nested": nested}) == []

@@ -231,6 +231,24 @@ def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
     assert "name these in an array of the archive and give it with --group" in doubt["text"]
 
 
+def test_columns_of_mixed_ranges_have_a_scale_each():
+    """An encoder turns by thousands of codes and tells nothing; what tells the class moves by forty."""
+    rng = np.random.default_rng(6)
+    parts = []
+    for i in range(60):
+        frames = rng.normal(500, 4, (120, 5)) + 40 * (np.arange(5) == i % 3)
+        frames[:, 4] = 30_000 + rng.uniform(-9000, 9000)
+        parts.append(np.rint(frames))
+    labels = [i % 3 for i in range(60)]
+    front_end = choose_front_end(archive(parts, labels), priced())
+    assert {one.config.features.feature_scale for one in front_end.screened} == {"taxel"}
+    assert front_end.screened[0].accuracy > 0.9
+    assert any("each has a scale of its own" in reason for reason in front_end.reasons)
+    alike = archive([part[:, :4] for part in parts], labels)
+    scales = {one.config.features.feature_scale for one in choose_front_end(alike, priced()).screened}
+    assert scales == {"array", "taxel"}
+
+
 def lasting(lengths, tells: int, height: int = 20, count: int = 80, seed: int = 5) -> Recordings:
     """Two classes on one level; a recording of class 1 moves up from frame ``tells`` on, if it lasts so
     long."""

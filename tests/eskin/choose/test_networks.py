@@ -8,6 +8,7 @@ import pytest
 from eskin.choose.candidate import ScoredCandidate
 from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
+    AVERAGED,
     FITS,
     INSIDE,
     RIDGES,
@@ -91,17 +92,17 @@ def test_fits_are_tried_on_the_first_front_end_and_the_best_on_the_others():
     asked, taken, _ = played([CONFIG, DEAR], squares)
     linear = [(steps, name) for units, steps, name, _, further in asked if units == "linear" and not further]
     ridges = [f"ridge {share}" for share in RIDGES]
-    of_first = ["linear", "weak penalty", "least squares", *ridges]
+    of_first = [AVERAGED, "linear", "weak penalty", "least squares", *ridges]
     assert linear == [*((6, name) for name in of_first), (8, "least squares")]
     assert taken.config.network.cell == "linear" and taken.front_end == CONFIG
     asked, *_ = played([CONFIG, DEAR], lambda one: 400)
     assert {steps for _, steps, *_ in asked} == {6}  # none is dearer than one that is settled
     asked, _, tried = played([TOUCHED], squares)
-    recipes = [one.candidate.recipe for one in tried[:8]]
+    recipes = [one.candidate.recipe for one in tried[:9]]
     assert [recipe.name for recipe in recipes] == [name for name in FITS if name not in STURDY]
-    assert [recipe.augments for recipe in recipes] == [True, False, False, True, *[False] * 4]
-    assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, 10.0, *[1.0] * 5]
-    assert [recipe.ridge for recipe in recipes] == [0.0] * 5 + list(RIDGES)
+    assert [recipe.augments for recipe in recipes] == [False, True, False, False, True, *[False] * 4]
+    assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, 1.0, 10.0, *[1.0] * 5]
+    assert [recipe.ridge for recipe in recipes] == [0.01, *[0.0] * 5, *RIDGES]
     assert set(AS_RECORDED) < {field.name for field in dataclasses.fields(recipes[0])}
 
 
@@ -120,13 +121,27 @@ def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_ch
 def test_inside_folds_a_choice_is_short():
     asked, *_ = played([CONFIG, DEAR], by_units(u0=300, u8=330), effort=INSIDE)
     assert [(units, steps, share) for units, steps, _, share, _ in asked] == [
-        *[("linear", 6, 4)] * 3,
-        *[("linear", 8, 4)] * 2,
+        *[("linear", 6, 4)] * 4,
+        *[("linear", 8, 4)] * 3,
         (8, 6, 4),
         (8, 8, 4),  # and not again as a candidate
     ]
     asked, taken, _ = played([CONFIG, DEAR], by_units(u0=400), effort=INSIDE)
     assert {units for units, *_ in asked} == {"linear"} and taken.config.network.cell == "linear"
+
+
+def test_of_two_parts_no_kind_of_fit_is_chosen():
+    """Each network would learn from one group alone."""
+    recordings = gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
+    first, second, third, last = (np.flatnonzero(recordings.groups["person"] == k) for k in range(4))
+    for effort in (INSIDE, WHOLE):
+        for parts in ([first, second, third], [np.r_[first, second], np.r_[third, last]], [first, first]):
+            assert effort.by(recordings, parts) == effort
+        two = effort.by(recordings, [first, second])
+        assert two.fits == (AVERAGED,) and two.units == effort.units
+    asked, taken, _ = played([CONFIG, DEAR], lambda one: 390 if one.recipe.squares else 300, effort=two)
+    assert {recipe for units, _, recipe, *_ in asked if units == "linear"} == {AVERAGED}
+    assert taken.recipe.averaged
 
 
 def test_what_does_not_fit_a_named_board_is_not_judged():

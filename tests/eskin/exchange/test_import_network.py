@@ -136,10 +136,10 @@ ELSE = "holds objects other than tensors"
 @each_row(
     "arrays, match",
     [
-        ({"recurrent__weight_ih_l0": None}, "is there 0 times"),
+        ({"recurrent__weight_ih_l0": None}, "occurs 0 times"),
         ({"head__weight": None}, "has 0 dense layers"),
         ({"recurrent__weight_ih_l0_reverse": ONES(30, 16)}, "reverse: belongs to a second layer"),
-        ({"b__weight_ih_l0": ONES(30, 16)}, "is there 2 times"),
+        ({"b__weight_ih_l0": ONES(30, 16)}, "occurs 2 times"),
         ({"norm__weight": ONES(10)}, "norm.weight: belongs to neither the recurrent layer nor"),
         ({"recurrent__bias_hh_l0": ONES(33)}, r"bias_hh_l0: has shape \(33,\)"),
         ({"head__bias": ONES(4)}, r"head.bias: has shape \(4,\), which does not match a GRU of 10 units"),

@@ -6,7 +6,14 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.training import linear_fit
-from eskin.training.linear_fit import QUIETEST, cut_short, discriminants, fit_least_squares, fit_linear
+from eskin.training.linear_fit import (
+    QUIETEST,
+    cut_short,
+    discriminants,
+    fit_average,
+    fit_least_squares,
+    fit_linear,
+)
 
 CONFIG = AcceleratorConfig.of(
     taxels=4,
@@ -61,6 +68,28 @@ def test_discriminants_of_a_regression_decide_as_the_linear_discriminant_analysi
     decided = (fitted @ turn + bias).argmax(axis=1)
     assert (decided == LinearDiscriminantAnalysis().fit(x, labels).predict(x)).all()
     assert (decided == labels).mean() > 0.85 > 0.7 > (fitted.argmax(axis=1) == labels).mean()
+
+
+def test_the_average_weighs_both_fits_alike():
+    rng = np.random.default_rng(4)
+    config = CONFIG.replace(class_names=("press", "stroke", "tap", "never"))
+    labels = np.arange(90) % 3
+    features = rng.normal(0, 1, (90, 6, 4)) + rng.normal(0, 1, (3, 6, 4))[labels]
+
+    def logits(arrays):
+        return np.einsum("nkd,kcd->nc", features, arrays["V"]) + arrays["b_y"]
+
+    def centred(arrays):
+        values = logits(arrays)[:, :3]
+        return values - values.mean(axis=1, keepdims=True)
+
+    odds = centred(fit_linear(config, features, labels, 1.0))
+    squares = centred(fit_least_squares(config, features, labels, 0, 0.01))
+    average = fit_average(config, features, labels, 0, 1.0, 0.01)
+    expected = (odds + squares / squares.std() * odds.std()) / 2
+    assert np.allclose(centred(average), expected, atol=1e-9)
+    assert not np.allclose(expected, odds, atol=0.1)
+    assert (logits(average).argmax(axis=1) < 3).all()  # a class without a touch loses
 
 
 def test_touches_that_end_early_are_decided_on_what_they_have():

@@ -9,7 +9,15 @@ import torch
 
 from eskin.data import load_recordings
 from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
-from eskin.golden.model import FloatModel, IntegerModel, load_training, normalise, real_features, run
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    load_training,
+    network_formats,
+    normalise,
+    real_features,
+    run,
+)
 from eskin.training import batches as batching
 from eskin.training import crossval, datasets
 from eskin.training import fit as fitting
@@ -152,6 +160,23 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     assert by_training[False, 8]["agreement"] > 0.95
     # they start from the same float networks
     assert len({record["float_accuracy"] for record in by_training.values()}) == 1
+
+
+def test_weights_trained_as_integers_stay_within_their_formats():
+    """A loss that draws every weight upwards ends at the largest value of each format."""
+    data, part = touches_of(scene(20, seed=4))
+    (model,) = fit(data, [part], few(5))
+    start = fitting.post_training(model, data, part, {"weight_bits": 4})
+
+    def batches_of(config, members):
+        return batching.Batches(data, config, QUICK, [part], torch.Generator().manual_seed(0))
+
+    def loss_of(network):
+        return lambda *_: -sum(weight.flatten(1).sum(1) for weight in network.weights.values())
+
+    ((_, weights),) = fitting.train_integers([model], [start], batches_of, loss_of, 60, 1.0, lambda *_: None)
+    for name, fmt in network_formats(start.config).items():
+        assert weights[name].min() == weights[name].max() == fmt.to_real(fmt.max_code)
 
 
 # ---------------------------------------------------------------------- splits

@@ -4,7 +4,7 @@ import numpy as np
 
 from eskin.golden.core import PRESETS
 from eskin.golden.model import find_touches
-from eskin.golden.model.pipeline import decide, global_steps
+from eskin.golden.model.pipeline import Decisions, decide, global_steps
 from eskin.training.times import step_times
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -62,3 +62,9 @@ def test_step_times_count_from_the_onset():
     at_once = PRESETS["fabric"]
     empty = find_touches(SMALL, recordings.subset([0]))
     assert np.allclose(step_times(at_once, empty)[0], at_once.windows.window / at_once.sensor.sample_rate_hz)
+
+
+def test_shares_of_decisions_count_none_as_wrong_and_as_agreement():
+    one, other = Decisions(), Decisions()
+    one.decision, other.decision = np.array([0, 1, -1, 2]), np.array([0, 2, -1, 2])
+    assert one.agreement(other) == 0.75 and one.accuracy(np.array([0, 1, 1, 1])) == 0.5
