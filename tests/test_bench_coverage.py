@@ -180,7 +180,9 @@ class _Points:
             return tuple(now.get(f"{block}.{name}", 0) for name in names)
 
         (settling,) = of("front_end.onset_detector.marks", "settle_left")
-        armed, touch, begins = of("front_end.onset_detector", "armed", "touch", "touch_started")
+        armed, touch, begins = of(
+            "front_end.onset_detector", "status__armed", "status__touch", "status__started"
+        )
         self.note(
             "detector",
             settling=settling and not touch,

@@ -24,12 +24,9 @@ from eskin.golden.model import IntegerModel
 from eskin.memo import Memo, code_version
 from eskin.pages.views import words
 from eskin.rtl.asic import timing
-from eskin.rtl.asic.blocks import blocks_of
-from eskin.rtl.asic.energy import BAND, costs
 from eskin.rtl.asic.liberty import Library, WireLoad, corners, read
-from eskin.rtl.asic.models import expression, models
-from eskin.rtl.asic.nets import Nets
-from eskin.rtl.asic.synthesis import Netlist, Process, process_of, synthesise
+from eskin.rtl.asic.nets import BAND, Nets, blocks_of, costs
+from eskin.rtl.asic.synthesis import Netlist, Process, expression, models, process_of, synthesise
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, step_cycles

@@ -34,7 +34,7 @@ from eskin.memo import Memo, code_version
 from eskin.rtl.common.memory_style import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
-from eskin.rtl.fpga.implementation import PACKERS, DoesNotFit, Implementation, NoRoute, place
+from eskin.rtl.fpga.implementation import FAMILIES, DoesNotFit, Implementation, NoRoute, place
 from eskin.rtl.fpga.synthesis import Family, Netlist, synthesise
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
@@ -50,9 +50,8 @@ from eskin.rtl.program.schedule import (
     mean_frame_cycles,
     step_cycles,
 )
-from eskin.rtl.top.board_top import BAUD
+from eskin.rtl.top.board import BAUD, refuse_standalone
 from eskin.rtl.top.image_accelerator import refuse_hardware
-from eskin.rtl.top.skin_top import refuse_standalone
 from eskin.study.energy import PARTS, estimate, scheduled_activity
 
 CACHE = Path("build/implementations")
@@ -238,7 +237,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report = progress or (lambda stage, done, total: None)
     wiring, rate = request.wiring(), request.rate
     config, target, pins = wiring.config, request.target, wiring.sites()  # refuses before anything is made
-    need_tool(PACKERS[target.family.name][0])
+    need_tool(FAMILIES[target.family.name].packer)
     images = None if config.hardware.loadable else memory_images(config, request.arrays)
     border = "" if request.link else CHAIN
     report("synthesis", 0, 1)

@@ -19,11 +19,9 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import find_touches
-from eskin.rtl.asic.blocks import OTHERS, TRUNK, blocks_of
-from eskin.rtl.asic.energy import BAND, costs
 from eskin.rtl.asic.liberty import WireLoad
-from eskin.rtl.asic.models import expression
-from eskin.rtl.asic.nets import Nets
+from eskin.rtl.asic.nets import BAND, OTHERS, TRUNK, Nets, blocks_of, costs
+from eskin.rtl.asic.synthesis import expression
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule

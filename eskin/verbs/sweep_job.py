@@ -1,6 +1,7 @@
 """The sweep, `eskin sweep`: golden trains and judges, rtl counts cycles; here the two meet, and the files are
 written."""
 
+import csv
 import json
 from collections.abc import Sequence
 from functools import partial
@@ -15,7 +16,7 @@ from eskin.pages.sweep_charts import accuracy_chart
 from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
-from eskin.rtl.views.schedule_view import save_figure, write_csv
+from eskin.rtl.views.schedule_view import save_figure
 from eskin.study import sweep as sweeping
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.training import LEARNING
@@ -123,9 +124,12 @@ def run(
     figure = accuracy_chart(result)
     for kind in ("png", "svg"):
         with replacing(out / f"accuracy.{kind}") as temporary:
-            save_figure(figure, kind)(temporary)
-    with replacing(out / TABLE) as temporary:
-        write_csv(sweeping.flat_rows(result), temporary)
+            save_figure(figure, temporary, kind)
+    with replacing(out / TABLE) as temporary, temporary.open("w", newline="") as file:
+        rows = sweeping.flat_rows(result)
+        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
     recommended = result["points"][result["recommended"]]["config"]
     point = next(point for point in sweep_request.points if point.to_dict() == recommended)
     write_json(out / CONFIG, point.recommended.to_dict())

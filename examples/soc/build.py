@@ -20,7 +20,7 @@ from eskin.golden.core.converters import converter_plan
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, through_converter
 from eskin.golden.model.decision_word import decision_word
-from eskin.rtl.fpga.export import _verilog
+from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
@@ -124,7 +124,7 @@ def prepare(options: argparse.Namespace) -> None:
         writes = [(Register.MEMORY_DATA, half) for half in halves]
         (folder / "flash.bin").write_bytes(sealed(design_number(config), writes))
     if board is None:
-        (folder / "soc.sv").write_text(_verilog(PoweredOn(soc), "soc"))
+        (folder / "soc.sv").write_text(text_of(PoweredOn(soc), "soc"))
         return
     bitstream(config, soc, board, folder)
 

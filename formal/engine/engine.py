@@ -124,7 +124,7 @@ def windows(m: Module) -> None:
         "only whole windows are read",
     )
     prove(
-        dut.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)),
+        dut.status.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)),
         "overrun: a window comes and both buffers are full",
     )
     prove(dut.started == (bench.enable & (bench.slot == bench.code.wait)), "started")
@@ -144,12 +144,12 @@ def windows(m: Module) -> None:
     m.d.sync += logits.eq(Mux(bench.enable & (bench.slot == len(slots) - 1), 0, logits + dut.logit.valid))
     prove(logits == table(m, given, bench.slot, "given"), "logits of the step so far")
     prove(
-        ~dut.step_done | (dut.logit.valid & (logits == SMALL.classes - 1)),
+        ~dut.status.step_done | (dut.logit.valid & (logits == SMALL.classes - 1)),
         "a step is done with its last logit",
     )
     prove(~dut.logit.valid | (logits < SMALL.classes), "no logit too many")
     prove(
-        dut.step_done
+        dut.status.step_done
         == (bench.enable & table(m, [slot.get("ends_step", 0) for slot in slots], bench.slot, "ends")),
         "step done",
     )

@@ -106,10 +106,10 @@ def _frames(m: Module, config) -> None:
     m.d.comb += unfit.eq(ever | (dut.i.valid & ~fits))
     m.d.sync += ever.eq(unfit)
     prove(unfit | (taken == made), "of whole frames every beat goes in once")
-    prove(unfit | ~dut.framing_fault, "of whole frames none is called wrong")
+    prove(unfit | ~dut.status.framing_fault, "of whole frames none is called wrong")
     prove(unfit | (aligner.index == expects), "and the taxel is the sender's")
     prove(unfit | ~aligner.filling, "and nothing is filled in")
-    prove(~(taken & ~fits & ~ever) | dut.framing_fault, "a wrong beat is called wrong")
+    prove(~(taken & ~fits & ~ever) | dut.status.framing_fault, "a wrong beat is called wrong")
     if config.onset_rule.onset == "baseline":
         now = _last(dut)
         sums = dut.sums
@@ -279,11 +279,11 @@ def _touches(m: Module, config) -> None:
             m.d.sync += quiet.eq(Mux(met, 0, quiet + check))
             with m.If(~met & (quiet + check >= config.onset_rule.rearm_frames)):
                 m.d.sync += state.eq(State.ARMED)
-    prove(dut.armed == (state == State.ARMED), "armed")
-    prove(dut.touch == in_touch, "touch")
-    prove(dut.touch_started <= left, "a touch starts with a frame's last beat")
+    prove(dut.status.armed == (state == State.ARMED), "armed")
+    prove(dut.status.touch == in_touch, "touch")
+    prove(dut.status.started <= left, "a touch starts with a frame's last beat")
     if not at_once:
-        prove(dut.touch_started == (left & onset), "a touch starts with its onset")
+        prove(dut.status.started == (left & onset), "a touch starts with its onset")
     if free_mode:
         prove(
             ~left | (dut.o.p.emit == (in_touch & boundary)),

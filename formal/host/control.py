@@ -1,9 +1,10 @@
 """The host's side: writes during a touch, addresses without a register."""
 
 from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib.wiring import In
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.host.control import INPUTS, HostControl
+from eskin.rtl.host.control import HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
 from formal.proof import Bug, assume, before, free, placed, placed_free, proof, prove, registers
 
@@ -33,14 +34,14 @@ def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
     count, over = Signal(range(UNDECIDED + 1), name="undecided"), Signal(name="over")
     arm = _cleared(m, dut)
     assume(~dut.global_taken | (count != 0) | over)
-    assume(~dut.touch_started | ((count != UNDECIDED) & ~over))
+    assume(~dut.detector.started | ((count != UNDECIDED) & ~over))
     m.d.sync += over.eq((over | dut.finish) & ~arm)
     prove(dut.clear == arm, "cleared a cycle after arm or a hang")
     prove(
         dut.restart == arm | before(dut.load.enable, "written"),
         "the engine starts anew after arm and after every write",
     )
-    m.d.sync += count.eq(Mux(arm | dut.finish | over, 0, count + dut.touch_started - dut.global_taken))
+    m.d.sync += count.eq(Mux(arm | dut.finish | over, 0, count + dut.detector.started - dut.global_taken))
     return count, over
 
 
@@ -59,8 +60,8 @@ def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
         ),
         Bug(
             "one flag for all touches",
-            "undecided + self.touch_started",
-            "undecided + (self.touch_started & ~self.touch)",
+            "undecided + self.detector.started",
+            "undecided + (self.detector.started & ~self.touch)",
             file=STATE,
         ),
         Bug("a write does not start the engine anew", "self.hung | self.load.enable)", "self.hung)"),
@@ -87,8 +88,10 @@ def _twins(m: Module):
     left, right = placed_free(HostControl(CONFIG), name="one"), placed(HostControl(CONFIG), "other")
     more = Signal()
     free(more)
-    m.d.comb += [getattr(right, name).eq(getattr(left, name)) for name in INPUTS]
-    m.d.comb += [getattr(right.bus, name).eq(getattr(left.bus, name)) for name in ("addr", "w_data", "r_stb")]
+    ports = zip(left.signature.flatten(left), right.signature.flatten(right), strict=True)
+    m.d.comb += [
+        its.eq(mine) for (path, member, mine), (*_, its) in ports if member.flow is In and path[-1] != "w_stb"
+    ]
     m.d.comb += right.bus.w_stb.eq(left.bus.w_stb | more)
     for name in ("clear", "restart", "finish", "mask", "busy", "due"):
         prove(getattr(left, name) == getattr(right, name), f"{name} is the same")
@@ -174,7 +177,7 @@ TAUGHT = CONFIG.replace(cell="linear", decision="last").with_readout(
     bugs=(
         Bug(
             "a word is given while it is read",
-            "given.eq(fresh & ~self.look & ~loader.locked)",
+            "given.eq(fresh & ~teaching.look & ~loader.locked)",
             "given.eq(fresh)",
         ),
         Bug("a touch does not make it stale", "~(loader.locked | bus.w_stb)", "~bus.w_stb"),
@@ -193,16 +196,16 @@ def words_of_places(m: Module) -> None:
     # what the readout holds: the word at the place looked at last, while it was free
     held, at = Signal(name="held"), Signal(len(loader.load.address), name="looked_at")
     written = dut.bus.w_stb | dut.load.enable
-    m.d.sync += held.eq((held | dut.look) & ~dut.loader.locked & ~written)
-    with m.If(dut.look):
+    m.d.sync += held.eq((held | dut.teaching.look) & ~dut.loader.locked & ~written)
+    with m.If(dut.teaching.look):
         m.d.sync += at.eq(loader.load.address)
     prove(
-        ~dut.given | (held & ~dut.look & ~dut.loader.locked & (at == loader.load.address)),
+        ~dut.given | (held & ~dut.teaching.look & ~dut.loader.locked & (at == loader.load.address)),
         "the word of the place",
     )
     # ---- for the induction
     prove(held == dut.fresh, "the reference's own state")
-    prove(~held | dut.look | (at == loader.load.address), "the place stays")
+    prove(~held | dut.teaching.look | (at == loader.load.address), "the place stays")
     was = Signal(len(loader.load.address), name="place_before")
     m.d.sync += was.eq(loader.load.address)
     moved = loader.load.address != was

@@ -44,7 +44,7 @@ def pixels_in_order(m: Module) -> None:
         "pixels in order, none after the image",
     )
     prove(~dut.start | (dut.free & (count == PIXELS) & ~started), "started once, for a whole image")
-    prove(dut.begun == (dut.fill.valid & (count == 0)), "begun with the first pixel")
+    prove(dut.status.started == (dut.fill.valid & (count == 0)), "begun with the first pixel")
     prove(
         (dut.over == (count == PIXELS)) & (dut.waiting == ((count == PIXELS) & ~started)), "over and waiting"
     )

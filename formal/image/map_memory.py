@@ -6,10 +6,10 @@ from amaranth.hdl import Module, Signal
 from eskin.golden.core import Conv, Dense, QFormat
 from eskin.golden.core.images import layer_stages
 from eskin.rtl.image.map_memory import MapMemory
-from eskin.rtl.program.image_passes import make_plan
+from eskin.rtl.program.image_passes import ImagePlan
 from formal.proof import Bug, any_number, assume, placed_free, proof, prove
 
-PLAN = make_plan(
+PLAN = ImagePlan(
     layer_stages(2, 4, [Conv(1, 1), Dense(2)]),
     weight_bits=8,
     shifts=(0, 0),

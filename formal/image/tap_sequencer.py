@@ -6,10 +6,10 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.golden.core import Conv, Dense, Pool, QFormat
 from eskin.golden.core.images import layer_stages
 from eskin.rtl.image.tap_sequencer import TapSequencer
-from eskin.rtl.program.image_passes import make_plan
+from eskin.rtl.program.image_passes import ImagePlan
 from formal.proof import Bug, any_number, assume, proof, prove
 
-PLAN = make_plan(
+PLAN = ImagePlan(
     layer_stages(4, 4, [Conv(3, 1), Dense(2)]),
     weight_bits=8,
     shifts=(0, 0),
@@ -90,7 +90,7 @@ def small_passes(m: Module) -> None:
     prove(ended | (time <= LONGEST), "the pass ends")
 
 
-PAIRS = make_plan(
+PAIRS = ImagePlan(
     layer_stages(4, 4, [Conv(3, 1), Pool(), Dense(2)]),
     weight_bits=8,
     shifts=(0, 0),

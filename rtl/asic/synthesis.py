@@ -349,3 +349,21 @@ def macro_map(macro: Cell) -> str:
     """Techmap of a memory that is never read and written in one cycle to macros of one port."""
     parameters = re.findall(r"    parameter MEMID.*?(?=    input)", MEMORIES.read_text(), re.DOTALL)[0]
     return _of_macro("macro_map.v", macro, parameters=parameters)
+
+
+def expression(function: str) -> str:
+    """A Liberty function in Verilog's operators."""
+    return function.replace("*", "&").replace("+", "|").replace("!", "~")
+
+
+def model(cell: Cell) -> str:
+    """The module of a cell."""
+    if cell.kind == "memory":
+        return macro_verilog(cell, random=True)
+    pins = {name: pin for name, pin in cell.pins.items() if pin.direction in ("input", "output")}
+    return template(__file__, "cell.v", expression=expression).render(cell=cell, pins=pins)
+
+
+def models(cells: Iterable[Cell]) -> str:
+    """Modules of all ``cells``."""
+    return "".join(model(cell) for cell in cells)

@@ -1,21 +1,11 @@
 """The port by which the host writes memories."""
 
-from typing import Any
-
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
 from eskin.rtl.program.memory_map import ImageMemory, memories
-
-LOAD = ("select", "address", "data", "enable")
-"""Members of the port."""
-
-
-def following(target: Any, source: Any, *members: str) -> list:
-    """Statements that drive the members of ``target`` with those of ``source``."""
-    return [getattr(target, name).eq(getattr(source, name)) for name in members]
 
 
 def load_lines(config: AcceleratorConfig) -> dict[int, int]:

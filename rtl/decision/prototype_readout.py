@@ -15,6 +15,7 @@ from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import prototypes_memory
 from eskin.rtl.common.register_check import parity_wrong
+from eskin.rtl.common.status import TEACHING
 from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import prototype_words
 
@@ -88,35 +89,14 @@ class PrototypeReadout(wiring.Component):
         A new recording: the touch under way is dropped; a touch that is being written is finished.
     load : In
         The host's writes, never while not idle.
-    teach, forget : In(1), only with taught places
-        Pulses. ``label`` is the class; ``option``: of the next touch, of all classes; ``loaded``: of the touch whose
-        codes the host has written into the touch's own place.
-    locked : In(1)
-        A touch is open.
-    look : In(1)
-        Reads word ``load.address``, only while idle; ``place`` : Out(9) is it from the next cycle on, while the
-        address stays and nothing else happens.
-    refused : Out(1)
-        Pulse: that was not, or will not be, done.
-    teaching_done : Out(1)
-        Pulse: a touch is taught.
-    in_use : Out(8)
-        Places that hold a taught touch.
+    commands : In(TEACHING), only with taught places
+        Of `eskin.rtl.common.status`.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         self._teaches = config.readout_rule.taught > 0
         score = shape_of(config.score_format)
-        commands = {
-            "teach": In(1),
-            "forget": In(1),
-            "label": In(7),
-            "option": In(1),
-            "loaded": In(1),
-            "locked": In(1),
-        }
-        looking = {"look": In(1), "place": Out(9)}
         super().__init__(
             {
                 "vector": In(data.StructLayout({"valid": 1, "value": shape_of(config.trajectory_format)})),
@@ -130,11 +110,7 @@ class PrototypeReadout(wiring.Component):
             }
             | ({"wrong": Out(1)} if config.hardware.checksum else {})
             | ({"far": Out(1)} if config.readout_rule.unknown_above else {})
-            | (
-                commands | looking | {"refused": Out(1), "teaching_done": Out(1), "in_use": Out(8)}
-                if self._teaches
-                else {}
-            )
+            | ({"commands": In(TEACHING)} if self._teaches else {})
         )
 
     def elaborate(self, platform):
@@ -213,7 +189,10 @@ class PrototypeReadout(wiring.Component):
         asked: Value = loads  # the address is the host's
         reads: Value = reading
         if teaches:
-            asked, reads = loads | (self.look & self.idle), reading | (self.look & self.idle)
+            asked, reads = (
+                loads | (self.commands.look & self.idle),
+                reading | (self.commands.look & self.idle),
+            )
         beyond = Signal()  # the host's address is that of a class's number
         written = self.written = Signal()
         at = Signal(range(words))
@@ -251,7 +230,7 @@ class PrototypeReadout(wiring.Component):
             whole = reaches(address, words) & sound
             place_used, number, guard = self._teaching(m, scan, loads, beyond, whole, registers, flags)
             guards.append(guard)
-            m.d.comb += self.place.eq(Mux(beyond, number, read.data))
+            m.d.comb += self.commands.place.eq(Mux(beyond, number, read.data))
         begin_of, end_of, first_done, last_done, taught_done, label_done, whole_place, told = (
             Signal(name=name)
             for name in (
@@ -393,15 +372,15 @@ class PrototypeReadout(wiring.Component):
         chosen = Signal(range(classes))
         whole = Signal()
         following = Signal()
-        known = ~exceeds(self.label, classes - 1)
-        free = ~self.locked & self.idle
-        teaches = self.teach & free & known & (self.option | self.loaded | whole)
-        forgets = self.forget & free & (self.option | known)
+        known = ~exceeds(self.commands.label, classes - 1)
+        free = ~self.commands.locked & self.idle
+        teaches = self.commands.teach & free & known & (self.commands.option | self.commands.loaded | whole)
+        forgets = self.commands.forget & free & (self.commands.option | known)
         asked = (self.load.address - words)[: len(chosen)]  # a class, of a host that loads or looks
         at_class = Signal(range(classes))
         count = Signal(range(2 * places))
         m.d.comb += [
-            at_class.eq(Mux(self.idle, Mux(self.forget, self.label, asked), scan.label)),
+            at_class.eq(Mux(self.idle, Mux(self.commands.forget, self.commands.label, asked), scan.label)),
             count.eq(Array(numbers)[at_class]),
         ]
         # a touch is counted as its pass comes to its class for the first time; its place is the newest from then on
@@ -419,7 +398,7 @@ class PrototypeReadout(wiring.Component):
         in_use = Signal(range(classes * places + 1))
         loaded = loads & beyond
         m.d.comb += [
-            scan.begins.eq((teaches & ~self.option) | (self.ended & following & complete)),
+            scan.begins.eq((teaches & ~self.commands.option) | (self.ended & following & complete)),
             scan.target.eq(
                 scan.teaching & (scan.label == chosen) & scan.slot[-1] & (scan.slot[:-1] == newest)
             ),
@@ -430,11 +409,13 @@ class PrototypeReadout(wiring.Component):
                     Mux(counted, _by_value(count, lambda n: n + 1 if n + 1 < 2 * places else places), 0),
                 )
             ),
-            self.refused.eq(
-                (self.teach & ~teaches) | (self.forget & ~forgets) | (self.ended & following & ~complete)
+            self.commands.refused.eq(
+                (self.commands.teach & ~teaches)
+                | (self.commands.forget & ~forgets)
+                | (self.ended & following & ~complete)
             ),
-            self.in_use.eq(in_use),
-            self.teaching_done.eq(scan.ends),
+            self.commands.in_use.eq(in_use),
+            self.commands.done.eq(scan.ends),
         ]
         with m.If(loaded | counted | forgets):
             m.d.sync += [
@@ -443,13 +424,13 @@ class PrototypeReadout(wiring.Component):
             ]
             if checks:
                 m.d.sync += Array(parities)[at_class].eq(renewed.xor())
-        with m.If(forgets & self.option):
+        with m.If(forgets & self.commands.option):
             m.d.sync += [in_use.eq(0), *(number.eq(0) for number in (*numbers, *parities))]
-        registers.append((chosen, teaches, self.label[: len(chosen)]))
-        touch_stays = ~(self.vector.valid | (self.clear & self.locked) | loads)
+        registers.append((chosen, teaches, self.commands.label[: len(chosen)]))
+        touch_stays = ~(self.vector.valid | (self.clear & self.commands.locked) | loads)
         flags += [
             (whole, Mux(self.ended, complete, whole) & touch_stays),
-            (following, Mux(teaches, self.option, following) & ~self.ended),
+            (following, Mux(teaches, self.commands.option, following) & ~self.ended),
         ]
         turned = exceeds(count, places - 1)
         place_used = ~scan.slot[-1] | turned | greater(count, scan.slot[:-1])

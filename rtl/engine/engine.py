@@ -17,6 +17,7 @@ from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import centred_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import addends_memory, begins_as_told, lanes_in_large_memories
+from eskin.rtl.common.status import ENGINE, probe
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.engine.elementwise import ElementwiseUnit
@@ -32,35 +33,6 @@ from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
 from eskin.rtl.program.timing import ELEMENT_OPERAND_BITS, logit_to_decision
-
-
-def probe(bits: int = 32) -> wiring.Signature:
-    """One value a cycle, for benches: ``value`` where ``valid``."""
-    return wiring.Signature({"valid": Out(1), "value": Out(signed(bits))})
-
-
-def engine_signature(config: AcceleratorConfig) -> wiring.Signature:
-    """Ports of an engine, seen from it: see `Engine`."""
-    return wiring.Signature(
-        {
-            "i": In(stream.Signature(centred_layout(config))),
-            "load": In(load_signature(config)),
-            "logit": Out(data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})),
-            "decider_idle": In(1),
-            "blank": In(1),
-            "started": Out(1),
-            "busy": Out(1),
-            "working": Out(1),
-            "overrun": Out(1),
-            "windows_open": Out(1),
-            "slot_done": Out(1),
-            "step_done": Out(1),
-            "check_failed": Out(1),
-            "feature": Out(probe()),
-            "state": Out(probe()),
-            "step": Out(probe()),
-        }
-    )
 
 
 def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
@@ -121,16 +93,8 @@ class Engine(wiring.Component):
         Phase B of a step starts in this cycle.
     busy : Out(1)
         A window waits or a step is being computed.
-    working : Out(1)
-        A window waits, or the program is on its way to where it waits for one.
-    overrun : Out(1)
-        A window arrives while both slots are full.
-    windows_open : Out(1)
-        A window waits or is computed.
-    slot_done : Out(1)
-        A slot of a step, up to its last logit, ends with this cycle.
-    step_done : Out(1)
-        The step's last logit is given in this cycle.
+    status : Out(ENGINE)
+        Of `eskin.rtl.common.status`.
     check_failed : Out(1)
         With ``checksum``: a constant, a table entry or a word of the program that was just used is wrong.
     feature, state, step : Out(probe)
@@ -146,7 +110,24 @@ class Engine(wiring.Component):
     ) -> None:
         self._config, self._images = config, images or {}
         self.plan: Schedule = schedule(config, program)
-        super().__init__(engine_signature(config))
+        super().__init__(
+            {
+                "i": In(stream.Signature(centred_layout(config))),
+                "load": In(load_signature(config)),
+                "logit": Out(
+                    data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})
+                ),
+                "decider_idle": In(1),
+                "blank": In(1),
+                "started": Out(1),
+                "busy": Out(1),
+                "status": Out(ENGINE),
+                "check_failed": Out(1),
+                "feature": Out(probe()),
+                "state": Out(probe()),
+                "step": Out(probe()),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -288,9 +269,9 @@ class Engine(wiring.Component):
         m.d.comb += [
             queue.released.eq(released),
             queue.started.eq(self.started),
-            queue.step_done.eq(self.step_done),
-            self.overrun.eq(queue.overrun),
-            self.windows_open.eq(queue.open),
+            queue.step_done.eq(self.status.step_done),
+            self.status.overrun.eq(queue.overrun),
+            self.status.windows_open.eq(queue.open),
             slot_write.addr.eq(Cat(queue.taxel, queue.writing, self.blank)),
             slot_write.data.eq(self.i.p.value),
             slot_write.en.eq(queue.take | self.blank),
@@ -311,20 +292,20 @@ class Engine(wiring.Component):
         m.d.comb += [
             sequencer.restart.eq(final),
             self.started.eq(sequencer.waiting & enable),
-            self.working.eq(queue.any | ~sequencer.waiting),
-            self.busy.eq(self.working | queue.taxel.any()),
-            self.slot_done.eq(enable & word.in_step),
-            self.step_done.eq(enable & word.ends_step),
+            self.status.working.eq(queue.any | ~sequencer.waiting),
+            self.busy.eq(self.status.working | queue.taxel.any()),
+            self.status.slot_done.eq(enable & word.in_step),
+            self.status.step_done.eq(enable & word.ends_step),
         ]
         # A register, because everything depends on it: a step starts a cycle later.
         m.d.sync += sequencer.go.eq(sequencer.waiting & queue.waiting & self.decider_idle)
         slots = Signal(16)
-        with m.If(self.slot_done):
+        with m.If(self.status.slot_done):
             m.d.sync += slots.eq(slots + 1)
         with m.If(sequencer.ended):
             m.d.sync += slots.eq(0)
         m.d.comb += [
-            self.step.valid.eq(self.step_done),
+            self.step.valid.eq(self.status.step_done),
             self.step.value.eq(slots + logit_to_decision(config)),
         ]
         return final

@@ -20,12 +20,6 @@ def folded(value: Value) -> Value:
     return reduce(xor, pieces)
 
 
-def even(value: Value) -> Value:
-    """High when a word and its parity bit, ``value`` together, have an odd number of ones: one bit is
-    wrong."""
-    return Value.cast(value).xor()
-
-
 class MemoryCheck(wiring.Component):
     """Adds every constant that a step reads to a signature.
 

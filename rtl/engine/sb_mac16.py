@@ -1,7 +1,9 @@
 """A lane in the iCE40's DSP block, accumulator and all (docs/specification.md, section 4)."""
 
-from amaranth.hdl import ClockSignal, Const, Instance, Module, Signal
+from amaranth.hdl import Const, Module, Signal
 from amaranth.lib import wiring
+
+from eskin.rtl.common.mac16 import sb_mac16
 
 ICE40 = "ice40"
 """Platform name for which the lane becomes an SB_MAC16; for any other it is described by its behaviour."""
@@ -62,49 +64,26 @@ class DspLane(wiring.Component):
         hold = wide(~(self.valid | self.swap) if own_load else ~self.valid, 1)
         load_now = self.swap if own_load else Const(0)
         m.d.comb += self.acc.eq(out)
-        m.submodules.mac = Instance(
-            "SB_MAC16",
+        adds = int(self._adds_load)
+        m.submodules.mac = sb_mac16(
+            out,
+            self.tick,
+            wide(self.a, 16),
+            wide(self.b, 16),
+            load,
             p_A_SIGNED=1,
             p_B_SIGNED=1,
             p_A_REG=1,
             p_B_REG=1,
-            p_C_REG=int(self._adds_load),
-            p_D_REG=int(self._adds_load),
-            p_TOPOUTPUT_SELECT=1,
-            p_BOTOUTPUT_SELECT=1,  # the registered sum
+            p_C_REG=adds,
+            p_D_REG=adds,
             p_TOPADDSUB_LOWERINPUT=2,
             p_BOTADDSUB_LOWERINPUT=2,  # the 32-bit product
-            p_TOPADDSUB_UPPERINPUT=int(self._adds_load),
-            p_BOTADDSUB_UPPERINPUT=int(self._adds_load),  # plus the sum, or C:D
-            p_TOPADDSUB_CARRYSELECT=2,
+            p_TOPADDSUB_UPPERINPUT=adds,
+            p_BOTADDSUB_UPPERINPUT=adds,  # plus the sum, or C:D
             p_BOTADDSUB_CARRYSELECT=0,
-            i_CLK=ClockSignal(),
-            i_CE=self.tick,
-            i_A=wide(self.a, 16),
-            i_B=wide(self.b, 16),
-            i_C=load[16:],
-            i_D=load[:16],
             i_OLOADTOP=load_now,
             i_OLOADBOT=load_now,
             i_OHOLDTOP=hold,
             i_OHOLDBOT=hold,
-            **{
-                f"i_{pin}": Const(0)
-                for pin in (
-                    "AHOLD",
-                    "BHOLD",
-                    "CHOLD",
-                    "DHOLD",
-                    "IRSTTOP",
-                    "IRSTBOT",
-                    "ORSTTOP",
-                    "ORSTBOT",
-                    "ADDSUBTOP",
-                    "ADDSUBBOT",
-                    "CI",
-                    "ACCUMCI",
-                    "SIGNEXTIN",
-                )
-            },
-            o_O=out,
         )

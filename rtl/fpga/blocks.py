@@ -8,7 +8,7 @@ belongs to exactly one block: blocks add up to the whole.
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from eskin.golden.core import Record
 
@@ -45,73 +45,29 @@ def block_of(path: str) -> str:
     return named[0] if named else WIRING if "accelerator" in parts else TOP
 
 
-def signal_blocks(rtlil: str, names: Record, top: str) -> dict[str, str]:
+def signal_blocks(names: Record) -> dict[str, str]:
     """Block that drives each signal bit, by its name in the flat design (``a.b.signal`` or
     ``a.b.signal[3]``).
 
-    A net has a name in every module that it passes. It is driven in the deepest one, but not within one that
-    it enters by an input port.
-
     Parameters
     ----------
-    rtlil:
-        The design with its hierarchy.
     names:
-        JSON of the same design, flat and not optimised.
+        JSON of the design, flat and not optimised: there a cell's name begins with its path.
     """
-    inputs = _module_inputs(rtlil, top)
-    nets = names["modules"][top]["netnames"]
-    seen_in: dict[int, set[str]] = defaultdict(set)
-    enters: dict[int, set[str]] = defaultdict(set)
-    for name, net in nets.items():
-        path = _module_of(name, inputs)
-        is_input = name[len(path) + 1 if path else 0 :] in inputs[path]
-        for bit in net["bits"]:
-            if isinstance(bit, int):
-                seen_in[bit].add(path)
-                if is_input:
-                    enters[bit].add(path)
-    driver = {}
-    for bit, paths in seen_in.items():
-        outside = [
-            path
-            for path in paths
-            if not any(path == module or path.startswith(f"{module}.") for module in enters[bit])
-        ]
-        if outside:
-            driver[bit] = max(outside, key=lambda path: (_depth(path), path))
+    (module,) = names["modules"].values()
+    driver = {
+        bit: block_of(re.sub(r"\$flatten|\\", "", name))
+        for name, cell in module["cells"].items()
+        for port, bits in cell["connections"].items()
+        for bit in bits
+        if cell.get("port_directions", {}).get(port) == "output"  # an instance has none
+    }
     return {
-        name if len(net["bits"]) == 1 else f"{name}[{index}]": block_of(driver[bit])
-        for name, net in nets.items()
+        name if len(net["bits"]) == 1 else f"{name}[{index}]": driver[bit]
+        for name, net in module["netnames"].items()
         for index, bit in enumerate(net["bits"])
         if bit in driver
     }
-
-
-def _depth(path: str) -> int:
-    return path.count(".") + 1 if path else 0
-
-
-def _module_inputs(rtlil: str, top: str) -> dict[str, set[str]]:
-    """Input ports of each module by its path below ``top`` (Amaranth names a module by its path)."""
-    inputs: dict[str, set[str]] = {}
-    for line in rtlil.splitlines():
-        if start := re.match(r"module \\(\S+)", line):
-            path = start[1].removeprefix(top).removeprefix(".")
-            inputs[path] = set()
-        elif port := re.match(r"  wire .*\binput \d+ +(?:signed +)?\\(\S+)", line):
-            inputs[path].add(port[1])
-    return inputs
-
-
-def _module_of(name: str, modules: Iterable[str]) -> str:
-    """The innermost of the modules that a flat name lies in; the path of a name's own parts may hold points
-    too."""
-    parts = name.split(".")
-    for count in range(len(parts) - 1, 0, -1):
-        if (path := ".".join(parts[:count])) in modules:
-            return path
-    return ""
 
 
 NAMED_CELLS = {
@@ -165,28 +121,29 @@ def cell_blocks(packed: Record, signals: dict[str, str], border: str = "") -> di
             del votes[TOP]  # not the harness' own, though the harness may read it
         if votes:
             owner[name] = _most(votes)
-    # Backwards from what is known, a level of logic at a time; what nobody reads then goes with what it
-    # reads.
-    for neighbours in (readers, {bit: [name] for bit, name in writer.items()}):
-        towards = drives if neighbours is readers else reads
-        while True:
-            settled = {}
-            for name in drives.keys() - owner.keys():
-                votes = Counter(
-                    owner[neighbour]
-                    for bit in towards[name]
-                    for neighbour in neighbours.get(bit, ())
-                    if neighbour in owner
-                )
-                if border:
-                    del votes[TOP]
-                if votes:
-                    settled[name] = _most(votes)
-            if not settled:
-                break
-            owner |= settled
+    # backwards from what is known; what nobody reads then goes with what it reads
+    join(owner, drives, readers, TOP if border else "")
+    join(owner, reads, {bit: [name] for bit, name in writer.items()}, TOP if border else "")
     outside = drives.keys() - owner.keys()  # a pin, a constant, what the border's own ports are made of
     return owner | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in outside}
+
+
+def join(
+    owner: dict[str, str],
+    ends: Mapping[str, Iterable[int]],
+    neighbours: Mapping[int, Iterable[str]],
+    never: str = "",
+) -> None:
+    """Add to ``owner`` each other cell of ``ends``: the block of most cells at its nets, a level of logic at a
+    time; none joins the block ``never``."""
+    settled: dict[str, str] = {"": ""}
+    while settled:
+        settled = {}
+        for name in ends.keys() - owner.keys():
+            near = (owner.get(other) for bit in ends[name] for other in neighbours.get(bit, ()))
+            if votes := Counter(block for block in near if block and block != never):
+                settled[name] = _most(votes)
+        owner |= settled
 
 
 def _most(votes: Counter[str]) -> str:

@@ -7,21 +7,14 @@ from pathlib import Path
 from amaranth.back import rtlil
 from amaranth.lib import wiring
 
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError
+from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.rtl.common.collisions import without_contents
 from eskin.rtl.fpga.readable import ports_named, readable
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.top.board_top import BoardTop
-from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.rtl.top.image_accelerator import make_accelerator
-from eskin.rtl.top.sensing import Sensing
 
 TOP = "accelerator"
-BOARD_TOP = "board_top"
-SENSING = "sensing"
-BUS_TOP = "eskin"
-"""Prefix of the name of the module for a user's system; the bus or ``axis`` follows."""
 
 
 def export(config: AcceleratorConfig, arrays: Arrays | None = None, name: str = TOP) -> str:
@@ -29,52 +22,12 @@ def export(config: AcceleratorConfig, arrays: Arrays | None = None, name: str = 
 
     ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the
     same for every model.
-
-    Amaranth's own Verilog writes ``always @*`` blocks that miss their time-zero event in Icarus under -g2012,
-    so a ready that is high from reset on stays X for ever. As ``always_comb`` the same blocks wake each other
-    without end at time zero in a design of this size. So processes become multiplexers (``proc`` with them),
-    which both simulators take; names that Yosys made are replaced (no ``-norename``), because Icarus takes a
-    function called ``$...`` for a system function.
-
-    `PASSES` and a statement for each initial value leave of a linter's warnings those that WAIVER names.
     """
-    return _verilog(make_accelerator(config, _rom(config, arrays)), name)
+    return verilog(make_accelerator(config, rom(config, arrays)), name)
 
 
-def export_sensing(config: AcceleratorConfig, arrays: Arrays | None = None, name: str = SENSING) -> str:
-    """SystemVerilog text of the accelerator behind its converter, module ``name``; as `export`
-    otherwise."""
-    return _verilog(Sensing(config, _rom(config, arrays)), name)
-
-
-def export_board(
-    config: AcceleratorConfig, arrays: Arrays | None = None, *, clock_hz: float, baud: float
-) -> str:
-    """SystemVerilog text of the accelerator behind its serial link, module ``board_top``; as `export`
-    otherwise."""
-    return _verilog(BoardTop(config, _rom(config, arrays), clock_hz=clock_hz, baud=baud), BOARD_TOP)
-
-
-def export_bus(
-    config: AcceleratorConfig,
-    arrays: Arrays | None = None,
-    *,
-    bus: Bus | None,
-    axis: bool = False,
-    name: str = "",
-) -> tuple[str, str]:
-    """Name (default: eskin_ and the bus) and SystemVerilog text of the module for a user's system (`BusTop`); as `export` otherwise.
-
-    Raises InputError for streams where a converter feeds.
-    """
-    converter = config.interface.converter.name
-    if (axis or bus is None) and converter != "none":
-        raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
-    name = name or f"{BUS_TOP}_{bus or 'axis'}"
-    return name, _verilog(BusTop(config, _rom(config, arrays), bus=bus, axis=axis), name)
-
-
-def _rom(config: AcceleratorConfig, arrays: Arrays | None) -> dict[int, list[int]] | None:
+def rom(config: AcceleratorConfig, arrays: Arrays | None) -> dict[int, list[int]] | None:
+    """Memory contents of a ROM design; None where the host loads them."""
     return None if config.hardware.loadable or arrays is None else memory_images(config, arrays)
 
 
@@ -97,7 +50,17 @@ WAIVER = Path(__file__).with_name("waiver.vlt")
 """Verilator's expected warnings, with reasons; part of the output of `eskin.rtl.fpga.generate.generate`."""
 
 
-def _verilog(component: wiring.Component, name: str) -> str:
+def verilog(component: wiring.Component, name: str) -> str:
+    """SystemVerilog text of any design as module ``name``.
+
+    Amaranth's own Verilog writes ``always @*`` blocks that miss their time-zero event in Icarus under -g2012,
+    so a ready that is high from reset on stays X for ever. As ``always_comb`` the same blocks wake each other
+    without end at time zero in a design of this size. So processes become multiplexers (``proc`` with them),
+    which both simulators take; names that Yosys made are replaced (no ``-norename``), because Icarus takes a
+    function called ``$...`` for a system function.
+
+    `PASSES` and a statement for each initial value leave of a linter's warnings those that WAIVER names.
+    """
     text = ports_named(rtlil.convert(component, name=name, emit_src=False))
     if "begins_as_anything" in text:
         text = without_contents(text)
@@ -107,8 +70,8 @@ def _verilog(component: wiring.Component, name: str) -> str:
         (Path(folder) / WIDE_LOGIC_NOT.name).write_text(WIDE_LOGIC_NOT.read_text())
         (Path(folder) / "passes.ys").write_text(PASSES)
         run_tool("yosys", ["-q", "passes.ys"], Path(folder))
-        verilog = readable(target.read_text().partition("\n")[2])  # without the line that names Yosys' build
+        shown = readable(target.read_text().partition("\n")[2])  # without the line that names Yosys' build
     # an initial value beside processes that assign is a warning where it stands in the declaration
     return re.sub(
-        r"^( *)(reg .*?(\\\S+ |\w+)) = (.*;)$", r"\1\2;\n\1initial \3 = \4", verilog, flags=re.MULTILINE
+        r"^( *)(reg .*?(\\\S+ |\w+)) = (.*;)$", r"\1\2;\n\1initial \3 = \4", shown, flags=re.MULTILINE
     )

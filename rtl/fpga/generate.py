@@ -6,9 +6,11 @@ and load.hex.
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +26,7 @@ from eskin.golden.core import (
     template,
 )
 from eskin.rtl import host
-from eskin.rtl.fpga.export import SENSING, TOP, WAIVER, export, export_bus, export_sensing
+from eskin.rtl.fpga.export import TOP, WAIVER, rom, verilog
 from eskin.rtl.program.memory_map import (
     ID_VALUE,
     READABLE_VERSIONS,
@@ -45,8 +47,11 @@ from eskin.rtl.program.memory_map import (
     words_per_entry,
 )
 from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
-from eskin.rtl.top.bus_top import Bus
+from eskin.rtl.top.bus_top import Bus, BusTop
+from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top.sensing import Sensing
 
+SENSING = "sensing"
 DRIVER = sorted((Path(host.__file__).parent / "driver").glob("eskin.*"))
 BENCH = Path(__file__).parent / "templates" / "test_accelerator.py"
 MAKEFILE = BENCH.with_name("cocotb.mk")
@@ -96,66 +101,63 @@ def generate(
     Raises
     ------
     InputError
-        When ``out`` holds something else.
+        When ``out`` holds something else, or streams are asked for where a converter feeds.
     OSError
         It cannot be written; ``out`` is as it was.
     """
-    out = Path(out)
+    out, converter = Path(out), config.interface.converter.name
     if out.is_dir() and any(out.iterdir()) and not (out / MARK).exists():
         raise InputError(f"{out}: is a folder with other files in it; give a new folder with --out")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a new folder with --out")
     if top is not None:
         check_prefix("--top", top)
-    with replacing_folder(out) as folder:
-        _write_all(config, arrays, folder, vectors, bus, axis, top)
-    return out
-
-
-def _write_all(
-    config: AcceleratorConfig,
-    arrays: Arrays,
-    folder: Path,
-    vectors: str | Path | None,
-    bus: Bus | None,
-    axis: bool,
-    name: str | None,
-) -> None:
-    sensing, behind = config.interface.converter.name != "none", bool(bus or axis)
+    if axis and converter != "none":
+        raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
+    images = rom(config, arrays)
+    modules: list[tuple[str, Callable[..., Any]]] = [(TOP, make_accelerator)]
+    if converter != "none":
+        modules.append((SENSING, Sensing))
+    if bus or axis:
+        modules.append((f"{PREFIX}_{bus or 'axis'}", partial(BusTop, bus=bus, axis=axis)))
     # the last one is the system's and has the name itself
-    accelerator = name if name and not (sensing or behind) else f"{name}_{TOP}" if name else TOP
-    modules = {accelerator: export(config, arrays, accelerator)}
-    if sensing:
-        chain = name if name and not behind else f"{name}_{SENSING}" if name else SENSING
-        modules[chain] = export_sensing(config, arrays, chain)
-    if behind:
-        modules |= [export_bus(config, arrays, bus=bus, axis=axis, name=name or "")]
-    for top, verilog in modules.items():
-        (folder / f"{top}.sv").write_text(verilog)
-    (folder / "config.json").write_text(config.to_json())
-    images = folder / "memories"
-    images.mkdir()
-    for select, words in memory_images(config, arrays).items():
-        width = 16 * words_per_entry(config, select)
-        _write_hex(images / f"{memory_name(config, select)}.hex", words, width)
-    writes = boot_writes(config, arrays)
-    _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
-    (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
-    registers = entries(config, bus is not None, config.interface.converter.name == "none" and not axis)
-    release = version("eskin")
-    prefix = name or PREFIX
-    (folder / "registers.h").write_text(prefixed(c_header(config, registers), prefix))
-    (folder / "eskin.rdl").write_text(system_rdl(registers).replace("addrmap eskin", f"addrmap {prefix}"))
-    if bus:
-        for source in DRIVER:
-            text = source.read_text().replace('"eskin.h"', f'"{prefix}.h"')
-            (folder / f"{prefix}{source.suffix}").write_text(prefixed(text, prefix))
-        (folder / "load.h").write_text(prefixed(load_header(writes), prefix))
-    if vectors is not None:
-        _write_bench(config, folder, Path(vectors), accelerator)
-    (folder / "filelist.f").write_text(f"{top}.sv\n")
-    (folder / WAIVER.name).write_text(waiver(f"{module}.sv" for module in modules))
-    (folder / "eskin.core").write_text(fusesoc_core(top, release))
+    names = [name for name, _ in modules]
+    if top:
+        names = [*(f"{top}_{name}" for name in names[:-1]), top]
+    with replacing_folder(out) as folder:
+        for name, (_, design) in zip(names, modules, strict=True):
+            (folder / f"{name}.sv").write_text(verilog(design(config, images), name))
+        (folder / "config.json").write_text(config.to_json())
+        (folder / "memories").mkdir()
+        for select, words in memory_images(config, arrays).items():
+            width = 16 * words_per_entry(config, select)
+            _write_hex(folder / "memories" / f"{memory_name(config, select)}.hex", words, width)
+        writes = boot_writes(config, arrays)
+        _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
+        (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
+        registers = entries(config, bus is not None, converter == "none" and not axis)
+        prefix = top or PREFIX
+        (folder / "registers.h").write_text(prefixed(c_header(config, registers), prefix))
+        (folder / "eskin.rdl").write_text(system_rdl(registers).replace("addrmap eskin", f"addrmap {prefix}"))
+        if bus:
+            for source in DRIVER:
+                text = source.read_text().replace('"eskin.h"', f'"{prefix}.h"')
+                (folder / f"{prefix}{source.suffix}").write_text(prefixed(text, prefix))
+            load = template(__file__, "load.h").render(writes=writes)
+            (folder / "load.h").write_text(prefixed(load, prefix))
+        if vectors is not None:
+            _write_bench(config, folder, Path(vectors), names[0])
+        (folder / "filelist.f").write_text(f"{names[-1]}.sv\n")
+        lines = WAIVER.read_text().splitlines(keepends=True)
+        waived = (
+            line.replace("@FILE@", f"{name}.sv")
+            for line in lines
+            for name in (names if "@FILE@" in line else names[:1])
+        )
+        (folder / WAIVER.name).write_text("".join(waived))
+        core = template(__file__, "eskin.core").render(top=names[-1], release=version("eskin"))
+        (folder / "eskin.core").write_text(core)
+    return out
 
 
 def boot_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, int]]:
@@ -191,26 +193,6 @@ def register_map(config: AcceleratorConfig) -> Record:
         "lanes": config.hardware.lanes,
         "mask_words": -(-config.sensor.taxels // 16),
     }
-
-
-def waiver(files: Iterable[str]) -> str:
-    """Verilator's warnings that are meant in ``files``, with reasons."""
-    lines = WAIVER.read_text().splitlines(keepends=True)
-    names = list(files)
-    return "".join(
-        line.replace("@FILE@", name) for line in lines for name in (names if "@FILE@" in line else [""])
-    )
-
-
-def fusesoc_core(top: str, release: str) -> str:
-    """FuseSoC's core description (CAPI2): target ``default`` gives ``top``.sv to a
-    system, ``lint`` runs Verilator over it."""
-    return template(__file__, "eskin.core").render(top=top, release=release)
-
-
-def load_header(writes: Iterable[tuple[int, int]]) -> str:
-    """Bus writes that load the model, as the driver takes them."""
-    return template(__file__, "load.h").render(writes=list(writes))
 
 
 def c_header(config: AcceleratorConfig, registers: Iterable[Entry] | None = None) -> str:

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from eskin.golden.core import Record
 from eskin.rtl.fpga.blocks import block_of, cell_blocks, signal_blocks
@@ -13,12 +14,49 @@ from eskin.rtl.fpga.synthesis import Netlist
 from eskin.rtl.fpga.targets import Target
 from eskin.rtl.fpga.tools import ToolError, run_tool
 
-PACKERS = {
-    "ice40": ("icepack", "asc", "bin"),
-    "ecp5": ("ecppack", "config", "bit"),
-    "gowin": ("gowin_pack", "json", "fs"),
+
+class Files(NamedTuple):
+    """Files of a family's tools. packer: the tool that makes the bitstream of ``placed``, with its ending; pins: the file
+    of constraints, a line for each port, with ``pull`` where a pin is pulled up; options: nextpnr's for both."""
+
+    packer: str
+    placed: str
+    ending: str
+    pins: str
+    line: str
+    pull: str
+    options: tuple[str, ...]
+
+
+FAMILIES = {
+    "ice40": Files(
+        "icepack",
+        "placed.asc",
+        "bin",
+        "pins.pcf",
+        "set_io {pull}{port} {site}\n",
+        "-pullup yes ",
+        ("--pcf", "pins.pcf", "--asc", "placed.asc"),
+    ),
+    "ecp5": Files(
+        "ecppack",
+        "placed.config",
+        "bit",
+        "pins.lpf",
+        'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" IO_TYPE=LVCMOS33{pull};\n',
+        " PULLMODE=UP",
+        ("--lpf", "pins.lpf", "--textcfg", "placed.config"),
+    ),
+    "gowin": Files(
+        "gowin_pack",
+        "placed.json",
+        "fs",
+        "pins.cst",
+        'IO_LOC "{port}" {site};\nIO_PORT "{port}" IO_TYPE=LVCMOS33{pull};\n',
+        " PULL_MODE=UP",
+        ("--vopt", "cst=pins.cst"),
+    ),
 }
-"""Family: the tool that makes the bitstream, its input and its output."""
 
 KINDS = {
     "ICESTORM_DSP": "dsp",
@@ -130,35 +168,17 @@ def place(
     DoesNotFit, NoRoute, ToolError
     """
     folder.mkdir(parents=True, exist_ok=True)
-    family = netlist.family.name
-    pack, text, ending = PACKERS[family]
+    family, files = netlist.family.name, FAMILIES[netlist.family.name]
     (folder / "netlist.json").write_bytes(netlist.json.read_bytes())
     words = (
         "--json netlist.json --report report.json --write placed.json --timing-allow-fail -q -l nextpnr.log"
     )
-    arguments = [*target.place, *words.split(), "--seed", str(seed), "--freq", CLOCK_MHZ]
-    if family == "ice40":
-        lines = (
-            f"set_io {'-pullup yes ' * port.startswith(PULLED_UP)}{port} {site}\n"
-            for port, site in pins.items()
-        )
-        (folder / "pins.pcf").write_text("".join(lines))
-        arguments += ["--pcf", "pins.pcf", "--asc", f"placed.{text}"]
-    elif family == "gowin":
-        lines = (
-            f'IO_LOC "{port}" {site};\nIO_PORT "{port}" IO_TYPE=LVCMOS33{" PULL_MODE=UP" * port.startswith(PULLED_UP)};\n'
-            for port, site in pins.items()
-        )
-        (folder / "pins.cst").write_text("".join(lines))
-        arguments += ["--vopt", "cst=pins.cst"]
-    else:
-        lines = (
-            f'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" '
-            f"IO_TYPE=LVCMOS33{' PULLMODE=UP' * port.startswith(PULLED_UP)};\n"
-            for port, site in pins.items()
-        )
-        (folder / "pins.lpf").write_text("".join(lines))
-        arguments += ["--lpf", "pins.lpf", "--textcfg", f"placed.{text}"]
+    arguments = [*target.place, *words.split(), "--seed", str(seed), "--freq", CLOCK_MHZ, *files.options]
+    lines = (
+        files.line.format(port=port, site=site, pull=files.pull * port.startswith(PULLED_UP))
+        for port, site in pins.items()
+    )
+    (folder / files.pins).write_text("".join(lines))
     try:
         run_tool(f"nextpnr-{family}", arguments, folder)
     except ToolError as error:
@@ -171,12 +191,11 @@ def place(
         if shortage:
             raise DoesNotFit(shortage) from None
         raise
-    bitstream = folder / f"{netlist.top}.{ending}"
-    run_tool(pack, [f"placed.{text}", *target.pack, bitstream.name], folder)
+    bitstream = folder / f"{netlist.top}.{files.ending}"
+    run_tool(files.packer, [files.placed, *target.pack, bitstream.name], folder)
     report = json.loads((folder / "report.json").read_text())
     placed = json.loads((folder / "placed.json").read_text())
-    signals = signal_blocks(netlist.rtlil.read_text(), json.loads(netlist.names.read_text()), netlist.top)
-    owner = cell_blocks(placed, signals, border)
+    owner = cell_blocks(placed, signal_blocks(json.loads(netlist.names.read_text())), border)
     return Implementation(
         seed=seed,
         fmax_hz=1e6 * min(clock["achieved"] for clock in report["fmax"].values()),

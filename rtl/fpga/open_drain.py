@@ -2,8 +2,8 @@
 
 from amaranth.hdl import Const, IOBufferInstance, IOPort, Module
 from amaranth.lib import wiring
-from amaranth.lib.wiring import flipped
 
+from eskin.rtl.common.forward import forward, members_but
 from eskin.rtl.interface.i2c_master import I2C_PINS
 
 
@@ -19,17 +19,12 @@ class OpenDrain(wiring.Component):
         if inner.signature.members["pins"].signature != I2C_PINS:
             raise ValueError("the design has no I2C pins")
         self._inner = inner
-        super().__init__({name: member for name, member in inner.signature.members.items() if name != "pins"})
+        super().__init__(members_but(inner, "pins"))
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.inner = inner = self._inner
-        for name, member in self.signature.members.items():
-            mine, its = getattr(self, name), getattr(inner, name)
-            if member.is_signature:
-                wiring.connect(m, its, flipped(mine))
-            else:
-                m.d.comb += mine.eq(its) if member.flow is wiring.Out else its.eq(mine)
+        forward(m, self, inner)
         low = Const(0, 1)
         m.submodules.scl = IOBufferInstance(IOPort(1, name="scl"), o=low, oe=inner.pins.scl_low)
         m.submodules.sda = IOBufferInstance(

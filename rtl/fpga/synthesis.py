@@ -12,10 +12,11 @@ from pathlib import Path
 from amaranth.back import rtlil
 from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Mux, ResetSignal, Signal, Value
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import open_collisions, without_contents
+from eskin.rtl.common.forward import forward
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.top.image_accelerator import make_accelerator
@@ -98,13 +99,11 @@ class Chain(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.accelerator = self._accelerator
-        for name in ("i", "o"):
-            connect(m, getattr(self._accelerator, name), flipped(getattr(self, name)))
+        m.submodules.accelerator = accelerator = self._accelerator
+        forward(m, self, accelerator, "i", "o", "busy")
         for name in self._bus:
-            inner, outer = getattr(self._accelerator.bus, name), getattr(self.bus, name)
+            inner, outer = getattr(accelerator.bus, name), getattr(self.bus, name)
             m.d.comb += outer.eq(inner) if name == "r_data" else inner.eq(outer)
-        m.d.comb += self.busy.eq(self._accelerator.busy)
         return m
 
 
@@ -163,12 +162,7 @@ class PoweredOn(wiring.Component):
             m.d.comb += [ClockSignal("power_on").eq(self.clk), ResetSignal().eq(~timer[-1])]
             m.d.power_on += timer.eq(timer + ~timer[-1])
         m.submodules.inner = self._inner
-        for name, member in self._inner.signature.members.items():
-            inner, pin = getattr(self._inner, name), getattr(self, name)
-            if member.is_signature:
-                connect(m, inner, flipped(pin))
-                continue
-            m.d.comb += inner.eq(pin) if member.flow is In else pin.eq(inner)
+        forward(m, self, self._inner)
         return m
 
 
@@ -177,13 +171,11 @@ class Netlist:
     """Output of `synthesise`.
 
     json (for nextpnr), verilog (cells of the family, one flat module ``top``), cells: number of cells by
-    type, names: the design before any optimisation, flat, by which signals of the netlist are told apart;
-    rtlil: the design.
+    type, names: the design before any optimisation, flat, by which signals of the netlist are told apart.
     """
 
     top: str
     family: Family
-    rtlil: Path
     names: Path
     json: Path
     verilog: Path
@@ -192,7 +184,7 @@ class Netlist:
     @classmethod
     def of(cls, folder: Path, family: Family, top: str) -> Netlist:
         """The netlist that lies in ``folder``."""
-        endings = {"rtlil": ".il", "names": "_names.json", "json": ".json", "verilog": ".v"}
+        endings = {"names": "_names.json", "json": ".json", "verilog": ".v"}
         files = {name: folder / f"{top}{ending}" for name, ending in endings.items()}
         return cls(top=top, family=family, cells=_count(folder / "cells.json"), **files)
 

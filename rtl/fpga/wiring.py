@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, InputError, converter_plan
 from eskin.rtl.fpga.open_drain import OpenDrain
@@ -9,8 +10,7 @@ from eskin.rtl.fpga.synthesis import Chain, Harness, PoweredOn
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.interface.i2c_master import I2C_PINS
-from eskin.rtl.top.board_top import BoardTop, ClassPins, class_pin_count
-from eskin.rtl.top.skin_top import SkinTop
+from eskin.rtl.top.board import Board, ClassPins, class_pin_count
 
 STIMULATOR_PIN = 8
 """Index of the stimulator's pin among a board's free pins: the first of the second connector if there are two
@@ -51,14 +51,12 @@ class Wiring:
         which is not there."""
         # long enough whichever of them it is
         hold = self.target.family.power_on_cycles(max(clock_hz, self.target.clock_hz))
-        if self.sensing:
-            skin = SkinTop(self.config, images, clock_hz=clock_hz, baud=baud, flash=self.flash)
-            shared = skin.signature.members["pins"].signature == I2C_PINS
-            return PoweredOn(OpenDrain(skin) if shared else skin, hold)
-        if not self.link or baud is None:
+        if not (self.sensing or (self.link and baud)):
             return PoweredOn(Harness(Chain(self.config, images, readable=False)))
-        top = BoardTop(self.config, images, clock_hz=clock_hz, baud=baud, class_pins=self.shown)
-        return PoweredOn(top, hold)
+        own: dict[str, Any] = {"sensing": True, "flash": self.flash} if self.sensing else {}
+        top = Board(self.config, images, clock_hz=clock_hz, baud=baud, class_pins=self.shown, **own)
+        shared = self.sensing and top.signature.members["pins"].signature == I2C_PINS
+        return PoweredOn(OpenDrain(top) if shared else top, hold)
 
     @property
     def shown(self) -> ClassPins:

@@ -5,10 +5,13 @@ from collections.abc import Sequence
 
 from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import In, Out, connect
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import centred_layout, expands, sample_layout, touch_layout
+from eskin.rtl.common.load_port import load_signature
+from eskin.rtl.common.status import detector_status
 from eskin.rtl.frontend.compander import Compander
 from eskin.rtl.frontend.feature_expander import FeatureExpander
 from eskin.rtl.frontend.frame_marks import TouchMarks
@@ -34,13 +37,11 @@ class FrontEnd(wiring.Component):
     -----
     i : In(stream of ``sample_layout``)
     mask : In(taxels)
-    load : the normaliser's, only with ``config.hardware.loadable``
+    load : In(load_signature)
+        The host's writes.
     o : Out(stream of ``centred_layout``)
-    armed, touch, touch_started, framing_fault : Out(1)
-        As of ``OnsetDetector``.
-    flags : Out(taxels), raised : Out(1), only with ``fault_frames``
-        As of ``FaultDetector``.
-
+    status : Out(detector_status)
+        The onset detector's.
     wrong, blank : Out(1)
         As of ``Normaliser``.
 
@@ -64,23 +65,23 @@ class FrontEnd(wiring.Component):
         self.averager = WindowAverager(config)
         self.compander = Compander(config) if config.features.compand == "log" else None
         self.normaliser = Normaliser(config, means)
-        ports = {
-            "i": In(stream.Signature(sample_layout(config))),
-            "mask": In(config.sensor.taxels),
-            "o": Out(stream.Signature(centred_layout(config))),
-        } | {name: Out(1) for name in ("armed", "touch", "touch_started", "framing_fault", "wrong", "blank")}
-        if config.faults.fault_frames:
-            ports |= {"flags": Out(config.sensor.taxels), "raised": Out(1)}
-        if config.hardware.loadable:
-            ports["load"] = In(self.normaliser.load.signature.flip())
-        super().__init__(ports)
+        super().__init__(
+            {
+                "i": In(stream.Signature(sample_layout(config))),
+                "mask": In(config.sensor.taxels),
+                "o": Out(stream.Signature(centred_layout(config))),
+                "load": In(load_signature(config)),
+                "status": Out(detector_status(config)),
+                "wrong": Out(1),
+                "blank": Out(1),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.onset_detector = self.detector
         m.submodules.window_averager = self.averager
         m.submodules.normaliser = self.normaliser
-        connect(m, flipped(self.i), self.detector.i)
         windows = self.averager  # what counts the frames of a touch
         if self.expander is not None:
             windows = m.submodules.feature_expander = self.expander
@@ -105,15 +106,6 @@ class FrontEnd(wiring.Component):
             m.submodules.compander = self.compander
             connect(m, self.averager.o, self.compander.i)
             connect(m, self.compander.o, self.normaliser.i)
-        connect(m, self.normaliser.o, flipped(self.o))
-        if hasattr(self, "load"):
-            connect(m, flipped(self.load), self.normaliser.load)
-        m.d.comb += [self.wrong.eq(self.normaliser.wrong), self.blank.eq(self.normaliser.blank)]
-        m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
-        passed_on = [
-            name
-            for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised")
-            if hasattr(self, name)
-        ]
-        m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in passed_on]
+        forward(m, self, self.normaliser, "o", "load", "mask", "wrong", "blank")
+        forward(m, self, self.detector, "i", "mask", "status")
         return m

@@ -12,8 +12,10 @@ from amaranth.utils import ceil_log2
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.layouts import centred_layout, sum_layout
+from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import means_memory
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
+from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import mean_count
 
 
@@ -50,9 +52,9 @@ class Normaliser(wiring.Component):
     mask : In(taxels)
         Bit k = 1: taxel k is out of use. With a fault detector each sum carries that mark itself, and nothing reads
         the port.
-    load : In, only with ``config.hardware.loadable``
-        ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first;
-        q: ``mean_address``. Only while no window passes.
+    load : In(load_signature)
+        The host's writes, address = q * ``config.mean_words`` + word, low word first; q: ``mean_address``. Only while
+        no window passes.
     o : Out(stream of ``centred_layout``)
     wrong : Out(1)
         With ``checksum``: the mean that was just used does not have its parity, the highest of its bits.
@@ -93,10 +95,8 @@ class Normaliser(wiring.Component):
             "o": Out(stream.Signature(centred_layout(config))),
             "wrong": Out(1),
             "blank": Out(1),
+            "load": In(load_signature(config)),
         }
-        if config.hardware.loadable:
-            address = unsigned(max(1, ceil_log2(count * config.mean_words)))
-            ports["load"] = In(wiring.Signature({"address": Out(address), "data": Out(16), "enable": Out(1)}))
         super().__init__(ports)
 
     def elaborate(self, platform):
@@ -113,10 +113,11 @@ class Normaliser(wiring.Component):
             write = means.write_port(granularity=16)
             # one or two words a mean
             entry, word = (self.load.address >> words - 1, self.load.address[: words - 1])
+            loads = self.load.enable & self.load.select[load_lines(config)[Loaded.MEANS]]
             m.d.comb += [
                 write.addr.eq(entry),
                 write.data.eq(self.load.data.replicate(words)),
-                write.en.eq(Cat(self.load.enable & (word == half) for half in range(words))),
+                write.en.eq(Cat(loads & (word == half) for half in range(words))),
             ]
 
         width = config.centred_format.width

@@ -11,6 +11,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.fixed import clip
 from eskin.rtl.common.layouts import frame_layout, sample_layout
+from eskin.rtl.common.status import detector_status
 from eskin.rtl.frontend.fault_detector import FaultDetector
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.frontend.frame_marks import FrameMarks, marks_of
@@ -40,16 +41,10 @@ class OnsetDetector(wiring.Component):
         Bit k = 1: taxel k never counts for the onset.
     o : Out(stream of ``frame_layout``)
         Every frame that came in, also while no touch is open.
-    armed, touch : Out(1)
-        Detector state after the last frame that left.
-    touch_started : Out(1)
-        One cycle: the frame of an onset left (opens at once: the first frame left).
-    flags : Out(taxels), raised : Out(1), only with ``fault_frames``
-        As of ``FaultDetector``.
-    framing_fault : Out(1)
-        One cycle: ``first`` or ``last`` did not agree with the taxel count. Missing taxels repeat the frame's
-        last sample, so the frame count and every later stage stay aligned. Beats outside a frame are dropped
-        until the next ``first``.
+    status : Out(detector_status)
+        A touch starts when the frame of its onset has left (opens at once: the first frame). After a framing fault
+        missing taxels repeat the frame's last sample, so the frame count and every later stage stay aligned; beats
+        outside a frame are dropped until the next ``first``.
     holds : Out(1), only with ``clock_gate``
         A beat is on its way through the detector.
 
@@ -69,12 +64,8 @@ class OnsetDetector(wiring.Component):
                 "i": In(stream.Signature(sample_layout(config))),
                 "mask": In(config.sensor.taxels),
                 "o": Out(stream.Signature(frame_layout(config))),
-                "armed": Out(1),
-                "touch": Out(1),
-                "touch_started": Out(1),
-                "framing_fault": Out(1),
+                "status": Out(detector_status(config)),
             }
-            | ({"flags": Out(config.sensor.taxels), "raised": Out(1)} if config.faults.fault_frames else {})
             | ({"holds": Out(1)} if config.hardware.clock_gate else {})
         )
 
@@ -110,7 +101,7 @@ class OnsetDetector(wiring.Component):
             ]
         else:
             wiring.connect(m, wiring.flipped(self.i), aligner.i)
-        m.d.comb += [aligner.advance.eq(advance), self.framing_fault.eq(aligner.framing_fault)]
+        m.d.comb += [aligner.advance.eq(advance), self.status.framing_fault.eq(aligner.framing_fault)]
 
         m.submodules.marks = marks = self.marks = FrameMarks(config)
         m.d.comb += marks.taken.eq(aligner.frame_taken)
@@ -138,8 +129,8 @@ class OnsetDetector(wiring.Component):
                 faults.i.taxel.eq(index),
                 faults.complement.eq(complement),
                 faults.settling.eq(now.settling if has_rest else 0),
-                self.flags.eq(faults.flags),
-                self.raised.eq(faults.raised),
+                self.status.flags.eq(faults.flags),
+                self.status.raised.eq(faults.raised),
             ]
             now.masked = now.masked | faults.flag
         if config.onset_rule.onset == "band":
@@ -279,9 +270,9 @@ class OnsetDetector(wiring.Component):
             state.last.eq(now.last),
             state.judged.eq(judged),
             state.met.eq(met),
-            self.armed.eq(state.armed),
-            self.touch.eq(state.touch),
-            self.touch_started.eq(state.started),
+            self.status.armed.eq(state.armed),
+            self.status.touch.eq(state.touch),
+            self.status.started.eq(state.started),
         ]
         if config.windows.window_mode == "touch":
             m.d.comb += [self.o.p.touch.eq(state.touch), self.o.p.onset.eq(state.onset)]

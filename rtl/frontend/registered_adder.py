@@ -1,10 +1,11 @@
 """An adder with its register, in a DSP block that would be idle (docs/specification.md, sections 2 and 3)."""
 
-from amaranth.hdl import ClockSignal, Const, Instance, Module, Mux, Signal, signed
+from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.mac16 import sb_mac16
 from eskin.rtl.common.memory_style import SMALL_FAMILY
 
 BLOCKS, BLOCK_BITS = 8, 32
@@ -67,30 +68,17 @@ class RegisteredAdder(wiring.Component):
         addend = Signal(signed(BLOCK_BITS))
         out = Signal(signed(BLOCK_BITS))
         m.d.comb += [word.eq(self.word), addend.eq(self.addend), self.total.eq(out)]
-        m.submodules.mac = Instance(
-            "SB_MAC16",
-            p_TOPOUTPUT_SELECT=1,
-            p_BOTOUTPUT_SELECT=1,  # the registered sum
+        m.submodules.mac = sb_mac16(
+            out,
+            self.step,
+            word[16:],
+            word[:16],
+            addend,
             p_TOPADDSUB_LOWERINPUT=0,
             p_BOTADDSUB_LOWERINPUT=0,  # A:B
             p_TOPADDSUB_UPPERINPUT=1,
             p_BOTADDSUB_UPPERINPUT=1,  # plus C:D
-            p_TOPADDSUB_CARRYSELECT=2,
             p_BOTADDSUB_CARRYSELECT=self._carry,
-            i_CLK=ClockSignal(),
-            i_CE=self.step,
-            i_A=word[16:],
-            i_B=word[:16],
-            i_C=addend[16:],
-            i_D=addend[:16],
             i_OLOADTOP=self.alone,
             i_OLOADBOT=self.alone,
-            **{
-                f"i_{pin}": Const(0)
-                for pin in (
-                    *("AHOLD", "BHOLD", "CHOLD", "DHOLD", "IRSTTOP", "IRSTBOT", "ORSTTOP", "ORSTBOT"),
-                    *("OHOLDTOP", "OHOLDBOT", "ADDSUBTOP", "ADDSUBBOT", "CI", "ACCUMCI", "SIGNEXTIN"),
-                )
-            },
-            o_O=out,
         )

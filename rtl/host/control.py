@@ -7,9 +7,11 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import has_door
 from eskin.rtl.common.load_port import load_signature
 from eskin.rtl.common.register_check import parity_wrong
+from eskin.rtl.common.status import ENGINE, FRAMES, TEACHING, detector_status
 from eskin.rtl.host.cycle_counter import CycleCounter
 from eskin.rtl.host.memory_loader import MemoryLoader
 from eskin.rtl.host.recording_state import RecordingState
@@ -23,33 +25,6 @@ from eskin.rtl.program.memory_map import (
     mask_words,
 )
 from eskin.rtl.program.memory_map import Control as Command
-
-INPUTS = (
-    "frame_beat",
-    "beat_offered",
-    "frame_first",
-    "frame_last",
-    "detector_armed",
-    "touch_started",
-    "framing_fault",
-    "moving",
-    "engine_busy",
-    "engine_overrun",
-    "windows_open",
-    "slot_done",
-    "step_done",
-    "global_taken",
-    "decider_idle",
-    "check_failed",
-    "hung",
-    "detector_touch",
-)
-"""Status bits from the other blocks."""
-
-
-TEACHING = {"teach": 1, "forget": 1, "label": 7, "option": 1, "loaded": 1, "locked": 1, "look": 1}
-"""Commands of a readout that is taught (`eskin.rtl.decision.prototype_readout`)."""
-
 
 FedBy = Literal["cpu", "sensor"]
 """Sender of the frames of an accelerator behind a bus shell."""
@@ -91,31 +66,22 @@ class HostControl(wiring.Component):
         first window is whole, nothing reads what they change.
     mask : Out(taxels)
         Bit set: taxel out of use.
-    frame_beat, beat_offered, frame_first, frame_last : In(1)
-        Input beat taken; offered; its first and last flags.
-    detector_armed, touch_started, framing_fault : In(1)
+    frames : In(FRAMES), detector : In(detector_status), engine : In(ENGINE)
+        Of `eskin.rtl.common.status`.
+    teaching : Out(TEACHING), only with taught places
+        Register TAUGHT shows its ``in_use``; its ``place`` is a word of PLACES, read from 2 cycles after the access to
+        it before.
     moving : In(1)
         Anything between input and engine offers a beat.
-    engine_busy, engine_overrun : In(1)
-    windows_open : In(1)
-        A window waits or is computed.
-    flags : In(taxels), raised : In(1), only with ``fault_frames``
-        Outputs of `FaultDetector`: the content of the registers TAXEL_FAULTS while no frame is under way; a fault.
-    slot_done, step_done : In(1)
-        A slot of a step, a step ends with this cycle.
     global_taken, decider_idle : In(1)
         A touch's last decision is taken; the classifier is idle.
     check_failed : In(1)
         A word of a memory is wrong (``checksum``).
     hung : In(1)
         The chain hangs (``watchdog``): cleared as at ``arm``.
-    teach, forget, label, option, loaded, locked, look : Out, only with taught places
-        As of the readout; teaching_refused, teaching_done : In(1), taught : In(8): what register TAUGHT shows;
-        place : In(9): a word of PLACES, read from 2 cycles after the access to it before.
     due : Out(1)
         The recording is being finished, or the detector's touch and the one whose decision is due are not the
         same (``watchdog``).
-    detector_touch : In(1)
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
     awake : Out(1)
@@ -137,28 +103,28 @@ class HostControl(wiring.Component):
                 "busy": Out(1),
                 "due": Out(1),
                 "awake": Out(1),
-                **{name: In(1) for name in INPUTS},
+                "frames": In(FRAMES),
+                "detector": In(detector_status(config)),
+                "engine": In(ENGINE),
+                **{
+                    name: In(1) for name in ("moving", "global_taken", "decider_idle", "check_failed", "hung")
+                },
                 **({"any_fault": Out(1)} if fed_by else {}),
                 **({"every": Out(1)} if has_door(config) else {}),
-                **(
-                    {name: Out(width) for name, width in TEACHING.items()}
-                    | {"teaching_refused": In(1), "teaching_done": In(1), "taught": In(8), "place": In(9)}
-                    if config.readout_rule.taught
-                    else {}
-                ),
-                **(
-                    {"flags": In(config.sensor.taxels), "raised": In(1)} if config.faults.fault_frames else {}
-                ),
+                **({"teaching": Out(TEACHING)} if config.readout_rule.taught else {}),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
-        config, bus = self._config, self.bus
+        config, bus, frames = self._config, self.bus, self.frames
         m.submodules.state = state = self.state = RecordingState(config)
         m.submodules.loader = loader = self.loader = MemoryLoader(config)
         m.submodules.cycles = cycles = CycleCounter()
-        wiring.connect(m, loader.load, wiring.flipped(self.load))
+        forward(m, self, loader, "load")
+        forward(m, self, cycles, "clear", "frames", "engine")
+        forward(m, self, state, "clear", "detector", "engine", "global_taken", "decider_idle")
+        forward(m, self, state, "finish", "busy", "due")
         # (Registered, as both reach every block.)
         arm = Signal()
         measured = Signal()
@@ -174,30 +140,14 @@ class HostControl(wiring.Component):
             m.d.sync += lingers.eq(state.busy)
         awake = bus.w_stb | bus.r_stb | state.busy | lingers | cycles.counts
         m.d.comb += [
-            state.clear.eq(self.clear),
-            *(
-                getattr(state, name).eq(getattr(self, name))
-                for name in ("engine_busy", "touch_started", "global_taken")
-            ),
-            *(getattr(state, name).eq(getattr(self, name)) for name in ("decider_idle", "detector_touch")),
             state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
-            self.awake.eq(awake | self.look if config.readout_rule.taught else awake),
-            *(getattr(self, name).eq(getattr(state, name)) for name in ("finish", "busy", "due")),
+            self.awake.eq(awake | self.teaching.look if config.readout_rule.taught else awake),
             loader.data.eq(bus.w_data),
             loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
             loader.locked.eq(touch | ~self.decider_idle if config.readout_rule.taught else touch),
             cycles.measure.eq(measure),
-            cycles.clear.eq(self.clear),
             cycles.anew.eq(measured),
             cycles.forget.eq(measured | forgotten),
-            cycles.offered.eq(self.beat_offered),
-            cycles.first.eq(self.frame_first),
-            cycles.taken.eq(self.frame_beat),
-            cycles.last.eq(self.frame_last),
-            *(
-                getattr(cycles, name).eq(getattr(self, name))
-                for name in ("slot_done", "step_done", "windows_open")
-            ),
         ]
 
         wrong = []  # configuration registers with the wrong parity
@@ -206,9 +156,9 @@ class HostControl(wiring.Component):
             m.d.comb += known.eq(1)
         events = {
             Fault.WRITE_REFUSED: loader.refused,
-            Fault.INPUT_STALLED: self.beat_offered & self.frame_first & ~self.frame_beat,
-            Fault.FRAMING: self.framing_fault,
-            Fault.OVERRUN: self.engine_overrun,
+            Fault.INPUT_STALLED: frames.offered & frames.first & ~frames.taken,
+            Fault.FRAMING: self.detector.framing_fault,
+            Fault.OVERRUN: self.engine.overrun,
             Fault.ADDRESS: (bus.w_stb | bus.r_stb) & ~known,
         }
         masks = []
@@ -226,7 +176,7 @@ class HostControl(wiring.Component):
         if config.hardware.checksum or config.hardware.watchdog:
             events |= {Fault.CHECKSUM: Cat(self.check_failed, *wrong).any(), Fault.WATCHDOG: self.hung}
         if config.faults.fault_frames:
-            events[Fault.TAXEL] = self.raised
+            events[Fault.TAXEL] = self.detector.raised
         if self._fed_by == "cpu":
             del events[Fault.INPUT_STALLED]
         sticky = Signal(len(events))
@@ -254,7 +204,7 @@ class HostControl(wiring.Component):
             for k, mask in enumerate(masks):
                 with m.Case(Register.MASK + k):
                     m.d.sync += mask.eq(bus.w_data)
-        status = Cat(self.detector_armed, touch, self.busy, ~state.touched, faults[4:6].any())
+        status = Cat(self.detector.armed, touch, self.busy, ~state.touched, faults[4:6].any())
         readable: dict[int, Any] = {
             Register.ID: ID_VALUE,
             Register.VERSION: VERSION_VALUE,
@@ -264,35 +214,35 @@ class HostControl(wiring.Component):
             Register.TOUCHES: state.touches,
         }
         if config.faults.fault_frames:
-            readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
+            readable |= {
+                Register.TAXEL_FAULTS + k: self.detector.flags[16 * k :][:16] for k in range(len(masks))
+            }
         if config.readout_rule.taught:
+            teaching = self.teaching
             refused = Signal()
             odd = Signal(name="taught_odd")
             fresh = self.fresh = Signal()
             given = self.given = Signal()
             at_places = bus.addr == TeachRegister.PLACES
             asked = bus.r_stb & at_places
-            m.d.sync += [
-                refused.eq((refused & ~forgotten) | self.teaching_refused),
-                odd.eq(odd ^ self.teaching_done),
-            ]
+            m.d.sync += [refused.eq((refused & ~forgotten) | teaching.refused), odd.eq(odd ^ teaching.done)]
             # the memory is read ahead; what comes between, a touch or a write, makes that stale
             m.d.sync += [
-                self.look.eq(loader.seek | loader.onward),
-                fresh.eq((fresh | self.look) & ~(loader.locked | bus.w_stb)),
+                teaching.look.eq(loader.seek | loader.onward),
+                fresh.eq((fresh | teaching.look) & ~(loader.locked | bus.w_stb)),
             ]
             m.d.comb += [
-                self.teach.eq(bus.w_stb & (bus.addr == TeachRegister.TEACH)),
-                self.forget.eq(bus.w_stb & (bus.addr == TeachRegister.FORGET)),
-                Cat(self.label, self.option, self.loaded).eq(bus.w_data),
-                self.locked.eq(touch),
-                given.eq(fresh & ~self.look & ~loader.locked),
+                teaching.teach.eq(bus.w_stb & (bus.addr == TeachRegister.TEACH)),
+                teaching.forget.eq(bus.w_stb & (bus.addr == TeachRegister.FORGET)),
+                Cat(teaching.label, teaching.option, teaching.loaded).eq(bus.w_data),
+                teaching.locked.eq(touch),
+                given.eq(fresh & ~teaching.look & ~loader.locked),
                 loader.seek.eq(bus.w_stb & at_places),
                 loader.onward.eq(asked & given),
             ]
             readable |= {
-                TeachRegister.TAUGHT: Cat(self.taught, refused, odd),
-                TeachRegister.PLACES: Mux(given, Cat(self.place, loader.load.address[:7]), 0xFFFF),
+                TeachRegister.TAUGHT: Cat(teaching.in_use, refused, odd),
+                TeachRegister.PLACES: Mux(given, Cat(teaching.place, loader.load.address[:7]), 0xFFFF),
             }
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)

@@ -4,6 +4,7 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.status import ENGINE, FRAMES
 from eskin.rtl.program.memory_map import Measure
 
 COUNTER_BITS = 16
@@ -21,43 +22,24 @@ class CycleCounter(wiring.Component):
         Restart the count: ``clear`` for the next recording, ``anew`` when something else is to be measured.
     forget : In(1)
         The longest is 0 again.
-    offered, first, taken, last : In(1)
-        A beat of a frame is offered, is its first, is taken, is its last.
-    slot_done, step_done : In(1)
-        A slot of a step, a step ends with this cycle.
-    windows_open : In(1)
-        A window waits or is computed.
+    frames : In(FRAMES), engine : In(ENGINE)
     longest : Out(16)
     counts : Out(1)
         The next edge is counted.
     """
 
     def __init__(self) -> None:
-        inputs = (
-            "clear",
-            "anew",
-            "forget",
-            "offered",
-            "first",
-            "taken",
-            "last",
-            "slot_done",
-            "step_done",
-            "windows_open",
-        )
+        inputs = {name: In(1) for name in ("clear", "anew", "forget")}
+        status = {"frames": In(FRAMES), "engine": In(ENGINE)}
         super().__init__(
-            {
-                "measure": In(2),
-                **{name: In(1) for name in inputs},
-                "longest": Out(COUNTER_BITS),
-                "counts": Out(1),
-            }
+            {"measure": In(2), **inputs, **status, "longest": Out(COUNTER_BITS), "counts": Out(1)}
         )
 
     def elaborate(self, platform):
         m = Module()
+        frames, engine = self.frames, self.engine
         in_frame = self.in_frame = Signal()
-        frame_open, frame_taken = in_frame | (self.offered & self.first), self.taken & self.last
+        frame_open, frame_taken = in_frame | (frames.offered & frames.first), frames.taken & frames.last
         m.d.sync += in_frame.eq(frame_open & ~frame_taken)
         counting = Signal()
         ending = Signal()
@@ -68,9 +50,9 @@ class CycleCounter(wiring.Component):
             with m.Case(Measure.FRAME):
                 m.d.comb += [counting.eq(frame_open), ending.eq(frame_taken)]
             with m.Case(Measure.STEP):
-                m.d.comb += [counting.eq(self.slot_done), ending.eq(self.step_done)]
+                m.d.comb += [counting.eq(engine.slot_done), ending.eq(engine.step_done)]
             with m.Default():
-                m.d.comb += [counting.eq(self.windows_open), ending.eq(~self.windows_open)]
+                m.d.comb += [counting.eq(engine.windows_open), ending.eq(~engine.windows_open)]
         # The longest grows with the current one as soon as that is as long: no comparison of sizes, no copy.
         elapsed = self.elapsed = Signal(COUNTER_BITS)
         longest = self.longest

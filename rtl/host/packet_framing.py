@@ -1,7 +1,7 @@
 """Framing of RFC 1662 (HDLC-like, octet-stuffed): flag 0x7E around a packet, 0x7D before an escaped byte,
 16-bit frame check sequence."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -14,6 +14,11 @@ FCS_TAPS = 0x8408
 byte first."""
 FCS_GOOD = 0xF0B8
 """The register's value after an intact packet and its check sequence."""
+
+
+def is_special(byte: Value) -> Value:
+    """A flag or an escape, which differ in their two lowest bits."""
+    return (byte[2:] == FLAG >> 2) & (byte[0] ^ byte[1])
 
 
 class Unstuffer(wiring.Component):
@@ -48,8 +53,7 @@ class Unstuffer(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         escaped = Signal()
-        # 0x7D and 0x7E differ in their two lowest bits.
-        special = (self.data[2:] == FLAG >> 2) & (self.data[0] ^ self.data[1])
+        special = is_special(self.data)
         is_flag, is_escape = special & self.data[1], special & self.data[0] & ~escaped
         m.d.comb += [
             self.byte.eq(self.data ^ (escaped << FLIPPED_BIT)),

@@ -1,12 +1,12 @@
 """Decisions and answers onto the serial line: docs/specification.md section 9."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout
-from eskin.rtl.host.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT
+from eskin.rtl.host.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT, is_special
 
 CLOSING = 7
 
@@ -76,7 +76,7 @@ class PacketTransmitter(wiring.Component):
         m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
         # The check sequence leaves its register bit by bit, so that its lower byte is always the one to send
         # next.
-        special = ~is_flag & Mux(in_check, _is_special(~fcs[:8]), _is_special(body))
+        special = ~is_flag & Mux(in_check, is_special(~fcs[:8]), is_special(body))
         escape = Signal()  # this byte is the escape
         escaped = Signal()  # the byte before was
         shift = Signal()
@@ -127,8 +127,3 @@ class PacketTransmitter(wiring.Component):
             with m.State("UPSET"):
                 m.next = "IDLE"
         return m
-
-
-def _is_special(byte: Value) -> Value:
-    """A flag or an escape, which differ in their two lowest bits."""
-    return (byte[2:] == FLAG >> 2) & (byte[0] ^ byte[1])

@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.status import ENGINE, detector_status
 
 QUIET_BITS = {False: 4, True: 2}
 """Bits of the counter of quiet cycles, without and with ``clock_gate``: the shorter it is, the sooner the
@@ -20,13 +21,11 @@ class RecordingState(wiring.Component):
         The next recording begins.
     finish_asked : In(1)
         The host has sent all frames; wins over ``clear`` in the same cycle.
-    moving, engine_busy : In(1)
-        A beat is offered between input and engine (with ``clock_gate``: or is in the detector); the engine
-        works.
-    touch_started, global_taken, decider_idle : In(1)
-        A touch begins; its last decision is taken; the classifier is idle.
-    detector_touch : In(1)
-        The detector's touch is open; looked at with ``watchdog`` only.
+    detector : In(detector_status), engine : In(ENGINE)
+    moving : In(1)
+        A beat is offered between input and engine (with ``clock_gate``: or is in the detector).
+    global_taken, decider_idle : In(1)
+        A touch's last decision is taken; the classifier is idle.
     finish : Out(1)
         Pulse once everything in flight has been decided after ``finish_asked``.
     busy : Out(1)
@@ -42,19 +41,14 @@ class RecordingState(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        inputs = (
-            "clear",
-            "finish_asked",
-            "moving",
-            "engine_busy",
-            "touch_started",
-            "global_taken",
-            "decider_idle",
-            "detector_touch",
-        )
+        inputs = ("clear", "finish_asked", "moving", "global_taken", "decider_idle")
+        status = {"detector": In(detector_status(config)), "engine": In(ENGINE)}
         outputs = ("finish", "busy", "touch", "touched", "due")
         super().__init__(
-            {**{name: In(1) for name in inputs}, **{name: Out(1) for name in outputs}, "touches": Out(8)}
+            {name: In(1) for name in inputs}
+            | {name: Out(1) for name in outputs}
+            | status
+            | {"touches": Out(8)}
         )
 
     def elaborate(self, platform):
@@ -72,7 +66,7 @@ class RecordingState(wiring.Component):
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving = Signal()
         idle = Signal()
-        m.d.sync += [moving.eq(self.moving | self.engine_busy), quiet.eq(quiet + ~quiet.all())]
+        m.d.sync += [moving.eq(self.moving | self.engine.working), quiet.eq(quiet + ~quiet.all())]
         with m.If(moving):
             m.d.sync += quiet.eq(0)
         m.d.comb += [
@@ -83,9 +77,9 @@ class RecordingState(wiring.Component):
         decided = self.global_taken & undecided.any()
         # (`touch` is registered, as it decides on writes.)
         m.d.sync += [
-            self.touches.eq(self.touches + self.touch_started),
-            self.touched.eq(self.touched | self.touch_started),
-            undecided.eq(undecided + self.touch_started - decided),
+            self.touches.eq(self.touches + self.detector.started),
+            self.touched.eq(self.touched | self.detector.started),
+            undecided.eq(undecided + self.detector.started - decided),
             self.touch.eq(undecided.any()),
         ]
         watched: tuple[Signal, ...] = ()
@@ -94,9 +88,9 @@ class RecordingState(wiring.Component):
             with m.If(self.finish):
                 m.d.sync += over.eq(1)
             apart = (
-                self.touch & ~self.detector_touch
+                self.touch & ~self.detector.touch
                 if self._config.opens_at_once
-                else self.touch ^ self.detector_touch
+                else self.touch ^ self.detector.touch
             )
             m.d.comb += self.due.eq(finishing | (apart & ~over))
         with m.If(self.finish):

@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.engine.memory_check import even, folded
+from eskin.rtl.engine.memory_check import folded
 from eskin.rtl.image.bias_memory import ADDEND_BITS
 from eskin.rtl.program.image_passes import ImagePlan
 from eskin.rtl.program.signature import START, TAPS, WIDTH
@@ -55,5 +55,5 @@ class ImageCheck(wiring.Component):
         with m.Elif(self.arrives | self.multiplies):
             m.d.sync += signature.eq(advanced ^ Mux(self.arrives, self.word, taken))
         m.d.sync += judged.eq(self.checks | self.ends)
-        m.d.comb += self.fault.eq((judged & signature.any()) | (self.shifts & even(self.addend)))
+        m.d.comb += self.fault.eq((judged & signature.any()) | (self.shifts & self.addend.xor()))
         return m

@@ -6,7 +6,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.load_port import image_lines, lines_signature
-from eskin.rtl.engine.engine import probe
+from eskin.rtl.common.status import probe
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature
 from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.image.bias_memory import BiasMemory

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.common.status import detector_status
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.program.image_passes import plan_of
 
@@ -27,20 +28,23 @@ class ImageReceiver(wiring.Component):
     start : Out(1)
         Pulse: the image is whole, and the classifier is free. At the soonest one cycle after the last pixel
         is taken.
-    begun : Out(1)
-        Pulse: the first pixel of the image is taken.
     open, waiting, over : Out(1)
         A pixel of the image is there, not all of them; all are, and the engine is not started; all are.
-    framing_fault : Out(1)
-        Output of `FrameAligner`.
+    status : Out(detector_status)
+        A touch is an image from its first pixel until the next recording; it starts when that pixel is taken.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         fill = data.StructLayout({"valid": 1, "address": plan_of(config).address_bits, "value": 8})
-        outputs = ("start", "begun", "open", "waiting", "over", "framing_fault")
+        outputs = ("start", "open", "waiting", "over")
         super().__init__(
-            {"i": In(stream.Signature(sample_layout(config))), "free": In(1), "fill": Out(fill)}
+            {
+                "i": In(stream.Signature(sample_layout(config))),
+                "free": In(1),
+                "fill": Out(fill),
+                "status": Out(detector_status(config)),
+            }
             | {name: Out(1) for name in outputs}
         )
 
@@ -55,11 +59,13 @@ class ImageReceiver(wiring.Component):
         last = address == pixels - 1
         m.d.comb += [
             aligner.advance.eq(1),
-            self.framing_fault.eq(aligner.framing_fault),
             self.fill.valid.eq(aligner.offered & ~self.over),
             self.fill.address.eq(address),
             self.fill.value.eq(Mux(aligner.fresh, self.i.p.sample, before)),
-            self.begun.eq(self.fill.valid & ~self.open),
+            self.status.framing_fault.eq(aligner.framing_fault),
+            self.status.started.eq(self.fill.valid & ~self.open),
+            self.status.touch.eq(self.open | self.over),
+            self.status.armed.eq(~self.open & ~self.over),
             self.start.eq(self.waiting & self.free),
         ]
         with m.If(self.fill.valid):

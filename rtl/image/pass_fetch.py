@@ -1,8 +1,6 @@
 """The image engine's program: the words of its passes, one after the other
 (eskin/rtl/program/image_passes.py)."""
 
-from collections.abc import Sequence
-
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
@@ -17,11 +15,6 @@ CHECKED = {"arrives": Out(1), "arrived": Out(16), "checks": Out(1)}
 
 class PassFetch(wiring.Component):
     """Reads the words of the next pass into registers.
-
-    Parameters
-    ----------
-    image:
-        The words of a ROM design; None: the host loads them.
 
     Members
     -------
@@ -40,8 +33,8 @@ class PassFetch(wiring.Component):
         The host's writes.
     """
 
-    def __init__(self, plan: ImagePlan, image: Sequence[int] | None = None) -> None:
-        self._words, self._image, self._checksum = plan.program_words, image, plan.checksum
+    def __init__(self, plan: ImagePlan) -> None:
+        self._words, self._checksum = plan.program_words, plan.checksum
         controls = {name: In(1) for name in ("rewind", "fetch", "write")}
         super().__init__(
             {
@@ -56,14 +49,9 @@ class PassFetch(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        loadable = self._image is None
-        m.submodules.program = program = Memory(
-            shape=16, depth=self._words, init=self._image or [], attrs=NO_COLLISION if loadable else {}
-        )
-        read = program.read_port()
-        if loadable:
-            write = program.write_port()
-            m.d.comb += [write.addr.eq(self.address), write.data.eq(self.word), write.en.eq(self.write)]
+        m.submodules.program = program = Memory(shape=16, depth=self._words, init=[], attrs=NO_COLLISION)
+        read, write = program.read_port(), program.write_port()
+        m.d.comb += [write.addr.eq(self.address), write.data.eq(self.word), write.en.eq(self.write)]
         address = Signal(range(self._words + 1))
         reading = Signal()
         number = Signal(range(PASS_WORDS + 2))
@@ -107,7 +95,6 @@ class PassFetch(wiring.Component):
             Word.CORNER: ((now.corner, 0),),
             Word.ADDENDS: ((now.addends, 0),),
         }
-        assert len(parts) == PASS_WORDS
         with m.If(arriving), m.Switch(arrived):
             for word_number, fields in parts.items():
                 with m.Case(int(word_number)):

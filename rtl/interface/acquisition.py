@@ -13,6 +13,7 @@ from eskin.golden.core.converters import sample_clock
 from eskin.golden.core.converters.ddc232 import DdcPlan
 from eskin.golden.core.converters.matrix import MatrixPlan
 from eskin.golden.core.converters.mpr121 import MprPlan
+from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import sample_layout
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter
@@ -86,11 +87,11 @@ class Acquisition(wiring.Component):
         m.submodules.clock = clock = SampleClock(*sample_clock(self._clock_hz, config.sensor.scan_rate_hz))
         m.submodules.narrower = narrower = SampleNarrower(config)
         m.submodules.guard = guard = FrameGuard(config)
-        wiring.connect(m, converter.pins, wiring.flipped(self.pins))
-        wiring.connect(m, guard.o, wiring.flipped(self.o))
+        forward(m, self, converter, "pins")
+        forward(m, self, guard, "o", "handing")
+        forward(m, self, clock, "run")
         missed = clock.tick & converter.busy & ~converter.away
         m.d.comb += [
-            clock.run.eq(self.run),
             converter.start.eq(clock.tick),
             self.sampling.eq(clock.tick & ~converter.busy & ~converter.away),
             narrower.code.eq(converter.put.code),
@@ -99,7 +100,6 @@ class Acquisition(wiring.Component):
             guard.put.sample.eq(narrower.sample),
             guard.finished.eq(converter.finished),
             guard.bad.eq(converter.fault.any()),
-            self.handing.eq(guard.handing),
             self.broken.eq(guard.broken | missed),
             self.fault.eq(
                 Mux(converter.finished, converter.fault, 0)

@@ -9,12 +9,6 @@ from eskin.golden.core import ConverterFault
 FAULT_BITS = len(ConverterFault)
 
 
-def put_layout(taxels: int, code_bits: int) -> data.StructLayout:
-    """One code of a converter and the taxel that it belongs to; ``valid`` for the one cycle in which it must
-    be taken."""
-    return data.StructLayout({"valid": 1, "place": range(taxels), "code": unsigned(code_bits)})
-
-
 def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
     """Ports of every converter beside its pins.
 
@@ -25,11 +19,13 @@ def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
     away : Out(1)
         The converter is being set up: a ``start`` begins no frame. Some need it all the same, to keep their
         time.
-    put : Out(put_layout)
-        Codes, in any order of taxels.
+    put : Out(struct: valid, place, code)
+        A code and the taxel that it belongs to, in any order of taxels; ``valid`` for the one cycle in which it must be
+        taken.
     finished : Out(1)
         One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong
         with it. While ``away``: setting up has failed and restarts.
     """
     told = {"busy": Out(1), "away": Out(1), "finished": Out(1), "fault": Out(FAULT_BITS)}
-    return {"start": In(1), "put": Out(put_layout(taxels, code_bits))} | told
+    put = data.StructLayout({"valid": 1, "place": range(taxels), "code": unsigned(code_bits)})
+    return {"start": In(1), "put": Out(put)} | told

@@ -8,12 +8,12 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import decision_layout
-from eskin.rtl.host.uart import uart_divisor
+from eskin.rtl.host.uart import UartTransmitter, uart_divisor
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames, settings_layout
 from eskin.rtl.interface.stimulus import Stimulus
 from eskin.rtl.interface.touch_position import position_layout
-from eskin.rtl.interface.uart_transmitter import UartTransmitter
 
 STIMULATOR_BAUD = 115200
 
@@ -72,14 +72,12 @@ class Stimulation(wiring.Component):
         m.submodules.frames = frames = StimulatorFrames(self._config.interface, self._on)
         m.submodules.transmitter = transmitter = UartTransmitter(self._divisor)
         wiring.connect(m, frames.byte, transmitter.i)
+        forward(m, self, stimulus, self._name)
+        forward(m, self, frames, "fault", "settings", "on")
+        forward(m, self, transmitter, "tx")
         m.d.comb += [
-            getattr(stimulus, self._name).eq(getattr(self, self._name)),
             stimulus.clear.eq(self.fault),
             frames.request.eq(stimulus.request),
             frames.electrode.eq(stimulus.electrode),
-            frames.fault.eq(self.fault),
-            frames.settings.eq(self.settings),
-            self.tx.eq(transmitter.tx),
-            self.on.eq(frames.on),
         ]
         return m

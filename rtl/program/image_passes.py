@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -191,7 +191,6 @@ class Pass:
         return 3 + dy + dx + skipped
 
 
-@dataclass(frozen=True, kw_only=True)
 class ImagePlan:
     """A network on a number of lanes.
 
@@ -206,48 +205,71 @@ class ImagePlan:
     lanes:
         P: channels at once in a convolution; 1, 2, 4, 8 or 16. Dense layers have as many as their memories
         give weights for in a cycle.
+
+    Attributes
+    ----------
+    passes:
+        In their order. A dense layer's weights begin with a word of the memories. pairs: one of them works in pairs.
+    dense_lanes, dense_taps:
+        Lanes that work in a dense layer; taps whose weights one word of the dense memories holds.
+    accumulator_bits:
+        Bits of a sum: enough for any weights and biases.
+    map_values:
+        Values that each of the two memories of maps holds at most: the image and every second map, and the others.
+    conv_words, dense_words, columns:
+        Words, a weight a lane, of all convolutions; of the dense memories; 16-bit memories that hold one of the former.
+    addend_words:
+        Biases, groups filled up to their lanes; with ``checksum`` the last one to all lanes, which take it in.
+    program_words:
+        Words of the passes; with ``checksum`` one more each, and two of the last one.
+    address_bits:
+        Bits of an address of an activation or of a tap's weights, and of a count of either.
+    multiplies:
+        Products of an image, those with the zeros around the maps counted.
     """
 
-    stages: tuple[Stage, ...]
-    weight_bits: int
-    shifts: tuple[int, ...]
-    logit_format: QFormat
-    lanes: int
-    checksum: bool = False
+    def __init__(
+        self,
+        stages: Sequence[Stage],
+        *,
+        weight_bits: int,
+        shifts: Sequence[int],
+        logit_format: QFormat,
+        lanes: int,
+        checksum: bool = False,
+    ) -> None:
+        self.stages, self.weight_bits, self.logit_format = tuple(stages), weight_bits, logit_format
+        self.lanes, self.checksum = lanes, checksum
+        self.dense_lanes = min(lanes, DENSE_WORD_BITS // weight_bits)
+        self.dense_taps = DENSE_WORD_BITS // weight_bits // self.dense_lanes
+        self.accumulator_bits = accumulator_bits(self.stages, weight_bits, tuple(shifts))
+        passes = self.passes = self._passes(shifts)
+        self.pairs = any(pass_.pairs for pass_ in passes)
+        sizes = [math.prod(self.stages[0].source), *(math.prod(pass_.result) for pass_ in passes[:-1])]
+        self.map_values = max(sizes[0::2]), max(sizes[1::2], default=1)
+        self.conv_words = sum(pass_.taps for pass_ in passes if not pass_.dense)
+        self.dense_words = sum(
+            -(-pass_.groups * pass_.channels // self.dense_taps) for pass_ in passes if pass_.dense
+        )
+        self.columns = -(-lanes * weight_bits // 16)
+        self.addend_words = sum(pass_.groups * pass_.group for pass_ in passes)
+        self.addend_words += checksum * (lanes - passes[-1].group)
+        self.program_words = (PASS_WORDS + checksum) * len(passes) + checksum
+        taps = max(self.conv_words, self.dense_words * self.dense_taps)
+        self.address_bits = max(*self.map_values, taps, self.addend_words).bit_length()
+        self.multiplies = sum(pass_.multiplies for pass_ in passes)
 
-    @cached_property
-    def dense_lanes(self) -> int:
-        """Lanes that work in a dense layer."""
-        return min(self.lanes, DENSE_WORD_BITS // self.weight_bits)
-
-    @property
-    def dense_taps(self) -> int:
-        """Taps whose weights one word of the dense memories holds."""
-        return DENSE_WORD_BITS // self.weight_bits // self.dense_lanes
-
-    @property
-    def accumulator_bits(self) -> int:
-        """Bits of a sum: enough for any weights and biases."""
-        return accumulator_bits(self.stages, self.weight_bits, self.shifts)
-
-    def _in_pairs(self, stage: Stage, behind: Stage | None) -> bool:
-        pooled = behind is not None and isinstance(behind.layer, Pool)
-        return pooled and isinstance(stage.layer, Conv) and 2 * stage.outputs == self.lanes
-
-    @property
-    def pairs(self) -> bool:
-        """A pass works in pairs."""
-        return any(pass_.pairs for pass_ in self.passes)
-
-    @cached_property
-    def passes(self) -> tuple[Pass, ...]:
-        """The passes in their order. A dense layer's weights begin with a word of the memories."""
+    def _passes(self, shifts_of_layers: Sequence[int]) -> tuple[Pass, ...]:
         passes: list[Pass] = []
-        shifts, place, addends = iter(self.shifts), {False: 0, True: 0}, 0
+        shifts, place, addends = iter(shifts_of_layers), {False: 0, True: 0}, 0
         for stage, behind in zip(self.stages, [*self.stages[1:], None], strict=True):
             if isinstance(stage.layer, Pool):
                 continue
-            dense = isinstance(stage.layer, Dense)
+            dense, pool = (
+                isinstance(stage.layer, Dense),
+                behind is not None and isinstance(behind.layer, Pool),
+            )
+            conv = isinstance(stage.layer, Conv)
             rows, columns, channels = (1, 1, math.prod(stage.source)) if dense else stage.source
             pass_ = Pass(
                 number=stage.number,
@@ -256,12 +278,12 @@ class ImagePlan:
                 channels=channels,
                 kernel=1 if isinstance(stage.layer, Dense) else stage.layer.kernel,
                 outputs=stage.outputs,
-                pool=behind is not None and isinstance(behind.layer, Pool),
+                pool=pool,
                 dense=dense,
                 last=stage.last,
                 shift=next(shifts),
                 group=self.dense_lanes if dense else self.lanes,
-                pairs=self._in_pairs(stage, behind),
+                pairs=pool and conv and 2 * stage.outputs == self.lanes,
                 weights=place[dense],
                 addends=addends,
             )
@@ -271,54 +293,6 @@ class ImagePlan:
                 place[True] = -(-place[True] // self.dense_taps) * self.dense_taps
             addends += pass_.groups * pass_.group
         return tuple(passes)
-
-    # ------------------------------------------------------------------ memories
-    @property
-    def map_values(self) -> tuple[int, int]:
-        """Values that each of the two memories of maps holds at most: the image and every second map, and the
-        others."""
-        sizes = [math.prod(self.stages[0].source), *(math.prod(pass_.result) for pass_ in self.passes[:-1])]
-        return max(sizes[0::2]), max(sizes[1::2], default=1)
-
-    @property
-    def kept_values(self) -> int:
-        """Values of all maps of an image that the engine writes."""
-        return sum(math.prod(pass_.result) for pass_ in self.passes[:-1])
-
-    @property
-    def conv_words(self) -> int:
-        """Words, a weight a lane, of all convolutions."""
-        return sum(pass_.taps for pass_ in self.passes if not pass_.dense)
-
-    @property
-    def dense_words(self) -> int:
-        """Words of the dense memories."""
-        taps = [-(-pass_.groups * pass_.channels // self.dense_taps) for pass_ in self.passes if pass_.dense]
-        return sum(taps)
-
-    @property
-    def address_bits(self) -> int:
-        """Bits of an address of an activation or of a tap's weights, and of a count of either."""
-        taps = max(self.conv_words, self.dense_words * self.dense_taps)
-        return max(*self.map_values, taps, self.addend_words).bit_length()
-
-    @property
-    def columns(self) -> int:
-        """16-bit memories that hold a word of the convolutions' weights."""
-        return -(-self.lanes * self.weight_bits // 16)
-
-    @property
-    def addend_words(self) -> int:
-        """Biases, groups filled up to their lanes; with ``checksum`` the last one to all lanes, which take it
-        in."""
-        return sum(pass_.groups * pass_.group for pass_ in self.passes) + self.checksum * (
-            self.lanes - self.passes[-1].group
-        )
-
-    @property
-    def program_words(self) -> int:
-        """Words of the passes; with ``checksum`` one more each, and two of the last one."""
-        return (PASS_WORDS + self.checksum) * len(self.passes) + self.checksum
 
     def program(self) -> list[int]:
         """Words of all passes."""
@@ -366,12 +340,6 @@ class ImagePlan:
                 )
         return words
 
-    # ------------------------------------------------------------------ cycles
-    @property
-    def multiplies(self) -> int:
-        """Products of an image, those with the zeros around the maps counted."""
-        return sum(pass_.multiplies for pass_ in self.passes)
-
     @cached_property
     def cycles(self) -> int:
         """Cycles from the start of an image until the engine is done."""
@@ -385,14 +353,9 @@ class ImagePlan:
         return self.cycles - (self.lanes - (last.outputs - (last.groups - 1) * last.group))
 
 
-def make_plan(stages: Sequence[Stage], *, shifts: Sequence[int], **options: Any) -> ImagePlan:
-    """`ImagePlan` of sequences."""
-    return ImagePlan(stages=tuple(stages), shifts=tuple(shifts), **options)
-
-
 def plan_of(config: AcceleratorConfig) -> ImagePlan:
     """The network of a configuration for images, on its lanes."""
-    return make_plan(
+    return ImagePlan(
         config.stages,
         weight_bits=config.weight_bits,
         shifts=config.layer_shifts,

@@ -65,23 +65,3 @@ def with_parity(word: int) -> int:
     """A bias's word with the bit on top that makes the number of ones even."""
     code = word & (1 << BIAS_WORD_BITS) - 1
     return code | parity(code, BIAS_WORD_BITS) << BIAS_WORD_BITS
-
-
-def unseen_weights(plan: ImagePlan) -> list[tuple[int, int]]:
-    """(number of the layer, number of a tap's weights) of every word in which a wrong bit could go unnoticed.
-
-    An empty list is a proof. A bit's place in its word only multiplies by a power of x, so either all bits of
-    a word are covered or none.
-    """
-    missed = []
-    for pass_ in plan.passes:
-        places = tap_places(pass_)
-        powers = np.empty(len(places), dtype=np.int64)
-        power = 1
-        for age in range(len(places)):
-            powers[age] = power
-            power = advance(power)
-        sums = np.zeros(pass_.taps, dtype=np.int64)
-        np.bitwise_xor.at(sums, places, powers[::-1])
-        missed += [(pass_.number, int(place)) for place in np.flatnonzero(sums == 0)]
-    return missed

@@ -7,7 +7,6 @@ data in slot t + 1.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 from eskin.golden.core import AcceleratorConfig
@@ -62,76 +61,92 @@ CONTROLS = (
 """
 
 
-@dataclass(frozen=True)
 class Layout:
-    """Bits of indices and the places of regions in the memories."""
+    """Bits of indices and the places of regions in the memories.
 
-    config: AcceleratorConfig
-    program: CellProgram
+    Attributes
+    ----------
+    state_bases:
+        First address of each region of the state memory. Regions are adjacent, so that a row may continue from one into
+        the next.
+    hidden_bits, gate_bits, window_bits:
+        Bits of an index in the T memory; in the gate memory, whose last region holds the constants: the scales, one and
+        zero, and check words; of an input in a window buffer.
+    scale_words, scale_bits:
+        Words of the scales' region: one a window length, or for each of ``constants`` one a length, from a power of two
+        (these bits) on.
+    checks:
+        For each check word (index of the window length, set of weights) of the steps it is for: one a length, or one a
+        set.
+    check_base:
+        Index of the first check word, a multiple of a power of two as for the scales; its highest bit none of them has.
+    state_zero, t_zero, window_none:
+        Addresses of words that hold 0: of the state memory and the T memory (which a program without T regions has not),
+        written by the prologue; of the window memory, above the buffers, written after each reset of the chain.
+    shared:
+        One multiplier serves rows and element-wise operations.
+    holds_dense:
+        The constants hold the dense layer's weights: see `eskin.rtl.program.scheduler.Schedule.beside`.
+    constants, constant_words:
+        Address of the constants after the gates, on a shared lane a power of two no smaller, so that one bit marks them;
+        words that the host loads: scales, one, zero, check words; on a shared lane the dense layer's weights, each row
+        from a power of two on.
+    used_constants:
+        Places among the words that the host loads that are ever read; the others keep rows and check words where powers
+        of two begin.
+    state_depth, t_depth, gate_depth:
+        Words of the memories.
+    """
 
-    @cached_property
-    def state_bases(self) -> dict[str, int]:
-        """First address of each region of the state memory. Regions are adjacent, so that a row may continue
-        from one into the next."""
-        bases, end = {}, 0
-        for region in self.program.state_regions:
-            bases[region] = end
-            end += self.config.inputs if region == "x" else self.config.network.hidden
-        return bases
-
-    @property
-    def hidden_bits(self) -> int:
-        """Bits of an index in the T memory."""
-        return (self.config.network.hidden - 1).bit_length()
-
-    @property
-    def gate_bits(self) -> int:
-        """Bits of an index in the gate memory, whose last region holds the scales, one and zero, and check
-        words."""
-        return max(self.hidden_bits, (self._few_constants - 1).bit_length())
-
-    @property
-    def scale_words(self) -> int:
-        """Words of the scales' region: one a window length, or for each of ``constants`` one a length, from a
-        power of two on."""
-        lengths = len(self.config.window_lengths)
-        return self.config.constants << (lengths - 1).bit_length() if self.config.constants > 1 else lengths
+    def __init__(self, config: AcceleratorConfig, program: CellProgram) -> None:
+        self.config, self.program = config, program
+        hidden, lengths = config.network.hidden, len(config.window_lengths)
+        self.state_bases: dict[str, int] = {}
+        end = 0
+        for region in program.state_regions:
+            self.state_bases[region] = end
+            end += config.inputs if region == "x" else hidden
+        self.state_zero, self.state_depth = end, end + 1
+        self.hidden_bits, self.window_bits = (hidden - 1).bit_length(), (config.inputs - 1).bit_length()
+        self.t_zero = len(program.t_regions) << self.hidden_bits
+        self.t_depth, self.window_none = self.t_zero + 1, 2 << self.window_bits
+        self.scale_bits = (lengths - 1).bit_length()
+        self.scale_words = config.constants << self.scale_bits if config.constants > 1 else lengths
+        steps = enumerate(config.length_index)
+        self.checks = (
+            tuple((length, step) for step, length in steps)
+            if config.sets > 1
+            else tuple((length, 0) for length in range(lengths))
+        )
+        align = 1 << (len(self.checks) - 1).bit_length()
+        if config.constants > 1:
+            self.check_base = max(align, 1 << (self.scale_words + 1).bit_length())
+        else:
+            self.check_base = -(-(2 + lengths) // align) * align
+        checks = (
+            range(self.check_base, self.check_base + len(self.checks))
+            if config.hardware.checksum
+            else range(0)
+        )
+        self._few = checks.stop or 2 + self.scale_words
+        self.gate_bits = max(self.hidden_bits, (self._few - 1).bit_length())
+        self.shared = shares_lane(config)
+        self.holds_dense = self.shared and not any(block.carried for block in program.after)
+        rows = range(config.classes) if self.holds_dense else ()
+        dense = [self.dense_offset(row) + column for row in rows for column in range(hidden)]
+        self.constant_words = dense[-1] + 1 if dense else self._few
+        scales = [
+            self.scale_place(constant) + q for constant in range(config.constants) for q in range(lengths)
+        ]
+        self.used_constants = [*scales, self.scale_words, self.scale_words + 1, *checks, *dense]
+        self.constants = len(program.gate_regions) << self.gate_bits
+        if self.shared and program.gate_regions:
+            self.constants = 1 << (max(self.constants, self.constant_words) - 1).bit_length()
+        self.gate_depth = self.constants + self.constant_words
 
     def scale_place(self, constant: int) -> int:
         """Place of the scale of length 0, of this kind or input where there is one for each."""
-        return constant << (len(self.config.window_lengths) - 1).bit_length()
-
-    @property
-    def check_base(self) -> int:
-        """Index of the first check word, a multiple of a power of two as for the scales; its highest bit none
-        of them has."""
-        align = 1 << (len(self.checks) - 1).bit_length()
-        if self.config.constants > 1:
-            return max(align, 1 << (self.scale_words + 1).bit_length())
-        return -(-(2 + len(self.config.window_lengths)) // align) * align
-
-    @property
-    def checks(self) -> tuple[tuple[int, int], ...]:
-        """For each check word (index of the window length, set of weights) of the steps it is for: one a
-        length, or one a set."""
-        if self.config.sets > 1:
-            return tuple((length, step) for step, length in enumerate(self.config.length_index))
-        return tuple((length, 0) for length in range(len(self.config.window_lengths)))
-
-    @property
-    def window_bits(self) -> int:
-        """Bits of an input in a window buffer."""
-        return (self.config.inputs - 1).bit_length()
-
-    @property
-    def state_zero(self) -> int:
-        """Address of the state memory's word that holds 0; the prologue writes it."""
-        return self.config.inputs + (len(self.program.state_regions) - 1) * self.config.network.hidden
-
-    @property
-    def window_none(self) -> int:
-        """Address of a word that holds 0, above the window buffers; written after each reset of the chain."""
-        return 2 << self.window_bits
+        return constant << self.scale_bits
 
     def state(self, region: str, index: int) -> int:
         """Address in the state memory."""
@@ -153,76 +168,9 @@ class Layout:
             + {"one": self.scale_words, "zero": self.scale_words + 1, "check": self.check_base}[region]
         )
 
-    @property
-    def shared(self) -> bool:
-        """One multiplier serves rows and element-wise operations."""
-        return shares_lane(self.config)
-
-    @property
-    def holds_dense(self) -> bool:
-        """The constants hold the dense layer's weights: see `eskin.rtl.program.scheduler.Schedule.beside`."""
-        return self.shared and not any(block.carried for block in self.program.after)
-
-    @property
-    def constants(self) -> int:
-        """Address of the constants after the gates; on a shared lane a power of two no smaller than the
-        address after the gates, so that one bit marks them."""
-        if not self.program.gate_regions:
-            return 0
-        gates = len(self.program.gate_regions) << self.gate_bits
-        return 1 << (max(gates, self.constant_words) - 1).bit_length() if self.shared else gates
-
-    @property
-    def constant_words(self) -> int:
-        """Words that the host loads: scales, one, zero, check words; on a shared lane the dense layer's
-        weights, each row from a power of two on."""
-        return (
-            self.dense_offset(self.config.classes - 1) + self.config.network.hidden
-            if self.holds_dense
-            else self._few_constants
-        )
-
-    @property
-    def used_constants(self) -> list[int]:
-        """Places among the words that the host loads that are ever read; the others keep rows and check words
-        where powers of two begin."""
-        lengths, config = len(self.config.window_lengths), self.config
-        check = range(self.check_base, self.check_base + len(self.checks)) if config.hardware.checksum else ()
-        rows = range(config.classes) if self.holds_dense else ()
-        dense = [self.dense_offset(row) + column for row in rows for column in range(config.network.hidden)]
-        scales = [
-            self.scale_place(constant) + q for constant in range(config.constants) for q in range(lengths)
-        ]
-        return [*scales, self.scale_words, self.scale_words + 1, *check, *dense]
-
-    @property
-    def _few_constants(self) -> int:
-        return self.check_base + len(self.checks) if self.config.hardware.checksum else 2 + self.scale_words
-
     def dense_offset(self, row: int) -> int:
         """Place of a row of the dense layer among the constants of a shared lane."""
-        return (-(-self._few_constants >> self.hidden_bits) + row) << self.hidden_bits
-
-    @property
-    def state_depth(self) -> int:
-        """Words of the state memory."""
-        return self.state_zero + 1
-
-    @property
-    def t_zero(self) -> int:
-        """Address of the T memory's word that holds 0; the prologue writes it (a program without T regions
-        has none)."""
-        return len(self.program.t_regions) << self.hidden_bits
-
-    @property
-    def t_depth(self) -> int:
-        """Words of the T memory."""
-        return self.t_zero + 1
-
-    @property
-    def gate_depth(self) -> int:
-        """Words of the gate memory."""
-        return self.constants + self.constant_words
+        return (-(-self._few >> self.hidden_bits) + row) << self.hidden_bits
 
 
 class _Slots(dict[int, dict[str, int]]):
@@ -540,8 +488,6 @@ class Microcode:
                 for name, places in free.items():
                     if not any(name in self.slots[t] for t in inside):
                         places.append(word)
-        plan = self.plan
-        addends = [*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])]
         used = {fields["addend"] for fields in self.slots[self.again : self.judged - 1] if "addend" in fields}
         # The check word must count once, so its word is not repeated. It is chosen by the window's length and
         # therefore read after the window was released, when that length is in a register.
@@ -555,7 +501,7 @@ class Microcode:
             for word in free["gate"]
             if word is not single and not (word["repeat"] and "gate" in self.counted)
         ]
-        missing = [address for address in addends if address not in used]
+        missing = [address for address in self.plan.constant_addends if address not in used]
         if single is None or len(places) < 2 or len(free["addend"]) < len(missing):
             raise RuntimeError("the step has too few free reads for the checksum's constants")
         for word, address in zip(free["addend"], missing, strict=False):

@@ -5,7 +5,7 @@ from functools import lru_cache
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.image_passes import plan_of
-from eskin.rtl.program.scheduler import Schedule, Scheduler, groups_of
+from eskin.rtl.program.scheduler import Schedule, Scheduler
 from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, FRAME_WAY_CYCLES, logit_to_decision
 
 IMAGE_START_CYCLES = 2
@@ -20,9 +20,8 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> S
     A single lane does the element-wise operations too, between two dot products.
     """
     program = program or cell_program(config)
-    groups, bias_rows, partial_rows = groups_of(config, program)
     ways = (False, True) if any(op.activated for op in program.elements) else (False,)
-    plans = [Scheduler(config, program, groups, bias_rows, partial_rows, yields).run() for yields in ways]
+    plans = [Scheduler(config, program, yields).run() for yields in ways]
     # neither way is always the shorter one
     return min(plans, key=lambda plan: plan.step_cycles)
 

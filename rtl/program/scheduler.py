@@ -16,7 +16,7 @@ from functools import cached_property
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, reads_new_state, row_count
-from eskin.rtl.program.timing import Timing, logit_to_decision, shares_lane, timing
+from eskin.rtl.program.timing import Timing, logit_to_decision, shares_lane
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class ElementIssue:
 def element_gap(config: AcceleratorConfig, program: CellProgram, shared: bool) -> int:
     """Slots lost between two element-wise operations, on a lane of their own or (``shared``) on the rows'."""
     accumulates = shared or any(len(op.terms) > 1 for op in program.elements)
-    return timing(config).gap if accumulates else 0
+    return Timing(config).gap if accumulates else 0
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Schedule:
     @property
     def timing(self) -> Timing:
         """Latencies of the lanes."""
-        return timing(self.config)
+        return Timing(self.config)
 
     @property
     def element_gap(self) -> int:
@@ -102,6 +102,11 @@ class Schedule:
         """Address of the addend 0 of a program with T values. From it the prologue makes the T memory's word
         for 0."""
         return self.half_address + int(self.shared)
+
+    @property
+    def constant_addends(self) -> list[int]:
+        """Addresses of addends that no step writes."""
+        return [*range(len(self.bias_rows)), *([self.half_address] if self.shared else [])]
 
     @property
     def addend_words(self) -> int:
@@ -205,12 +210,11 @@ class Scheduler:
 
     NEVER, AHEAD, LONGEST = 10**9, 4, 10**6
 
-    def __init__(self, config, program, groups, bias_rows, partial_rows, yields: bool = False) -> None:
-        self.yields = yields
-        self.config, self.program, self.groups = config, program, groups
-        self.bias_rows, self.partial_rows = bias_rows, partial_rows
+    def __init__(self, config: AcceleratorConfig, program: CellProgram, yields: bool = False) -> None:
+        self.config, self.program, self.yields = config, program, yields
+        self.groups, self.bias_rows, self.partial_rows = groups_of(config, program)
         self.shared = shares_lane(config)
-        self.timing = timing(config)
+        self.timing = Timing(config)
         self.element_gap = element_gap(config, program, self.shared)
         # slots in which the table is used; its result is written in the next
         self.table_busy: set[int] = set()

@@ -6,7 +6,7 @@ Plain Python (no Amaranth), so that command line and benches can share it. The h
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from eskin.rtl.program.microcode import Microcode
 
@@ -42,12 +42,6 @@ def fold(word: int, bits: int) -> int:
     return total
 
 
-def constant_addends(code: Microcode) -> set[int]:
-    """Addresses of addends that no step writes."""
-    plan = code.plan
-    return {*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])}
-
-
 def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
     """(slots before the judged one, source) of every constant that a step adds to its signature.
 
@@ -57,7 +51,7 @@ def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
         Number of the step's check word (`eskin.rtl.program.microcode.Layout.checks`): of its window's length,
         or of its set of weights.
     """
-    layout, constant = code.layout, constant_addends(code)
+    layout, constant = code.layout, code.plan.constant_addends
     length, weight_set = layout.checks[check]
     weight = weight_set * len(code.plan.weight_words)
     for slot, word in enumerate(code.unrolled()):
@@ -129,48 +123,3 @@ def check_words(
 def parity(word: int, bits: int) -> int:
     """1 when ``word`` has an odd number of ones among its lowest ``bits``."""
     return (word & (1 << bits) - 1).bit_count() & 1
-
-
-def unseen(code: Microcode, words: Mapping[str | int, int]) -> list[tuple[Read, int]]:
-    """(word, bit) of every single flip that would leave the signature unchanged. An empty list is a proof.
-
-    Parameters
-    ----------
-    words:
-        Number of constant words by memory: every one of them must be read, ``gate`` counted from the region
-        of the constants on. Words that nothing uses (`Layout.used_constants`) do not count.
-    """
-    config, layout = code.plan.config, code.layout
-    longest = code.judged - code.again
-    powers = [[1 << bit for bit in range(WIDTH)]]
-    for _ in range(longest):
-        powers.append([advance(value) for value in powers[-1]])
-    ages: dict[int, dict[Read, list[int]]] = {}
-    for check in range(len(layout.checks)):
-        ages[check] = defaultdict(list)
-        for age, read in reads(code, check):
-            ages[check][read].append(age)
-    missed = []
-    for memory, count in words.items():
-        bits = (
-            config.weight_bits
-            if isinstance(memory, int)
-            else config.accumulator_bits
-            if memory == "addend"
-            else WIDTH
-        )
-        used = (
-            [index for index in layout.used_constants if index < count] if memory == "gate" else range(count)
-        )
-        for address in used:
-            for bit in range(bits):
-                position = spread(code, (memory, address), 1 << bit).bit_length() - 1
-                sums = []
-                for check in ages:
-                    total = 0
-                    for age in ages[check].get((memory, address), ()):
-                        total ^= powers[age][position]
-                    sums.append(total)
-                if not any(sums):
-                    missed.append(((memory, address), bit))
-    return missed

@@ -3,8 +3,6 @@
 A slot is the time of one program word: one cycle, or as long as the program waits for a window.
 """
 
-from dataclasses import dataclass
-
 from eskin.golden.core import AcceleratorConfig
 
 ELEMENT_OPERAND_BITS = 16
@@ -45,14 +43,13 @@ def shares_lane(config: AcceleratorConfig) -> bool:
     return config.hardware.lanes == 1
 
 
-@dataclass(frozen=True)
 class Timing:
-    """Latencies of the engine in slots; rtl/engine/engine.py is built to these.
+    """Latencies of the configured engine in slots; rtl/engine/engine.py is built to these.
 
     A row's are counted from the issue of its group's last element, row p's p slots later; an element-wise
     operation's from the issue of its last term.
 
-    Parameters
+    Attributes
     ----------
     acc:
         The lane's accumulator holds the sum: address, operands, product and sum.
@@ -61,59 +58,22 @@ class Timing:
         an addition.
     chain:
         One where several lanes' sums are captured and forwarded one by one.
-    early:
-        One where a lane gets the enable of an addition one slot before it.
+    added, valid:
+        The slot in which the product of any element's issue is added; in which the lane gets the enable of that.
+    row:
+        Row 0's sum is at the table, the classifier or the addend memory; its value at the T memory.
+    row_to_gate, row_to_stored:
+        A gate or T value can be addressed: table, write, read; a partial sum or a value without table can be.
+    element_to_state, element_to_table, element_to_activated:
+        The new state can be addressed; the tanh index is at the table port; its tanh can be addressed in the T memory.
     """
 
-    acc: int
-    gap: int
-    chain: int
-    early: int
-
-    @property
-    def row(self) -> int:
-        """Row 0's sum is at the table, the classifier or the addend memory; its value at the T memory."""
-        return self.acc + self.chain
-
-    @property
-    def row_to_gate(self) -> int:
-        """Gate or T value can be addressed: table, write, read."""
-        return self.row + 2
-
-    @property
-    def row_to_stored(self) -> int:
-        """A partial sum or a value without table can be addressed."""
-        return self.row + 1
-
-    @property
-    def element_to_state(self) -> int:
-        """The new state can be addressed."""
-        return self.acc + 1
-
-    @property
-    def element_to_table(self) -> int:
-        """The tanh index is at the table port."""
-        return self.acc + 1
-
-    @property
-    def element_to_activated(self) -> int:
-        """Its tanh can be addressed in the T memory."""
-        return self.acc + 3
-
-    @property
-    def added(self) -> int:
-        """The slot in which the product of any element's issue is added."""
-        return self.acc - 1
-
-    @property
-    def valid(self) -> int:
-        """The slot in which the lane gets that enable."""
-        return self.added - self.early
-
-
-def timing(config: AcceleratorConfig) -> Timing:
-    """Latencies of the configured lanes."""
-    kind = config.hardware.lane_type
-    return Timing(
-        acc=3, gap=int(kind == "dsp"), chain=int(config.hardware.lanes > 1), early=int(kind == "plain")
-    )
+    def __init__(self, config: AcceleratorConfig) -> None:
+        kind = config.hardware.lane_type
+        self.acc, self.gap, self.chain = 3, int(kind == "dsp"), int(config.hardware.lanes > 1)
+        self.added = self.acc - 1
+        self.valid = self.added - int(kind == "plain")
+        self.row = self.acc + self.chain
+        self.row_to_gate, self.row_to_stored = self.row + 2, self.row + 1
+        self.element_to_state = self.element_to_table = self.acc + 1
+        self.element_to_activated = self.acc + 3

@@ -4,20 +4,22 @@ Frames to decisions: docs/specification.md, sections 2 to 7.
 """
 
 from collections.abc import Mapping
+from functools import reduce
+from operator import or_
 
-from amaranth.hdl import Cat, Const, Module, ResetInserter, ResetSignal, Signal
+from amaranth.hdl import Cat, Const, Module, ResetInserter, ResetSignal, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, has_door, sample_layout
-from eskin.rtl.common.load_port import LOAD, following, load_lines
+from eskin.rtl.common.status import probe
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
-from eskin.rtl.engine.engine import Engine, probe
+from eskin.rtl.engine.engine import Engine
 from eskin.rtl.frontend.frame_door import FrameDoor
 from eskin.rtl.frontend.front_end import FrontEnd
-from eskin.rtl.host.control import TEACHING, FedBy, HostControl, bus_signature
+from eskin.rtl.host.control import FedBy, HostControl, bus_signature
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.top.clock_gate import gated
 from eskin.rtl.top.watchdog import Watchdog
@@ -60,21 +62,39 @@ class HostedChain(wiring.Component):
         """A chain's own: its module, and whether the next clock edge is needed."""
         raise NotImplementedError
 
-    def frames_to(self, control: HostControl) -> list:
-        """Statements that report the frames to the control."""
-        return [
-            control.beat_offered.eq(self.i.valid),
-            control.frame_beat.eq(self.i.valid & self.i.ready),
-            control.frame_first.eq(self.i.p.first),
-            control.frame_last.eq(self.i.p.last),
+    def hosted(self, m: Module, classifier: Classifier) -> HostControl:
+        """The control, wired to bus, frames and classifier."""
+        m.submodules.control = control = HostControl(self._config, self._fed_by)
+        wiring.connect(m, wiring.flipped(self.bus), control.bus)
+        wiring.connect(m, classifier.o, wiring.flipped(self.o))
+        m.d.comb += [
+            control.frames.offered.eq(self.i.valid),
+            control.frames.taken.eq(self.i.valid & self.i.ready),
+            control.frames.first.eq(self.i.p.first),
+            control.frames.last.eq(self.i.p.last),
+            control.global_taken.eq(classifier.ended),
+            classifier.finish.eq(control.finish),
+            self.busy.eq(control.busy),
         ]
+        if self._fed_by:
+            m.d.comb += self.any_fault.eq(control.any_fault)
+        return control
+
+    def watched(self, m: Module, control: HostControl, done: Value, *due: Value) -> None:
+        """The watchdog, where there is one: ``due``, ``done`` beside what it looks at in every chain."""
+        if self.watching is not None:
+            m.submodules.watchdog = watchdog = self.watching
+            m.d.comb += [
+                watchdog.due.eq(reduce(or_, (self.i.valid & ~self.i.ready, *due, control.due))),
+                watchdog.done.eq(done | self.o.valid | control.load.enable),
+                control.hung.eq(watchdog.hung),
+            ]
 
     def probed(self, engine: wiring.Component, *names: str) -> list:
         """Statements that show the engine's probes."""
+        shown = [(getattr(self.probe, name), getattr(engine, name)) for name in names]
         return [
-            statement
-            for name in names
-            for statement in following(getattr(self.probe, name), getattr(engine, name), "valid", "value")
+            getattr(mine, part).eq(getattr(its, part)) for mine, its in shown for part in ("valid", "value")
         ]
 
     def needed(self, m: Module, control: HostControl) -> Signal:
@@ -124,19 +144,13 @@ class Accelerator(HostedChain):
         if not config.hardware.loadable and self._images is None:
             raise ValueError("a ROM design (loadable false) needs its memory images")
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
-        engine, classifier, control = (
-            Engine(config, self._images),
-            Classifier(config),
-            HostControl(config, self._fed_by),
-        )
+        engine, classifier = Engine(config, self._images), Classifier(config)
+        control = self.hosted(m, classifier)
         self.classifier, self.control = classifier, control
         decider_idle, readout = classifier.idle, None
         if config.has_prototypes:
             readout = self._nearest(m, engine, classifier, control)
             decider_idle = classifier.idle & readout.idle
-        m.submodules.control = control
-        if self._fed_by:
-            m.d.comb += self.any_fault.eq(control.any_fault)
         begin_anew = Signal()  # engine and classifier go back to where a touch begins
         m.submodules.front_end = ResetInserter(control.clear)(front_end)
         m.submodules.engine = ResetInserter(control.restart | begin_anew)(engine)
@@ -150,28 +164,18 @@ class Accelerator(HostedChain):
             frames = door.o
         wiring.connect(m, frames, front_end.i)
         wiring.connect(m, front_end.o, engine.i)
-        wiring.connect(m, classifier.o, wiring.flipped(self.o))
-        wiring.connect(m, wiring.flipped(self.bus), control.bus)
+        wiring.connect(m, front_end.status, control.detector)
+        wiring.connect(m, engine.status, control.engine)
+        loads = [readout.load] if readout is not None else []
+        wiring.connect(m, control.load, front_end.load, engine.load, *loads)
         m.d.comb += [
             front_end.mask.eq(control.mask),
             classifier.logit.eq(engine.logit if readout is None else readout.score),
             engine.decider_idle.eq(decider_idle),
-            classifier.finish.eq(control.finish),
             engine.blank.eq(front_end.blank),
-            *following(engine.load, control.load, *LOAD),
-            self.busy.eq(control.busy),
         ]
-        if config.hardware.loadable:
-            m.d.comb += [
-                *following(front_end.load, control.load, "address", "data"),
-                front_end.load.enable.eq(
-                    control.load.enable & control.load.select[load_lines(config)[Memory.MEANS]]
-                ),
-            ]
         if config.faults.fault_frames:
             m.d.comb += [
-                control.flags.eq(front_end.flags),
-                control.raised.eq(front_end.raised),
                 self.probe.fault.valid.eq(self.probe.sum.valid),
                 self.probe.fault.value.eq(front_end.averager.o.p.masked),
             ]
@@ -196,31 +200,12 @@ class Accelerator(HostedChain):
         if readout is not None and config.hardware.checksum:
             check_failed |= readout.wrong
         m.d.comb += [
-            *self.frames_to(control),
-            control.detector_armed.eq(front_end.armed),
-            control.touch_started.eq(front_end.touch_started),
-            control.framing_fault.eq(front_end.framing_fault),
             control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts), dropping, *holds).any()),
-            control.engine_busy.eq(engine.working),
-            control.engine_overrun.eq(engine.overrun),
-            control.windows_open.eq(engine.windows_open),
-            control.slot_done.eq(engine.slot_done),
-            control.step_done.eq(engine.step_done),
-            control.global_taken.eq(classifier.ended),
             control.decider_idle.eq(decider_idle),
             control.check_failed.eq(check_failed),
         ]
-
+        self.watched(m, control, engine.status.step_done, engine.status.working, ~decider_idle)
         if self.watching is not None:
-            m.submodules.watchdog = watchdog = self.watching
-            m.d.comb += [
-                watchdog.due.eq(
-                    (self.i.valid & ~self.i.ready) | engine.working | ~decider_idle | control.due
-                ),
-                watchdog.done.eq(engine.step_done | self.o.valid | control.load.enable),
-                control.hung.eq(watchdog.hung),
-                control.detector_touch.eq(front_end.touch),
-            ]
             # An upset may have changed their counts of steps. The reset lets every touch begin as the first
             # one did; a first step already under way would be lost.
             decided = Signal()
@@ -244,22 +229,16 @@ class Accelerator(HostedChain):
         vector = engine.state if config.recurrent else engine.logit
         m.submodules.readout = readout = PrototypeReadout(config)
         m.d.comb += [
-            *following(readout.vector, vector, "valid", "value"),
+            readout.vector.valid.eq(vector.valid),
+            readout.vector.value.eq(vector.value),
             readout.logit_valid.eq(engine.logit.valid),
-            readout.step_done.eq(engine.step_done),
+            readout.step_done.eq(engine.status.step_done),
             readout.ended.eq(classifier.ended),
             # not with engine and classifier: the touch that ended may be taught
             readout.clear.eq(control.clear),
-            *following(readout.load, control.load, *LOAD),
         ]
         if config.readout_rule.unknown_above:
             m.d.comb += classifier.far.eq(readout.far)
         if config.readout_rule.taught:
-            m.d.comb += [
-                *following(readout, control, *TEACHING),
-                control.teaching_refused.eq(readout.refused),
-                control.teaching_done.eq(readout.teaching_done),
-                control.taught.eq(readout.in_use),
-                control.place.eq(readout.place),
-            ]
+            wiring.connect(m, control.teaching, readout.commands)
         return readout

@@ -9,12 +9,13 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, Record
+from eskin.rtl.common.forward import forward, members_but
 from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word
 from eskin.rtl.host.wishbone_front import WishboneFront
+from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
-from eskin.rtl.top.skin_top import SkinTop
 
 Bus = Literal["wishbone", "axi4lite"]
 """Buses that there is a front for."""
@@ -30,7 +31,7 @@ DECISIONS = {"m_axis_tdata": Out(32), "m_axis_tvalid": Out(1), "m_axis_tready": 
 
 
 class BusTop(wiring.Component):
-    """Accelerator, `BusShell` and the front of ``bus``; with a converter `SkinTop` in place of the
+    """Accelerator, `BusShell` and the front of ``bus``; with a converter `Board` in place of the
     accelerator.
 
     Parameters
@@ -49,7 +50,7 @@ class BusTop(wiring.Component):
     The front's; irq : Out(1), with ``bus``
     s_axis_... : In, with ``axis``, which a design with a converter has not
     m_axis_... : Out and bus : In, without ``bus``
-    busy : Out(1), without a converter; the pins of `SkinTop` with one
+    busy : Out(1), without a converter; the pins of `Board` with one
     """
 
     def __init__(
@@ -61,41 +62,25 @@ class BusTop(wiring.Component):
         axis: bool = False,
         depth: int = 2,
     ) -> None:
-        converter = config.interface.converter.name
         self._config, self._axis = config, axis or bus is None
         self._front: Any = FRONTS[bus]() if bus else None
-        self._core: wiring.Component
-        if converter != "none":
-            self._core = SkinTop(config, images, clock_hz=config.hardware.clock_hz, shell=True)
+        self._core: Any
+        if config.interface.converter.name != "none":
+            self._core = Board(config, images, baud=None, sensing=True, shell=True)
         else:
             self._core = make_accelerator(config, images, "sensor" if self._axis else "cpu")
-        members = dict(self._core.signature.members.items())
-        own = {name for name in ("i", "o", "bus", "any_fault", "probe") if name in members}
-        self._passed = {name: member for name, member in members.items() if name not in own}
-        self._shell = BusShell(config, samples="i" in own and not self._axis, depth=depth) if bus else None
+        self._fed = "i" in self._core.signature.members and not self._axis
+        self._shell = BusShell(config, samples=self._fed, depth=depth) if bus else None
         super().__init__(
-            self._passed
+            members_but(self._core, "i", "o", "any_fault", "probe", *(["bus"] if bus else []))
             | (FRAMES if self._axis else {})
-            | ({"bus": members["bus"]} | DECISIONS if self._front is None else {"irq": Out(1)})
-            | {name: member for name, member in self._lines() if name != "request"}
+            | (members_but(self._front, "request") | {"irq": Out(1)} if bus else DECISIONS)
         )
-
-    def _lines(self) -> list[tuple[str, wiring.Member]]:
-        return [] if self._front is None else list(self._front.signature.members.items())
-
-    def _pass(self, m: Module, inner: wiring.Component, members: Mapping[str, wiring.Member]) -> None:
-        """``members`` of ``inner`` are this component's."""
-        for name, member in members.items():
-            mine, its = getattr(self, name), getattr(inner, name)
-            if member.is_signature:
-                wiring.connect(m, its, wiring.flipped(mine))
-            else:
-                m.d.comb += mine.eq(its) if member.flow == Out else its.eq(mine)
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.accelerator = core = self._core
-        self._pass(m, core, self._passed)
+        forward(m, self, core)
         if self._axis:
             m.d.comb += [
                 core.i.p.sample.eq(self.s_axis_tdata),
@@ -105,7 +90,6 @@ class BusTop(wiring.Component):
                 self.s_axis_tready.eq(core.i.ready),
             ]
         if self._shell is None:
-            wiring.connect(m, wiring.flipped(self.bus), core.bus)
             m.d.comb += [
                 self.m_axis_tdata.eq(decision_word(self._config, core.o.p)),
                 self.m_axis_tlast.eq(core.o.p.is_global),
@@ -114,11 +98,11 @@ class BusTop(wiring.Component):
             ]
             return m
         m.submodules.shell, m.submodules.front = shell, front = self._shell, self._front
-        self._pass(m, front, {name: member for name, member in self._lines() if name != "request"})
+        forward(m, self, front)
         wiring.connect(m, front.request, shell.request)
         wiring.connect(m, shell.bus, core.bus)
         wiring.connect(m, core.o, shell.decision)
-        if not self._axis and hasattr(core, "i"):
+        if self._fed:
             wiring.connect(m, shell.frame, core.i)
         m.d.comb += [shell.any_fault.eq(core.any_fault), self.irq.eq(shell.irq)]
         return m

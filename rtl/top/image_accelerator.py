@@ -7,9 +7,8 @@ from amaranth.hdl import Module, Mux, ResetInserter, Signal
 from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.rtl.common.load_port import LOAD, following
 from eskin.rtl.decision.classifier import Classifier
-from eskin.rtl.host.control import FedBy, HostControl
+from eskin.rtl.host.control import FedBy
 from eskin.rtl.image.image_engine import ImageEngine
 from eskin.rtl.image.image_receiver import ImageReceiver
 from eskin.rtl.program.image_passes import plan_of
@@ -71,15 +70,13 @@ class ImageAccelerator(HostedChain):
         m, config = Module(), self._config
         engine = ImageEngine(plan_of(config), config.hardware.lane_type)
         receiver, classifier = ImageReceiver(config), Classifier(config)
-        m.submodules.control = control = HostControl(config, self._fed_by)
-        if self._fed_by:
-            m.d.comb += self.any_fault.eq(control.any_fault)
+        control = self.hosted(m, classifier)
         m.submodules.receiver = ResetInserter(control.clear)(receiver)
         m.submodules.engine = ResetInserter(control.clear)(engine)
         m.submodules.classifier = ResetInserter(control.clear)(classifier)
         wiring.connect(m, wiring.flipped(self.i), receiver.i)
-        wiring.connect(m, classifier.o, wiring.flipped(self.o))
-        wiring.connect(m, wiring.flipped(self.bus), control.bus)
+        wiring.connect(m, receiver.status, control.detector)
+        wiring.connect(m, control.load, engine.load)
         last_logit = Signal()
         number = Signal(range(config.classes))
         m.d.comb += last_logit.eq(engine.logit.valid & (number == config.classes - 1))
@@ -87,41 +84,21 @@ class ImageAccelerator(HostedChain):
             m.d.sync += number.eq(number + 1)
         with m.If(last_logit | control.clear):
             m.d.sync += number.eq(0)
+        working = engine.busy | receiver.waiting
         m.d.comb += [
             receiver.free.eq(classifier.idle),
             engine.fill.eq(receiver.fill),
             engine.start.eq(receiver.start),
             classifier.logit.eq(engine.logit),
-            classifier.finish.eq(control.finish),
-            *following(engine.load, control.load, *LOAD),
-            self.busy.eq(control.busy),
-            *self.frames_to(control),
-            control.detector_armed.eq(~receiver.open & ~receiver.over),
-            control.touch_started.eq(receiver.begun),
-            control.framing_fault.eq(receiver.framing_fault),
+            control.engine.working.eq(working),
+            control.engine.windows_open.eq(working),
+            control.engine.slot_done.eq(engine.busy),
+            control.engine.step_done.eq(last_logit),
             control.moving.eq(self.i.valid | receiver.fill.valid),
-            control.engine_busy.eq(engine.busy | receiver.waiting),
-            control.windows_open.eq(engine.busy | receiver.waiting),
-            control.slot_done.eq(engine.busy),
-            control.step_done.eq(last_logit),
-            control.global_taken.eq(classifier.ended),
             control.decider_idle.eq(classifier.idle),
             control.check_failed.eq(engine.check_failed),
         ]
-        if self.watching is not None:
-            m.submodules.watchdog = watchdog = self.watching
-            m.d.comb += [
-                watchdog.due.eq(
-                    (self.i.valid & ~self.i.ready)
-                    | engine.busy
-                    | receiver.waiting
-                    | ~classifier.idle
-                    | control.due
-                ),
-                watchdog.done.eq(last_logit | self.o.valid | control.load.enable),
-                control.hung.eq(watchdog.hung),
-                control.detector_touch.eq(receiver.open | receiver.over),
-            ]
+        self.watched(m, control, last_logit, engine.busy, receiver.waiting, ~classifier.idle)
         cycles = Signal(32)  # since the start
         m.d.sync += cycles.eq(Mux(engine.start, 1, cycles + 1))
         m.d.comb += [

@@ -8,6 +8,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.interface.acquisition import Acquisition
@@ -77,9 +78,8 @@ class Sensing(wiring.Component):
         m.submodules.acquisition = acquisition = self.acquisition
         m.submodules.accelerator = accelerator = self.accelerator
         wiring.connect(m, acquisition.o, accelerator.i)
-        wiring.connect(m, accelerator.o, wiring.flipped(self.o))
-        wiring.connect(m, accelerator.probe, wiring.flipped(self.probe))
-        wiring.connect(m, acquisition.pins, wiring.flipped(self.pins))
+        forward(m, self, accelerator, "o", "probe")
+        forward(m, self, acquisition, "run", "pins", "fault", "broken", "sampling")
         broken = Signal()  # a frame is missing and the chain does not know yet
         arm = Signal()
         bus, inner = self.bus, accelerator.bus
@@ -90,14 +90,10 @@ class Sensing(wiring.Component):
             inner.w_stb.eq(bus.w_stb | arm),
             inner.r_stb.eq(bus.r_stb),
             bus.r_data.eq(inner.r_data),
-            acquisition.run.eq(self.run),
             self.busy.eq(accelerator.busy | acquisition.handing | broken),
             self.frame.valid.eq(acquisition.o.valid),
             self.frame.ready.eq(acquisition.o.ready),
             self.frame.payload.eq(acquisition.o.payload),
-            self.fault.eq(acquisition.fault),
-            self.broken.eq(acquisition.broken),
-            self.sampling.eq(acquisition.sampling),
         ]
         m.d.sync += broken.eq((broken | acquisition.broken) & ~arm)
         return m

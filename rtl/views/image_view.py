@@ -5,13 +5,13 @@ Everything is read off `eskin.rtl.program.image_passes`, whose cycles are the ha
 """
 
 import itertools
-import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from eskin.golden.core import Record
+from eskin.golden.core import Record, write_json
 from eskin.rtl.program.image_passes import ImagePlan, Pass
-from eskin.rtl.views.schedule_view import save_figure, write_csv
+from eskin.rtl.views.schedule_view import save_figure
 
 COLUMNS = ("layer", "map before", "map behind", "multiplies", "taps", "cycles", "over multiplies / P")
 SHOWN_SLOTS = 6
@@ -81,12 +81,9 @@ def drawing(plan: ImagePlan):
 
 
 def drawing_files(plan: ImagePlan) -> dict[str, Callable[[Path], None]]:
-    """schedule.svg, .csv and .json."""
-    table = rows(plan)
+    """Files of a drawing by name, each as a function that writes it to a path."""
+    values = {"lanes": plan.lanes, "passes": rows(plan)}
     return {
-        "schedule.svg": save_figure(drawing(plan), "svg"),
-        "schedule.csv": lambda path: write_csv(table, path),
-        "schedule.json": lambda path: (
-            path.write_text(json.dumps({"lanes": plan.lanes, "passes": table}, indent=1) + "\n") and None
-        ),
+        "schedule.svg": partial(save_figure, drawing(plan)),
+        "schedule.json": lambda path: write_json(path, values),
     }

@@ -1,18 +1,17 @@
-"""A schedule made visible: the work of each unit in each cycle, as spans, text and a picture.
+"""A schedule made visible: the work of each unit in each cycle, as spans and a picture.
 
 Everything is read off a `eskin.rtl.program.scheduler.Schedule`, the same object that becomes the sequencer's
 microcode. Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an
 operation is issued, its memories are addressed.
 """
 
-import csv
 import itertools
-import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.core import Record, write_json
 from eskin.rtl.program.cells import ElementOp, RowBlock
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import lowest_clock_hz
@@ -159,23 +158,14 @@ def summary(plan: Schedule) -> Record:
     }
 
 
-def cell_name(cell: str, reset: str | None) -> str:
-    """A cell in words."""
-    return {"lstm": "LSTM", "linear": "linear"}.get(cell, f"GRU, reset {reset}")
-
-
-def lanes_name(config: AcceleratorConfig) -> str:
-    """The lanes in words."""
-    return f"{config.hardware.lanes} {config.hardware.lane_type} lane" + "s" * (config.hardware.lanes > 1)
-
-
 def title(plan: Schedule) -> str:
     """Two lines: the cell and its lanes, and how busy they are."""
     s = summary(plan)
     busy = f"lanes busy {100 * s['busy_share']:.1f} %"
     if plan.shared:
         busy = f"lane busy {100 * s['busy_share']:.1f} % with rows, {100 * s['element_share']:.1f} % with element-wise operations"
-    cell, lanes = cell_name(s["cell"], s["reset"]), lanes_name(plan.config)
+    cell = {"lstm": "LSTM", "linear": "linear"}.get(s["cell"], f"GRU, reset {s['reset']}")
+    lanes = f"{s['lanes']} {s['lane_type']} lane" + "s" * (s["lanes"] > 1)
     middle = (
         f"{s['hidden']} hidden"
         if plan.config.recurrent
@@ -185,25 +175,6 @@ def title(plan: Schedule) -> str:
         f"{cell}: {s['taxels']} taxels, {middle}, {s['classes']} classes on {lanes}\n"
         f"{s['step_cycles']} cycles a step, ideal {s['ideal_cycles']} (ratio {s['ratio']:.3f}), {busy}"
     )
-
-
-def text(plan: Schedule) -> str:
-    """The schedule to read: the figures, then every run of every unit with its cycles."""
-    lines = [title(plan).splitlines()[0], "", *(f"{name:30} {value}" for name, value in figures(plan)), ""]
-    lines += [
-        "Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an "
-        "operation is issued.",
-        "",
-    ]
-    lines.append(f"{'cycles':>15}  {'phase':5}  {'unit':17}  {'block':10}  what")
-    for span in sorted(spans(plan), key=lambda span: (span.slot, UNITS.index(span.unit))):
-        label = f"{span.what}, {_range(span)}"
-        lines.append(
-            f"{f'{span.slot}..{span.last_slot}':>15}  {'AB'[not span.before]:5}  {span.unit:17}  "
-            f"{span.block:10}  {label}"
-        )
-    lines.append(f"{plan.step_cycles:>15}  {'B':5}  {CLASSIFIER:17}  {'':10}  decision offered")
-    return "\n".join(lines) + "\n"
 
 
 def figures(plan: Schedule) -> list[tuple[str, str]]:
@@ -226,11 +197,6 @@ def figures(plan: Schedule) -> list[tuple[str, str]]:
         ("prologue", f"{s['prologue_cycles']} cycles more, once before a touch: {prologue}"),
         ("lowest clock", f"{s['lowest_clock_hz'] / 1e3:.1f} kHz: every frame taken when due, no window lost"),
     ]
-
-
-def _range(span: Span) -> str:
-    word = {LANES: "columns", ELEMENTS: "i =", STATE: "i =", CLASSIFIER: "classes"}.get(span.unit, "rows")
-    return f"{word} {span.first}" + (f"..{span.last}" if span.last > span.first else "")
 
 
 # ---------------------------------------------------------------------- picture
@@ -272,24 +238,19 @@ def _draw_line(axes, plan: Schedule, colours: dict[str, str], left: int, length:
     lanes, right = plan.config.hardware.lanes, left + length
     track = min(1.0, TRACKS_MOST / lanes)
     tops = {unit: lanes * track * (k > 0) + PITCH * k for k, unit in enumerate(UNITS)}
-    bars: dict[tuple[str, int, str, bool], list[tuple[int, int]]] = {}
     for span in spans(plan):
         first = max(span.slot, left)
         wide = min(span.last_slot + 1, right) - first
         if wide <= 0:
             continue
-        bars.setdefault((span.unit, span.rows, span.block, span.before), []).append((first, wide))
         tall = span.rows * track if span.unit == LANES else 1.0
+        place, alpha = (tops[span.unit], tall), PHASE_A if span.before else 1.0
+        colour = colours[span.block]
+        axes.broken_barh([(first, wide)], place, facecolors=colour, alpha=alpha, edgecolors="white")
         fits = (span.what.partition(",")[0], span.block, "")
         label = next(text for text in fits if len(text) < wide * 170 / length or not text)
-        place = first + wide / 2, tops[span.unit] + tall / 2
-        axes.text(*place, label, ha="center", va="center", fontsize=7)
-    for (unit, rows, block, before), places in bars.items():
-        tall = rows * track if unit == LANES else 1.0
-        alpha = PHASE_A if before else 1.0
-        axes.broken_barh(
-            places, (tops[unit], tall), facecolors=colours[block], alpha=alpha, edgecolors="white"
-        )
+        middle = first + wide / 2, tops[span.unit] + tall / 2
+        axes.text(*middle, label, ha="center", va="center", fontsize=7)
     ends = {plan.slots_before: ("--", "B: the features are there"), plan.step_cycles: ("-", "decision")}
     for slot, (style, words) in ends.items():
         if left <= slot < right:
@@ -306,34 +267,18 @@ def _draw_line(axes, plan: Schedule, colours: dict[str, str], left: int, length:
     axes.spines[["top", "right", "left"]].set_visible(False)
 
 
-def save_figure(figure, kind: str) -> Callable[[Path], None]:
-    """A function that writes ``figure`` as ``kind`` (svg or png) to a path of any name; the same figure gives
-    the same file."""
+def save_figure(figure, path: Path, kind: str = "svg") -> None:
+    """Write ``figure`` as ``kind`` (svg or png) to a path of any name; the same figure gives the same file."""
+    from matplotlib import rc_context
 
-    def write(path: Path) -> None:
-        from matplotlib import rc_context
-
-        with rc_context({"svg.hashsalt": "eskin", "svg.fonttype": "none"}):
-            figure.savefig(path, format=kind, dpi=120, metadata={"Date": None} if kind == "svg" else None)
-
-    return write
+    with rc_context({"svg.hashsalt": "eskin", "svg.fonttype": "none"}):
+        figure.savefig(path, format=kind, dpi=120, metadata={"Date": None} if kind == "svg" else None)
 
 
 def drawing_files(plan: Schedule) -> dict[str, Callable[[Path], None]]:
     """Files of a drawing by name, each as a function that writes it to a path."""
-    picture = timeline(plan)
     values = {"summary": summary(plan), "spans": [asdict(span) for span in spans(plan)]}
     return {
-        "schedule.svg": save_figure(picture, "svg"),
-        "schedule.png": save_figure(picture, "png"),
-        "schedule.txt": lambda path: path.write_text(text(plan)),
-        "schedule.json": lambda path: path.write_text(json.dumps(values) + "\n"),
+        "schedule.svg": partial(save_figure, timeline(plan)),
+        "schedule.json": lambda path: write_json(path, values),
     }
-
-
-def write_csv(rows: Sequence[Record], path: Path) -> None:
-    """``rows``, which share their keys, with a heading."""
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)

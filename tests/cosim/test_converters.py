@@ -357,7 +357,7 @@ def test_without_a_converter_nothing_of_the_interface_is_built(monkeypatch):
     from amaranth.back import rtlil
 
     from eskin.rtl.interface import acquisition
-    from eskin.rtl.top.board_top import BoardTop
+    from eskin.rtl.top.board import Board
 
     def refuse(*_, **__):
         raise AssertionError("an interface was built")
@@ -366,7 +366,7 @@ def test_without_a_converter_nothing_of_the_interface_is_built(monkeypatch):
     model = random_integer_model(CONFIG, 1)
     other = model.config.replace(converter=dict(name="none", hz=1e6, code_shift=3))
     texts = [
-        rtlil.convert(BoardTop(config, clock_hz=12e6), name="board_top", emit_src=False)
+        rtlil.convert(Board(config, clock_hz=12e6), name="board_top", emit_src=False)
         for config in (model.config, other)
     ]
     assert texts[0] == texts[1] and "converter" not in texts[0] and "cs_n" not in texts[0]

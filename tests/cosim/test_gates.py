@@ -10,10 +10,9 @@ import pytest
 from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
 from eskin.golden.core import SimulationError
-from eskin.rtl.asic.energy import costs
 from eskin.rtl.asic.liberty import WireLoad, read
-from eskin.rtl.asic.models import expression
-from eskin.rtl.asic.nets import Nets
+from eskin.rtl.asic.nets import Nets, costs
+from eskin.rtl.asic.synthesis import expression
 from tests.rtl.asic.test_liberty import CELLS, GATE, file
 
 CLK, D, EN, GCLK, A, B, X, L = range(2, 10)

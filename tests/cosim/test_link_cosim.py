@@ -8,8 +8,9 @@ import pytest
 
 from eskin.golden.model import run, write_vectors
 from eskin.golden.model.position import positions
-from eskin.rtl.fpga.export import export_board
+from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
+from eskin.rtl.top.board import Board
 from eskin.training.made_up import random_recordings
 from tests.support.link_flow import play_link
 from tests.support.noisy_port import NoisyPort
@@ -39,7 +40,7 @@ def boarded(folder: Path, model, recordings):
     trace = run(model, recordings)
     vectors = write_vectors(folder / "vectors.npz", trace, recordings)
     verilog = folder / "board_top.sv"
-    verilog.write_text(export_board(model.config, clock_hz=12e6, baud=3e6))
+    verilog.write_text(text_of(Board(model.config, clock_hz=12e6, baud=3e6), "board_top"))
 
     def play(**options):
         return play_link(

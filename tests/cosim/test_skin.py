@@ -17,14 +17,14 @@ from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, completing_frames, run, through_converter
-from eskin.rtl.fpga.export import _verilog
+from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
-from eskin.rtl.top.skin_top import SkinTop, refuse_standalone
+from eskin.rtl.top.board import Board, refuse_standalone
 from eskin.training.made_up import random_recordings
 from eskin.verbs.build_job import BuildRequest, build
 from eskin.verbs.flow import BUILD
@@ -147,7 +147,7 @@ def test_from_converter_pins_to_stimulator_bytes(level, scan_every, tmp_path):
         memory_images(config, model.arrays), config.hardware.clock_hz, None
     )
     if level == "rtl":
-        (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
+        (tmp_path / "accelerator.v").write_text(text_of(design, "accelerator"))
         hardware = Hardware((tmp_path / "accelerator.v",))
     else:
         synthesise(design, board.family, tmp_path / "net")
@@ -183,10 +183,8 @@ def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_
     touch, row 2, column 5."""
     model = random_integer_model(TWO_CHIPS, 1)
     config = model.config
-    board = PoweredOn(
-        SkinTop(config, memory_images(config, model.arrays), clock_hz=config.hardware.clock_hz), 16
-    )
-    (tmp_path / "accelerator.v").write_text(_verilog(board, "accelerator"))
+    board = PoweredOn(Board(config, memory_images(config, model.arrays), baud=None, sensing=True), 16)
+    (tmp_path / "accelerator.v").write_text(text_of(board, "accelerator"))
     codes = np.full((14, 13), 700)
     codes[10:13, [5, 7 + 2]] = 300
     options = dict(
@@ -249,7 +247,7 @@ def from_flash(level: str, work: Path) -> tuple[Hardware, IntegerModel]:
     if level == "netlist":
         synthesise(design, board.family, work / "net")
         return netlist_hardware(work / "net" / "accelerator.v", "ice40", "icebreaker", probes=False), made
-    (work / "accelerator.v").write_text(_verilog(design, "accelerator"))
+    (work / "accelerator.v").write_text(text_of(design, "accelerator"))
     return Hardware((work / "accelerator.v",)), made
 
 
@@ -289,7 +287,7 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     design = Wiring(config=config, target=board, sensing=True, link=True).design(
         None, config.hardware.clock_hz, config.hardware.clock_hz / clocks
     )
-    (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
+    (tmp_path / "accelerator.v").write_text(text_of(design, "accelerator"))
     names = register_map(config)["registers"]
     writes = [
         *boot_writes(config, model.arrays),

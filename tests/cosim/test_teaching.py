@@ -21,11 +21,13 @@ from eskin.live.feed import Differs
 from eskin.live.feed import Hardware as HardwareEvent
 from eskin.live.sources import BoardSource
 from eskin.rtl.asic.synthesis import process_of
-from eskin.rtl.fpga.export import export, export_board
+from eskin.rtl.fpga.export import export
+from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
+from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.teach.taught import load_taught
 from eskin.verbs import asic_job
@@ -309,7 +311,7 @@ def test_a_netlist_is_taught_as_the_stream_after_upsets(upsets, tmp_path):
 def board_of(model: IntegerModel) -> PinPort:
     """The pins of a simulated board that was just switched on."""
     config, clock_hz = model.config, model.config.hardware.clock_hz
-    board = export_board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT)
+    board = text_of(Board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
     device = Device(Design(board, BUILDS, PURPOSE, "board_top"))
     device.put("rx", 1)
     device.reset()

@@ -8,7 +8,7 @@ import numpy as np
 
 from eskin.golden.core import QFormat
 from eskin.golden.core.images import layer_stages, parse_layer
-from eskin.rtl.program.image_passes import ImagePlan, make_plan
+from eskin.rtl.program.image_passes import ImagePlan
 
 LOGIT = QFormat(16, 0)
 
@@ -80,7 +80,7 @@ def make_case(
     for stage in weighted:
         arrays[f"W_{stage.number}"] = rng.integers(-top, top, stage.weight_shape)
         arrays[f"b_{stage.number}"] = rng.integers(-20 * top, 150 * top, stage.outputs)
-    plan = make_plan(
+    plan = ImagePlan(
         stages, weight_bits=weight_bits, shifts=shifts, logit_format=LOGIT, lanes=lanes, **options
     )
     return ImageCase(plan, arrays, height, width)

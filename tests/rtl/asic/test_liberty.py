@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from eskin.golden.core import InputError
 from eskin.rtl.asic.buffers import buffer_of, insert
 from eskin.rtl.asic.liberty import corners, read
-from eskin.rtl.asic.models import expression, model
-from eskin.rtl.asic.synthesis import process_of
+from eskin.rtl.asic.synthesis import expression, model, process_of
 from tests.support.strategies import examples
 
 HEAD = """library (made) {{ /* a

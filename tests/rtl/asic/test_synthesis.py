@@ -12,9 +12,8 @@ from amaranth.lib.wiring import In, Out
 from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
 from eskin.rtl.asic.liberty import corners, read
-from eskin.rtl.asic.models import expression
 from eskin.rtl.asic.nets import Nets
-from eskin.rtl.asic.synthesis import process_of, synthesise
+from eskin.rtl.asic.synthesis import expression, process_of, synthesise
 from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
 

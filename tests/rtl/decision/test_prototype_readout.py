@@ -11,6 +11,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import class_distances, forget, narrowed, taught_in_use, teach
 from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.common.status import TEACHING
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.timing import readout_cycles
@@ -58,7 +59,7 @@ class Player:
 
         async def watch(ctx):
             flag = self.dut.wrong if self.config.hardware.checksum else Const(0, 1)
-            async for _, _, refused, wrong in ctx.tick().sample(self.dut.refused, flag):
+            async for _, _, refused, wrong in ctx.tick().sample(self.dut.commands.refused, flag):
                 self.refused += refused
                 self.wrong += wrong
 
@@ -113,12 +114,15 @@ class Player:
         raise AssertionError("it never becomes idle")
 
     async def pulse(self, ctx, **signals: int) -> None:
+        def port(name: str):
+            return getattr(self.dut.commands if name in TEACHING.members else self.dut, name)
+
         for name, value in signals.items():
-            ctx.set(getattr(self.dut, name), value)
+            ctx.set(port(name), value)
         await ctx.tick()
         for name in signals:
             if name != "locked":
-                ctx.set(getattr(self.dut, name), 0)
+                ctx.set(port(name), 0)
 
     async def touch(self, ctx, steps: int, *, cut: bool = False) -> None:
         """A touch of ``steps`` steps, as it is decided or (``cut``) as a new recording drops it."""
@@ -133,7 +137,7 @@ class Player:
         codes = narrowed(config, values)
         distances = self.distances(codes)
         if rule.taught:
-            ctx.set(dut.locked, 1)
+            ctx.set(dut.commands.locked, 1)
         for k in range(steps):
             for number, value in enumerate(values[k].tolist()):
                 last = number == len(values[k]) - 1
@@ -183,7 +187,7 @@ class Player:
             self.expected_refused += self.following is not None and not whole
             self.following = None
         if rule.taught:
-            ctx.set(dut.locked, 0)
+            ctx.set(dut.commands.locked, 0)
 
     async def command(self, ctx) -> None:
         """TEACH or FORGET at random, what cannot be done among them."""
@@ -203,7 +207,7 @@ class Player:
             self.model, self.following = teach(self.model, self.last, label), None
         if self.rng.random() < 0.3:  # a new recording; what is being written is finished
             await self.pulse(ctx, clear=1, locked=0)
-        ctx.set(self.dut.locked, 0)
+        ctx.set(self.dut.commands.locked, 0)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +237,7 @@ def test_taught_and_forgotten_at_random_it_is_as_far_from_every_class_as_the_mod
                 await player.command(ctx)
             await player.rest(ctx)
             in_use.add(int(taught_in_use(player.model).sum()))
-            assert ctx.get(player.dut.in_use) == taught_in_use(player.model).sum()
+            assert ctx.get(player.dut.commands.in_use) == taught_in_use(player.model).sum()
             if number % 12 == 10:  # another model is loaded
                 player.model = small_model(number, cell, decision, **unknown)
                 await player.load(ctx)

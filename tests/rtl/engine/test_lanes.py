@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from eskin.golden.core import PRESETS
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature, make_lane
 from eskin.rtl.engine.sb_mac16 import DspLane
-from eskin.rtl.program.timing import timing
+from eskin.rtl.program.timing import Timing
 from tests.support.strategies import examples
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row
@@ -51,7 +51,7 @@ def dot_products(seed: int, count: int, most: int) -> list[tuple[int, list[tuple
 
 def play(lane_type: str, with_operands: bool, accumulates: bool, sums, gap_of_ticks=lambda: 0):
     """The sums as the lane gives them, each in the slot that the timing names and in no earlier one."""
-    when = timing(config_of(lane_type))
+    when = Timing(config_of(lane_type))
     dut = make_lane(
         config_of(lane_type),
         lane_signature(A_BITS, B_BITS, ACC_BITS, load_with_operands=with_operands, accumulates=accumulates),

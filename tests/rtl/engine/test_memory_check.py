@@ -27,12 +27,12 @@ from eskin.rtl.program.signature import (
     reads,
     residue,
     retreat,
-    unseen,
 )
 from eskin.rtl.top.accelerator import Accelerator
 from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
 from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, put
+from tests.support.unseen import unseen
 
 
 def checked(name: str, **changes):

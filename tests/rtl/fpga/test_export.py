@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.fpga.export import SENSING, TOP, export, export_bus, export_sensing
+from eskin.rtl.fpga.export import TOP, export, rom, verilog
 from eskin.rtl.fpga.tools import ToolError
-from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.bus_top import BusTop
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.sensing import Sensing
@@ -63,13 +62,14 @@ def exported(design) -> tuple[Any, str, str]:
     kind, system = DESIGNS[design]
     model = model_of(kind)
     config, arrays = model.config, model.arrays
-    images = None if config.hardware.loadable else memory_images(config, arrays)
+    images = rom(config, arrays)
     if system:
-        asked = {"bus": None, **system}
-        return BusTop(config, images, **asked), *export_bus(config, arrays, **asked)
-    if config.interface.converter.name != "none":
-        return Sensing(config, images), SENSING, export_sensing(config, arrays)
-    return make_accelerator(config, images), TOP, export(config, arrays)
+        component: Any = BusTop(config, images, **{"bus": None, **system})
+    elif config.interface.converter.name != "none":
+        component = Sensing(config, images)
+    else:
+        component = make_accelerator(config, images)
+    return component, TOP, verilog(component, TOP)
 
 
 @pytest.mark.slow
@@ -86,7 +86,7 @@ def test_the_text_is_the_design_proved_block_by_block(design, tmp_path):
     [
         ("classifier.search", "margin + above", "margin - above", "unproven"),
         ("engine.lane_0", " * ", " + ", "unproven"),
-        ("accelerator", ".offered(i__valid)", ".offered(frame_beat)", "unproven"),
+        ("accelerator", ".frames__offered(i__valid)", ".frames__offered(frames__taken)", "unproven"),
         ("control.state", "= 1'h0;", "= 1'h1;", "begins otherwise"),
     ],
     ids=["operator", "product", "instance", "initial value"],

@@ -53,7 +53,7 @@ def load_words(config, means):
 def loader(port, words):
     async def load(ctx):
         for address, word in words:
-            put(ctx, port, address=address, data=word, enable=1)
+            put(ctx, port, select=-1, address=address, data=word, enable=1)
             await ctx.tick()
         ctx.set(port.enable, 0)
 

@@ -17,7 +17,8 @@ def run(config, beats, *, stalls=(0.0, 0.0), seed=0, masked=()):
     taken = bench.drive(dut.i, beats, stall=stalls[0])
     out = bench.collect(dut.o, stall=stalls[1])
     flags = {
-        name: bench.watch(getattr(dut, name)) for name in ("touch_started", "framing_fault", "armed", "touch")
+        name: bench.watch(getattr(dut.status, name))
+        for name in ("started", "framing_fault", "armed", "touch")
     }
 
     async def set_mask(ctx):
@@ -59,7 +60,7 @@ def test_equal_to_the_specification_with_stalls(name):
     out, _, flags = run(config, sample_beats(stream), stalls=(0.2, 0.3), seed=1)
     assert values(out) == frame_beats(config, seen)
     onsets = [out[(f or 1) * config.sensor.taxels - 1].cycle for f, *_ in seen.touches]
-    assert flags["touch_started"] == onsets and not flags["framing_fault"]
+    assert flags["started"] == onsets and not flags["framing_fault"]
 
 
 @pytest.mark.parametrize("name", ["thesis", "band tracked", "synthetic", "pvdf"])
@@ -101,7 +102,7 @@ def test_a_band_and_a_threshold_must_be_exceeded(name, sign, excess):
         stream[24, 3] += sign * (100 + excess)
     out, _, flags = run(config, sample_beats(stream))
     assert values(out) == frame_beats(config, detect(config, stream))
-    assert len(flags["touch_started"]) == excess
+    assert len(flags["started"]) == excess
 
 
 FRAMING_FAULTS = ("early first", "early last", "late last", "stray beats")

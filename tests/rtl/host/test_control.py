@@ -96,7 +96,7 @@ def test_loading_and_a_refused_write():
             assert ctx.get(load.data) == 0xBEEF and ctx.get(dut.restart) and not ctx.get(dut.clear)
         await ctx.tick()
         assert not ctx.get(dut.restart)
-        await begin_or_end(ctx, dut.touch_started)
+        await begin_or_end(ctx, dut.detector.started)
         assert await read(Register.STATUS) & Status.TOUCH
         await write(Register.MEMORY_DATA, 1)
         assert ctx.get(load.address) == 2 and not ctx.get(dut.restart), "a refused word changes nothing"
@@ -113,16 +113,16 @@ def test_loading_and_a_refused_write():
 @each_row(
     ("signals", "fault"),
     [
-        (("beat_offered", "frame_first"), Fault.INPUT_STALLED),
-        (("beat_offered",), 0),
-        (("framing_fault",), Fault.FRAMING),
-        (("engine_overrun",), Fault.OVERRUN),
-        (("raised",), Fault.TAXEL),
+        (lambda dut: (dut.frames.offered, dut.frames.first), Fault.INPUT_STALLED),
+        (lambda dut: (dut.frames.offered,), 0),
+        (lambda dut: (dut.detector.framing_fault,), Fault.FRAMING),
+        (lambda dut: (dut.engine.overrun,), Fault.OVERRUN),
+        (lambda dut: (dut.detector.raised,), Fault.TAXEL),
     ],
 )
 def test_faults(signals, fault):
     async def body(ctx, dut, write, read):
-        await pulse(ctx, *(getattr(dut, name) for name in signals))
+        await pulse(ctx, *signals(dut))
         assert await read(Register.FAULTS) == fault
         assert not await read(Register.STATUS) & Status.FAULT, "nothing in the design is broken"
 
@@ -132,15 +132,15 @@ def test_faults(signals, fault):
 def test_finish_waits_for_everything_in_flight_and_ends_the_touch():
     async def body(ctx, dut, write, read):
         assert not ctx.get(dut.busy) and not ctx.get(dut.clear), "after a reset nothing is in flight"
-        await pulse(ctx, dut.touch_started)
+        await pulse(ctx, dut.detector.started)
         assert await read(Register.TOUCHES) == 1
-        ctx.set(dut.engine_busy, 1)
+        ctx.set(dut.engine.working, 1)
         await write(Register.CONTROL, Control.FINISH)
         for _ in range(100):
             assert ctx.get(dut.busy) and not ctx.get(dut.finish)
             await ctx.tick()
         await pulse(ctx, dut.moving)
-        ctx.set(dut.engine_busy, 0)
+        ctx.set(dut.engine.working, 0)
         for _ in range(14):
             assert not ctx.get(dut.finish), "a beat that just left one stage may not have reached the next"
             await ctx.tick()
@@ -188,20 +188,20 @@ def test_the_counter_measures_what_is_asked_for(monkeypatch):
 
     async def frame(ctx, dut, held):
         """Three beats, the first of them held up."""
-        put(ctx, dut, beat_offered=1, frame_first=1)
+        put(ctx, dut.frames, offered=1, first=1)
         await ctx.tick().repeat(held)
         for beat in range(3):
-            put(ctx, dut, frame_first=beat == 0, frame_last=beat == 2)
-            await pulse(ctx, dut.frame_beat)
-        put(ctx, dut, beat_offered=0, frame_last=0)
+            put(ctx, dut.frames, first=beat == 0, last=beat == 2)
+            await pulse(ctx, dut.frames.taken)
+        put(ctx, dut.frames, offered=0, last=0)
 
     async def everything(ctx, dut):
         for held, slots, cycles in ((3, 6, 11), (1, 5, 4)):
             await frame(ctx, dut, held)
-            await during(ctx, dut.slot_done, slots)
+            await during(ctx, dut.engine.slot_done, slots)
             await ctx.tick().repeat(3)
-            await pulse(ctx, dut.slot_done, dut.step_done)
-            await during(ctx, dut.windows_open, cycles)
+            await pulse(ctx, dut.engine.slot_done, dut.engine.step_done)
+            await during(ctx, dut.engine.windows_open, cycles)
             await ctx.tick().repeat(2)
 
     async def body(ctx, dut, write, read):
@@ -211,17 +211,17 @@ def test_the_counter_measures_what_is_asked_for(monkeypatch):
             await everything(ctx, dut)
             assert await read(Register.LONGEST) == longest, measure
         await write(Register.MEASURE, Measure.STEP)
-        await during(ctx, dut.slot_done, 30)
+        await during(ctx, dut.engine.slot_done, 30)
         await write(Register.CONTROL, Control.ARM)
         await write(Register.CONTROL, Control.CLEAR_FAULTS)
         assert await read(Register.LONGEST) == 0
-        await during(ctx, dut.slot_done, 7)
-        await pulse(ctx, dut.slot_done, dut.step_done)
+        await during(ctx, dut.engine.slot_done, 7)
+        await pulse(ctx, dut.engine.slot_done, dut.engine.step_done)
         await ctx.tick().repeat(2)
         assert await read(Register.LONGEST) == 8, "a count begun before the arm went on after it"
         for slots, longest in ((19, 20), (40, 31)):
-            await during(ctx, dut.slot_done, slots)
-            await pulse(ctx, dut.slot_done, dut.step_done)
+            await during(ctx, dut.engine.slot_done, slots)
+            await pulse(ctx, dut.engine.slot_done, dut.engine.step_done)
             await ctx.tick().repeat(2)
             assert await read(Register.LONGEST) == longest, "at its end it stays"
 

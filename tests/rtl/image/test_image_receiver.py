@@ -31,10 +31,10 @@ def run(frames: list[list[int]], seed: int) -> tuple[list[tuple[int, int]], list
             ctx.set(dut.i.valid, offered)
             if offered:
                 put(ctx, dut.i.p, sample=left[0][0], first=left[0][1], last=left[0][2])
-            told[0] += ctx.get(dut.framing_fault)
-            told[1] += ctx.get(dut.begun)
+            told[0] += ctx.get(dut.status.framing_fault)
+            told[1] += ctx.get(dut.status.started)
             if ctx.get(dut.fill.valid):
-                assert bool(pixels) != bool(ctx.get(dut.begun))
+                assert bool(pixels) != bool(ctx.get(dut.status.started))
                 pixels.append((ctx.get(dut.fill.address), ctx.get(dut.fill.value)))
                 waited = 0
             if offered and ctx.get(dut.i.ready):

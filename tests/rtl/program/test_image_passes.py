@@ -3,14 +3,14 @@ to."""
 
 from eskin.golden.core import QFormat
 from eskin.golden.core.images import SIZES, layer_stages, network
-from eskin.rtl.program.image_passes import ImagePlan, make_plan
+from eskin.rtl.program.image_passes import ImagePlan
 from tests.support.table import each_row
 
 
 def plan_of(name: str, height: int, width: int, lanes: int) -> ImagePlan:
     stages = layer_stages(height, width, network(name, 22))
     shifts = (8,) * sum(1 for stage in stages if stage.weights)
-    return make_plan(stages, weight_bits=8, shifts=shifts, logit_format=QFormat(16, 0), lanes=lanes)
+    return ImagePlan(stages, weight_bits=8, shifts=shifts, logit_format=QFormat(16, 0), lanes=lanes)
 
 
 @each_row("lanes, most", [(4, 1.05), (8, 1.05), (16, 1.15)])

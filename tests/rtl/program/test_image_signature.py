@@ -2,10 +2,11 @@
 out."""
 
 from eskin.golden.core import NETWORKS
-from eskin.rtl.program.image_signature import tap_places, unseen_weights
+from eskin.rtl.program.image_signature import tap_places
 from tests.rtl.program.test_image_passes import plan_of
 from tests.support.image_case import random_case
 from tests.support.table import each_row
+from tests.support.unseen import unseen_weights
 
 
 @each_row("seed", range(20))

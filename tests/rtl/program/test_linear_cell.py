@@ -9,7 +9,7 @@ from eskin.golden.model import FloatModel
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
-from eskin.rtl.program.signature import residue, unseen
+from eskin.rtl.program.signature import residue
 from eskin.training.formats import with_network
 from eskin.training.linear_fit import fit_linear
 from eskin.training.made_up import random_recordings
@@ -19,6 +19,7 @@ from eskin.training.train import TrainingRequest, train
 from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
+from tests.support.unseen import unseen
 
 
 def linear(lanes: int = 1, *, classes: int = 3, **changes) -> AcceleratorConfig:

@@ -5,8 +5,9 @@ from eskin.golden.core import PRESETS
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
-from eskin.rtl.program.signature import WIDTH, reads, residue, unseen
+from eskin.rtl.program.signature import WIDTH, reads, residue
 from tests.support.random_models import random_integer_model
+from tests.support.unseen import unseen
 
 
 def test_every_bit_of_a_word_that_is_never_read_is_unseen():

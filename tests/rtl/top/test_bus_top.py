@@ -6,7 +6,8 @@ import pytest
 from cocotb_tools.runner import get_results, get_runner
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.fpga.export import export_bus
+from eskin.rtl.fpga.export import verilog
+from eskin.rtl.top.bus_top import BusTop
 from tests.support.random_models import random_integer_model
 
 CONFIG = random_integer_model(
@@ -16,19 +17,18 @@ CONFIG = random_integer_model(
 
 @pytest.mark.parametrize("bus", ["axi4lite", pytest.param("wishbone", marks=pytest.mark.slow)])
 def test_masters_of_others_read_and_write(bus, tmp_path):
-    top, verilog = export_bus(CONFIG, bus=bus)
-    (tmp_path / "design.sv").write_text(verilog)
+    (tmp_path / "design.sv").write_text(verilog(BusTop(CONFIG, bus=bus), "design"))
     runner = get_runner("icarus")
     runner.build(
         sources=[tmp_path / "design.sv"],
-        hdl_toplevel=top,
+        hdl_toplevel="design",
         build_dir=tmp_path,
         build_args=["-g2012"],
         timescale=("1ns", "1ps"),
     )
     results = runner.test(
         test_module="tests.support.bus_cocotb",
-        hdl_toplevel=top,
+        hdl_toplevel="design",
         build_dir=tmp_path,
         extra_env={
             "ESKIN_BUS": bus,

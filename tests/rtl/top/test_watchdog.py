@@ -158,7 +158,7 @@ def test_an_engine_or_a_classifier_that_stands_still_is_found(monkeypatch):
                 await give_frame(ctx, dut.i, next(frames))
                 for _ in range(80):
                     await ctx.tick()
-                    if (ctx.get(engine.working), not ctx.get(classifier.idle)) == busy:
+                    if (ctx.get(engine.status.working), not ctx.get(classifier.idle)) == busy:
                         ctx.set(runs, going)
                         break
             await ctx.tick().repeat(2 * bound(config))

@@ -5,11 +5,11 @@ from itertools import pairwise
 
 from eskin.golden.core import QFormat
 from eskin.golden.core.images import layer_stages, network
-from eskin.rtl.program.image_passes import make_plan
+from eskin.rtl.program.image_passes import ImagePlan
 from eskin.rtl.views import image_view
 
 STAGES = layer_stages(28, 50, network("tactnet", 22))
-PLAN = make_plan(STAGES, weight_bits=8, shifts=(8,) * 4, logit_format=QFormat(6, 10), lanes=8)
+PLAN = ImagePlan(STAGES, weight_bits=8, shifts=(8,) * 4, logit_format=QFormat(6, 10), lanes=8)
 
 
 def test_rows_add_up_to_the_formula():

@@ -1,4 +1,4 @@
-"""rtl/top/skin_top.py: whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
+"""A board with its own sensors (rtl/top/board.py): whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
 decision is heard again."""
 
 import re
@@ -11,7 +11,7 @@ from amaranth.sim import Simulator
 from eskin.golden.core import PRESETS
 from eskin.rtl.host.flash_loader import WAKE_S
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
-from eskin.rtl.top import skin_top
+from eskin.rtl.top import board
 from tests.support.silent import Silent
 
 CLOCK_HZ = 4 * STIMULATOR_BAUD
@@ -26,17 +26,15 @@ CAUSES = {
 
 def skin(monkeypatch, config=CONFIG, **fields):
     """A board around a chain that does nothing, and a list that will hold its stimulator."""
-    sensing_of, stimulation_of, made = skin_top.Sensing, skin_top.Stimulation, []
+    sensing_of, stimulation_of, made = board.Sensing, board.Stimulation, []
     watching = SimpleNamespace(watching=SimpleNamespace(hung=Signal()))
     monkeypatch.setattr(
-        skin_top,
-        "Sensing",
-        lambda *arguments, **options: Silent(sensing_of(*arguments), accelerator=watching),
+        board, "Sensing", lambda *arguments, **options: Silent(sensing_of(*arguments), accelerator=watching)
     )
     monkeypatch.setattr(
-        skin_top, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
+        board, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
     )
-    return skin_top.SkinTop(config, None, clock_hz=CLOCK_HZ, **fields), made
+    return board.Board(config, None, clock_hz=CLOCK_HZ, sensing=True, **{"baud": None} | fields), made
 
 
 def run(dut, play) -> None:
@@ -63,7 +61,7 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
             await ctx.tick()
             ctx.set(signal, 0)
 
-        chain, cause = dut.sensing, CAUSES[name](dut.sensing)
+        chain, cause = dut.core, CAUSES[name](dut.core)
         ctx.set(chain.o.p["class"], 1)
         await pulse(chain.o.valid)
         await until(True)
@@ -89,7 +87,7 @@ def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
     async def play(ctx):
         selects = ""
         for _ in range(2_000):
-            assert not ctx.get(dut.sensing.run)
+            assert not ctx.get(dut.core.run)
             selects += str(ctx.get(dut.flash.cs_n))
             if ctx.get(dut.led):
                 pause = re.search("0(1+)0", selects)[1]  # between its waking and its reading

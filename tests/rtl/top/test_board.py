@@ -7,9 +7,9 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.golden.core import PRESETS
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.top import board_top
+from eskin.rtl.top import board
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.board_top import BoardTop, class_pin_count, reaches_pins
+from eskin.rtl.top.board import Board, class_pin_count, reaches_pins
 from tests.support.random_models import random_integer_model
 from tests.support.silent import Silent
 from tests.support.stream_bench import put, simulate
@@ -20,7 +20,7 @@ from tests.support.table import each_row
 def test_elaborates_with_the_ports_of_a_board(changes):
     model = random_integer_model(PRESETS["thesis"].replace(**changes), 1)
     images = None if model.config.hardware.loadable else memory_images(model.config, model.arrays)
-    text = rtlil.convert(BoardTop(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
+    text = rtlil.convert(Board(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
     top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
     ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
     unsure = {"\\unsure"} if model.config.network.margin_threshold else set()
@@ -33,10 +33,12 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
     config = random_integer_model(
         PRESETS["fabric"].replace(class_names=tuple(f"c{k}" for k in range(20)), decision="last"), 1
     ).config
-    dut = BoardTop(config, clock_hz=12e6, class_pins=class_pins)
-    assert class_pin_count(config, class_pins) == bits == len(dut.decision)
     accelerator = Silent(Accelerator(config, None))
     offered = accelerator.o
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(board, "make_accelerator", lambda *_: accelerator)
+        dut = Board(config, clock_hz=12e6, class_pins=class_pins)
+    assert class_pin_count(config, class_pins) == bits == len(dut.decision)
 
     async def bench(ctx):
         ctx.set(dut.rx, 1)
@@ -49,9 +51,7 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
             assert ctx.get(dut.decision_valid) == is_global
             assert ctx.get(dut.decision) == (1 << number if class_pins == "each" else number)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(board_top, "make_accelerator", lambda *_: accelerator)
-        simulate(dut, bench)
+    simulate(dut, bench)
 
 
 @each_row("decision", ["early", "vote"])

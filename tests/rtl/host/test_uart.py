@@ -1,8 +1,8 @@
-"""rtl/interface/uart_transmitter.py: what is on the line, cycle by cycle, of every byte, with and without gaps."""
+"""rtl/host/uart.py: what is on the line, cycle by cycle, of every byte, with and without gaps."""
 
 import random
 
-from eskin.rtl.interface.uart_transmitter import UartTransmitter
+from eskin.rtl.host.uart import UartTransmitter
 from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
