@@ -8,7 +8,7 @@ No label is looked at.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,8 +46,15 @@ class Hardening:
 
     stress: Stress
     screen: Screen | None = None
+    _known: dict[AcceleratorConfig, list[AcceleratorConfig]] = field(default_factory=dict, repr=False)
 
     def sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
+        """``_sturdier``, found once: folds ask again."""
+        if config not in self._known:
+            self._known[config] = self._sturdier(config)
+        return self._known[config]
+
+    def _sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with a tracked rest level, a clip near the largest deviations and two gates: the first of
         GATES that disturbances before the touch SELDOM open, and the first that they never do (else the one that
         they open least). Where it opens at once with each of CLIPS. A gate may miss hardly more touches."""
