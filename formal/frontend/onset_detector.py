@@ -279,11 +279,12 @@ def _touches(m: Module, config) -> None:
             m.d.sync += quiet.eq(Mux(met, 0, quiet + check))
             with m.If(~met & (quiet + check >= config.onset_rule.rearm_frames)):
                 m.d.sync += state.eq(State.ARMED)
-    prove(dut.status.armed == (state == State.ARMED), "armed")
-    prove(dut.status.touch == in_touch, "touch")
-    prove(dut.status.started <= left, "a touch starts with a frame's last beat")
+    status = dut.status
+    prove(status.armed == (state == State.ARMED), "armed")
+    prove(status.touch == in_touch, "touch")
+    prove(status.started <= left, "a touch starts with a frame's last beat")
     if not at_once:
-        prove(dut.status.started == (left & onset), "a touch starts with its onset")
+        prove(status.started == (left & onset), "a touch starts with its onset")
     if free_mode:
         prove(
             ~left | (dut.o.p.emit == (in_touch & boundary)),

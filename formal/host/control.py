@@ -89,9 +89,7 @@ def _twins(m: Module):
     more = Signal()
     free(more)
     ports = zip(left.signature.flatten(left), right.signature.flatten(right), strict=True)
-    m.d.comb += [
-        its.eq(mine) for (path, member, mine), (*_, its) in ports if member.flow is In and path[-1] != "w_stb"
-    ]
+    m.d.comb += [its.eq(mine) for (_, member, mine), (*_, its) in ports if member.flow is In]
     m.d.comb += right.bus.w_stb.eq(left.bus.w_stb | more)
     for name in ("clear", "restart", "finish", "mask", "busy", "due"):
         prove(getattr(left, name) == getattr(right, name), f"{name} is the same")
@@ -191,21 +189,18 @@ TAUGHT = CONFIG.replace(cell="linear", decision="last").with_readout(
 )
 def words_of_places(m: Module) -> None:
     dut = placed_free(HostControl(TAUGHT))
-    loader = dut.loader
+    loader, look = dut.loader, dut.teaching.look
     asked = dut.bus.r_stb & (dut.bus.addr == TeachRegister.PLACES)
     # what the readout holds: the word at the place looked at last, while it was free
     held, at = Signal(name="held"), Signal(len(loader.load.address), name="looked_at")
     written = dut.bus.w_stb | dut.load.enable
-    m.d.sync += held.eq((held | dut.teaching.look) & ~dut.loader.locked & ~written)
-    with m.If(dut.teaching.look):
+    m.d.sync += held.eq((held | look) & ~loader.locked & ~written)
+    with m.If(look):
         m.d.sync += at.eq(loader.load.address)
-    prove(
-        ~dut.given | (held & ~dut.teaching.look & ~dut.loader.locked & (at == loader.load.address)),
-        "the word of the place",
-    )
+    prove(~dut.given | (held & ~look & ~loader.locked & (at == loader.load.address)), "the word of the place")
     # ---- for the induction
     prove(held == dut.fresh, "the reference's own state")
-    prove(~held | dut.teaching.look | (at == loader.load.address), "the place stays")
+    prove(~held | look | (at == loader.load.address), "the place stays")
     was = Signal(len(loader.load.address), name="place_before")
     m.d.sync += was.eq(loader.load.address)
     moved = loader.load.address != was

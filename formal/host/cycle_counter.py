@@ -26,17 +26,16 @@ MOST = (1 << COUNTER_BITS) - 1
 )
 def longest(m: Module) -> None:
     dut = placed_free(CycleCounter())
+    frames, engine = dut.frames, dut.engine
     stops = dut.clear | dut.anew
     open_before, elapsed = Signal(name="open_before"), Signal(COUNTER_BITS, name="elapsed_here")
-    is_open = open_before | (dut.frames.offered & dut.frames.first)
-    m.d.sync += open_before.eq(is_open & ~(dut.frames.taken & dut.frames.last) & ~dut.clear)
-    counted = Mux(
-        dut.measure == 0, is_open, Mux(dut.measure == 1, dut.engine.slot_done, dut.engine.windows_open)
-    )
+    is_open = open_before | (frames.offered & frames.first)
+    m.d.sync += open_before.eq(is_open & ~(frames.taken & frames.last) & ~dut.clear)
+    counted = Mux(dut.measure == 0, is_open, Mux(dut.measure == 1, engine.slot_done, engine.windows_open))
     ended = Mux(
         dut.measure == 0,
-        dut.frames.taken & dut.frames.last,
-        Mux(dut.measure == 1, dut.engine.step_done, ~dut.engine.windows_open),
+        frames.taken & frames.last,
+        Mux(dut.measure == 1, engine.step_done, ~engine.windows_open),
     )
     counts, ends = before(counted & ~stops, "counts_now"), before(ended, "ends_now")
     m.d.sync += elapsed.eq(Mux(ends | stops, 0, elapsed + counts))

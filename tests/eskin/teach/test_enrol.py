@@ -305,7 +305,7 @@ def test_teaching_is_judged_from_no_touch_on(capsys):
         said = summary(["mounting"], [of_k])
         show("enrolments", **said, readout="prototypes", seeds=[7])
         assert capsys.readouterr().err.startswith(
-            "teach: prototypes" if touch else "do not teach, train further:"
+            "teach: the most touches" if touch else "do not teach, train further:"
         )
 
 
