@@ -373,7 +373,9 @@ def choose_formats(
     check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
     if not config.recurrent:
         feature = covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS)
-        feature = QFormat(feature.int_bits, min(feature.frac_bits, feature_frac_limit))
+        frac = min(feature.frac_bits, feature_frac_limit)
+        # features that are 0 in every training touch have no range; a format keeps at least 4 bits
+        feature = QFormat(max(feature.int_bits, 4 - frac), frac)
         gate_frac = config.formats.gate_frac if gate_bits is None else gate_bits
         return _linear_formats(config.replace(gate_frac=gate_frac), ranges, weight_bits, feature, lean, plain)
     weight_bits = weight_bits or WEIGHT_BITS

@@ -286,4 +286,4 @@ def test_the_spread_of_the_features_is_looked_for_once(monkeypatch):
     monkeypatch.setattr(
         preprocess, "find_touches", lambda *given, **options: calls.append(given) or real(*given, **options)
     )
-    assert len(sensor.disturbed(fresh, sensor.clipped(fresh, 1.0, []))) == 24 and len(calls) == 3
+    assert len(sensor.disturbed(fresh, sensor.clipped(fresh, 1.0, []))) == 24 and len(calls) == 2
