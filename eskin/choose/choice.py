@@ -373,6 +373,7 @@ def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, prices: Co
         "parameters": config.parameter_count,
         "seeds": len(record["seeds"]),
         "decision_time_s": record["decision_time_s"],
+        "scan_every": config.sensor.scan_every,
         "front_end": fields,
         "front_end_words": front_end_words(fields),
         "chosen": chosen,

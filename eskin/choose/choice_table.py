@@ -131,8 +131,9 @@ def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str
     joule = 1e6 * (best["energy_touch_j"] - taken["energy_touch_j"])
     points = 100 * (best["accuracy"] - taken["accuracy"])
     return (
-        f"{name} {network_name(best)} on {front_end_words(best['front_end'])} reaches {figure:.1%} and costs {joule:+.2f} uJ "
-        f"a touch, {best['cells'] - taken['cells']:+d} logic cells and {points:+.1f} points on undisturbed recordings."
+        f"{name} Of the candidates, {network_name(best)} with {front_end_words(best['front_end'])} does best there: "
+        f"{figure:.1%}. Against the chosen network it has {joule:+.2f} uJ a touch, "
+        f"{best['cells'] - taken['cells']:+d} logic cells and {points:+.1f} points on undisturbed recordings."
     )
 
 

@@ -314,11 +314,13 @@ class FrontEnds:
             recordings.samples[:: max(1, recordings.frames // 100_000)], (0.01, 0.99), axis=0
         )
         moves = (high - low)[high > low]
-        if len(moves) and moves.max() > UNEVEN * moves.min():
+        self.scales: tuple[str, ...] = ("array", "taxel")
+        if len(moves) and (uneven := moves.max() / moves.min()) > UNEVEN:
             self._base["feature_scale"] = "taxel"
-            self.reasons.append(
-                f"taxels differ by {moves.max() / moves.min():.3g} in range, so each has a scale of its own"
-            )
+            # beyond that one scale leaves the smallest fewer than 2 of a feature's 8 bits
+            self.scales = ("array", "taxel") if uneven <= UNEVEN**2 else ("taxel",)
+            trial = "is tried first" if len(self.scales) > 1 else "is the only one tried"
+            self.reasons.append(f"taxels differ by {uneven:.3g} in range, so one scale per taxel {trial}")
         self.looked_at = recordings.evenly(_how_many(recordings))
         self.recordings = recordings.subset(self.looked_at)
         self.inside = self.recordings.evenly(INSIDE_ON)
@@ -406,7 +408,7 @@ def search(judge: FrontEndScorer, prices: CostModel, brief: bool = False) -> lis
     means = judge.all(config for configs in close for config in configs)
     for one in means[:SURVIVORS]:
         config = one.candidate.front_end
-        judge.all(features(config, screen.knee(config)))
+        judge.all(features(config, screen.knee(config), judge.front_ends.scales))
     if not brief:
         judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
     judged = list(judge.judged.values())
@@ -628,9 +630,8 @@ def block_of(hop: int) -> int:
     return max(block for block in range(1, min(64, max(hop // 4, 1)) + 1) if hop % block == 0)
 
 
-def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
-    """``config`` with every kind of feature, as far as the network's inputs go, on both scales; where it has a
-    scale a taxel already, on that: its taxels differ."""
+def features(config: AcceleratorConfig, knee: int, scales: Sequence[str]) -> list[AcceleratorConfig]:
+    """``config`` with every kind of feature, as far as the network's inputs go, on each of the scales."""
     block = block_of(config.windows.hop)
     small, large, middle = ("change", 1), ("sum", block), ("change", block)
     kinds: list[tuple[tuple[str, ...], tuple[str, int]]] = [(("mean",), ("sum", 1))]
@@ -639,7 +640,6 @@ def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
         kinds += [(("activity",), small)]
         kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
     kinds += [(("mean", "integral"), ("sum", 1))]
-    scales = ("taxel",) if config.features.feature_scale == "taxel" else ("array", "taxel")
     candidates = []
     for kind, (rule, length) in kinds:
         changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)

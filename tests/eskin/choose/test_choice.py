@@ -49,6 +49,7 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     assert all(row["fits"] == "icebreaker" for row in rows)
     # recurrent ones had 6 updates
     assert chosen["cell"] == "linear" == record["config"]["network"]["cell"] and chosen["accuracy"] > 0.9
+    assert chosen["scan_every"] == chosen["front_end"]["scan_every"]
     assert chosen["multiplies_touch"] == chosen["front_end"]["steps"] * 12 * 3
     assert chosen["front_end"]["feature_kinds"] == record["front_end"]["chosen"]["feature_kinds"]
     (split,) = record["cross_validation"]

@@ -243,7 +243,7 @@ def test_columns_of_mixed_ranges_have_a_scale_each():
     front_end = choose_front_end(archive(parts, labels), priced())
     assert {one.config.features.feature_scale for one in front_end.screened} == {"taxel"}
     assert front_end.screened[0].accuracy > 0.9
-    assert any("each has a scale of its own" in reason for reason in front_end.reasons)
+    assert any("per taxel is the only one tried" in reason for reason in front_end.reasons)
     alike = archive([part[:, :4] for part in parts], labels)
     scales = {one.config.features.feature_scale for one in choose_front_end(alike, priced()).screened}
     assert scales == {"array", "taxel"}

@@ -187,4 +187,4 @@ def test_what_small_columns_tell_is_found_beside_large_ones():
     assert front_end.screened[0].accuracy > 0.9
     one = recordings_of(mixed() | {"channel_names": np.array(list("abcde"))}, "one scale")
     uneven = choose_front_end(one, priced())
-    assert any("differ by" in reason and "scale of its own" in reason for reason in uneven.reasons)
+    assert any("differ by" in reason and "scale per taxel" in reason for reason in uneven.reasons)
