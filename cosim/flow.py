@@ -156,6 +156,7 @@ def cosim(
     hardware: Hardware | None = None,
     waves: bool = True,
     cocotb: Sequence[int] | None = None,
+    threads: int | None = None,
     work: Path,
     builds: Path,
 ) -> Record:
@@ -185,6 +186,8 @@ def cosim(
         Positions of the recordings that are played under cocotb; the others are played in bulk in this process
         (`eskin.cosim.bulk`). Default: all, but with ``compiled``. What the process cannot play goes under cocotb, too:
         Icarus, a board's netlist, a converter, stalls, ``probe``.
+    threads:
+        Threads that play in bulk; default: one per core.
     work:
         Folder for settings, log, answer and waves; made when absent.
     builds:
@@ -235,7 +238,7 @@ def cosim(
     for positions, model in ((shown, None), (others, here)):
         if positions:
             part = run.of_recordings(positions)
-            results.append(_played(part, model, settings, played, Path(work), waves=waves))
+            results.append(_played(part, model, settings, played, Path(work), waves=waves, threads=threads))
     return joined(config, results)
 
 
@@ -247,6 +250,7 @@ def _played(
     work: Path,
     *,
     waves: bool,
+    threads: int | None,
 ) -> Record:
     """The result of recordings played under cocotb, or in bulk with the model ``here``; played: as of `result_of`."""
     begun = time.monotonic()
@@ -263,7 +267,7 @@ def _played(
             probes=run.hardware.probes,
             period=run.settings["period"],
             seed=played["seed"],
-            threads=1 if run.simulator == COMPILED else os.cpu_count() or 1,
+            threads=1 if run.simulator == COMPILED else threads or os.cpu_count() or 1,
         )
         wall_s = time.monotonic() - begun
     result = result_of(run, said, played, wall_s=wall_s, in_bulk=here is not None)

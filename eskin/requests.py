@@ -518,6 +518,9 @@ class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
         Literal["verilator", "icarus", "compiled"] | None,
         option("Simulator; compiled is for chips. Default: compiled for chips, else verilator."),
     ] = None
+    jobs: Annotated[int | None, option("Recordings played side by side. Default: one per core.", min=1)] = (
+        None
+    )
     level: Annotated[Literal["rtl", "netlist"], option("Generated Verilog, or its netlist.")] = "rtl"
     target: Annotated[str | None, option("Part of the netlist: a board such as icebreaker, or asic.")] = None
     pdk: Annotated[str | None, option("Chip: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None

@@ -113,8 +113,8 @@ def cosim(request: CosimRequest) -> Record:
         if lowest:
             result = cosimulate(integer, played, numbers=numbers, work=work, **options)
         else:
-            where = Jobs(dask=request.dask, progress=report, version=cosim_job.CODE)
-            options["bench"] = request.bench
+            where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=cosim_job.CODE)
+            options |= {"bench": request.bench, "threads": request.jobs}
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
