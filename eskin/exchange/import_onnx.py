@@ -22,7 +22,6 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import Float, constants_shape, network_shapes, run_cell
 from eskin.training.formats import with_network
 
-SUFFIX = ".onnx"
 METADATA = "eskin_model"
 """Entry in which an exported file keeps configuration and normalisation."""
 MOST_BYTES = 64 << 20
@@ -111,8 +110,8 @@ class Graph:
             raise InputError(
                 f"network '{path}': has {len(inputs)} inputs ({names:.80}); save one that takes features alone"
             )
-        self.input, self.outputs = inputs[0].name, [value.name for value in self.graph.output]
-        self.ends = self.input, *self.outputs[:1]
+        self.input = inputs[0].name
+        self.ends = self.input, *(value.name for value in self.graph.output[:1])
         self.dims = [dim.dim_value for dim in inputs[0].type.tensor_type.shape.dim]
 
     def refuse(self, node: onnx.NodeProto, why: str) -> NoReturn:

@@ -160,7 +160,7 @@ def train_folds(
 ) -> list[Trained]:
     """The network of each job, quantised with ranges of its own training part, or trained on in integers.
 
-    Networks of one configuration and recipe train at once. Pieces with the same training part share one
+    Networks of one configuration and recipe train at once. Jobs with the same training part share one
     network.
     """
     outcomes: dict[int, Trained] = {}

@@ -1,7 +1,7 @@
 """The integer half of a model folder: the float network rounded, or trained on as integers."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +21,7 @@ from eskin.training.image_formats import (
     integers_of,
     profile_images,
 )
+from eskin.training.losses import Progress
 from eskin.training.prototypes import of_recordings, training_groups
 from eskin.training.quantise import (
     LAST_LOGIT,
@@ -35,8 +36,6 @@ from eskin.training.quantise import (
 from eskin.training.recipe import noted_recipe
 from eskin.training.train_images import ImageRecipe, tune_network
 from eskin.training.trained import Trained, load_trained, written_by
-
-Progress = Callable[[int, int], None]
 
 
 def _noted_ranges(

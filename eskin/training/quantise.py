@@ -68,7 +68,7 @@ SIGNALS = {
 """Signals whose ranges are profiled, and the format that each is noted with."""
 
 LINEAR_SIGNALS = ("feature", COVERED_FEATURE, "dense", "dense bias", "logit", LAST_LOGIT)
-"""Format fields of a linear cell."""
+"""Signals of a linear cell."""
 
 LOGIT_HEADROOM = 2.0
 """Logits outside the profiled recordings may be this many times larger before they saturate."""

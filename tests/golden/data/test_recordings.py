@@ -143,13 +143,6 @@ def test_a_bad_archive_is_refused_with_file_array_and_fix(tmp_path, changes, sen
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
-def flip(path: Path) -> None:
-    """The bytes of one array: the archive's checksum must notice."""
-    content = bytearray(path.read_bytes())
-    content[content.index(b"labels.npy") + 160] ^= 255
-    path.write_bytes(content)
-
-
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(place=st.floats(0, 0.999), value=st.integers(0, 255))
 def test_a_changed_byte_is_noticed_or_harmless(tmp_path_factory, place, value):
