@@ -231,7 +231,7 @@ def choose_front_end(
         "recordings": len(recordings),
         "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
         "tie": "at most one standard error of the paired difference over recordings worse than the best; a tie goes "
-        "to the least {prices.prefer}",
+        f"to the least {prices.prefer}",
         "level_alone": alone,
         "wall_s": time.perf_counter() - began,
     }
@@ -539,7 +539,8 @@ def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
             )
     if plan.screened and taken.front_end != plan.config:
         reasons.append(
-            "the network uses another front end than the linear classifier: {front_end_words(front_end_fields(taken.front_end))}"
+            "the network uses another front end than the linear classifier: "
+            f"{front_end_words(front_end_fields(taken.front_end))}"
         )
     return reasons
 

@@ -358,7 +358,11 @@ class _Choice:
         these are in reach of it."""
         prices, effort, front_ends = self.prices, self.effort, self.front_ends
         recurrent, network = calm.config.recurrent, calm.config.network
-        possible = partial(self._alike, network.cell, network.hidden if recurrent else None)
+        units = network.hidden if recurrent else None
+
+        def possible(on: AcceleratorConfig, fit: str = "") -> Candidate | None:
+            return self.options.possible(on, network.cell, units, fit)
+
         on = calm.candidate.front_end
         every = dict.fromkeys([on, *hardening.denser(on), *front_ends.smaller, *front_ends.rivals])
         # a recurrent network takes seconds
@@ -371,7 +375,7 @@ class _Choice:
             ahead = max(in_reach(self.tried, calm, prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
             on, fit = ahead.candidate.front_end, fit_of(ahead)
             if recurrent:
-                further = [self._alike(network.cell, network.hidden + 4, on, fit)]
+                further = [self.options.possible(on, network.cell, network.hidden + 4, fit)]
             else:
                 further = [possible(longer, fit) for longer in hardening.longer(on)]
             if not (yield from self.stable(further, calm)):
@@ -390,9 +394,6 @@ class _Choice:
             for one in self.tried
         ]
         return stablest.candidate
-
-    def _alike(self, cell: str, hidden: int | None, on: AcceleratorConfig, fit: str = "") -> Candidate | None:
-        return self.options.possible(on, cell, hidden, fit)
 
     def in_price(self, candidates: Iterable[Candidate | None], calm: ScoredCandidate) -> list[Candidate]:
         unique = dict.fromkeys(candidates)

@@ -30,7 +30,7 @@ GATES = (
 the rule's mean for four judged frames."""
 
 SELDOM = 0.1
-"""Share of recordings, summed over disturbances."""
+"""Disturbances open a gate seldom where the shares of recordings in which each opens it sum to this at most."""
 
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
 """A sturdier clip is so many times what this share of a touch's samples is beyond."""
@@ -41,8 +41,10 @@ LONGER = (1.15, 1.33, 2.0)
 
 @dataclass(frozen=True, eq=False)
 class Hardening:
-    """Inputs of the search for sturdier front ends. stress: the disturbances. screen: the touches of front ends; None: the
-    front end is given and stays."""
+    """Sturdier front ends for networks that are judged under disturbance.
+
+    stress: the disturbances. screen: the touches of front ends; None: the front end was asked for and stays.
+    """
 
     stress: Stress
     screen: Screen | None = None
@@ -57,7 +59,8 @@ class Hardening:
     def _sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with a tracked rest level, a clip near the largest deviations and two gates: the first of
         GATES that disturbances before the touch SELDOM open, and the first that they never do (else the one that
-        they open least). Where it opens at once with each of CLIPS. A gate may miss hardly more touches."""
+        they open least). A gate may miss hardly more touches. Where ``config`` opens at once: with each of CLIPS
+        alone."""
         if self.screen is None or config.onset_rule.onset == "band":
             return []
         level = config if config.opens_at_once else valid(config, rest="tracked")

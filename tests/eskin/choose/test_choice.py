@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from eskin.choose import choice as choosing
-from eskin.choose.choice import choose_inside, configure, inner_folds, train_chosen, unseen
+from eskin.choose.candidate import Candidate, ScoredCandidate
+from eskin.choose.choice import Plan, choose_inside, configure, inner_folds, train_chosen, unseen
 from eskin.choose.networks import SearchOptions
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
@@ -57,6 +58,7 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     assert record["front_end"]["chosen"]["rest"] == "none" and record["front_end"]["rivals"]
     assert record["baselines"][0]["groups"] == ["person"] and record["baselines"][0]["accuracy"] > 0.9
     assert any("network chosen among" in reason for reason in record["reasons"])
+    assert record["front_end"]["tie"].endswith("a tie goes to the least energy")
     assert [doubt["text"] for doubt in record["doubts"]] == record["warnings"]
     # of known persons more is known than of new ones
     assert record["same_groups"]["integer_accuracy"] >= split["nested"]["integer_accuracy"]
@@ -65,6 +67,14 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     assert all(fold["front_end"]["rest"] == "none" for fold in nested["per_fold"])
     assert json.loads((tmp_path / "m/training.json").read_text()) == record
     assert quantise(tmp_path / "m").config.network.cell == "linear"
+
+
+def test_a_reason_names_another_front_end_than_the_linear_classifiers():
+    one = Candidate.screened(CONFIG)
+    plan = Plan(CONFIG, [], [], "", priced(), screened=(ScoredCandidate(one, np.ones(2)),))
+    assert choosing._reasons(plan, one, []) == []
+    (reason,) = choosing._reasons(plan, Candidate.screened(CONFIG.replace(steps=1)), [])
+    assert "another front end than the linear classifier: " in reason and ", 1 window of" in reason
 
 
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
