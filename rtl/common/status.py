@@ -46,9 +46,9 @@ TEACHING = wiring.Signature(
 )
 """Commands to a readout that is taught, and its answers.
 
-teach, forget: pulses. label: the class. option: of the next touch, of all classes. loaded: of the touch whose codes
-the host has written into the touch's own place. locked: a touch is open. look: read the word at the load port's
-address, only while the readout is idle; place: that word from the next cycle on, while the address stays and nothing
-else happens. refused: pulse, a command was not, or will not be, done. done: pulse, a touch is taught. in_use: places
-that hold a taught touch.
+teach, forget: pulses. label: the class. option: teach the next touch; forget all classes. loaded: teach the touch
+whose codes the host has written into the touch's own place. locked: a touch is open. look: read the word at the load
+port's address, only while the readout is idle; place: that word from the next cycle on, while the address stays and
+nothing else happens. refused: pulse, the readout ignored a command. done: pulse, a touch is taught. in_use: number
+of places that hold a taught touch.
 """
