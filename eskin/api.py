@@ -22,7 +22,7 @@ from eskin.choose.cost import Prefer
 from eskin.data import load_recordings
 from eskin.data.fit import check_fit, for_model
 from eskin.estimator import Estimator, probabilities
-from eskin.golden.core import AcceleratorConfig, InputError, Record, array_of
+from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, array_of
 from eskin.golden.data import Recordings
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import (
@@ -46,9 +46,6 @@ if TYPE_CHECKING:
 
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
 """One recording (frames, taxels), several of them, or a set of recordings."""
-
-Progress = Callable[[str, int, int], None]
-"""Called with (what is being done, how much of it is done, how much there is)."""
 
 
 Simulator = Literal["verilator", "icarus"]

@@ -31,7 +31,7 @@ from scipy.linalg import solve
 from eskin.choose.candidate import Candidate, ScoredCandidate, best_of, choose
 from eskin.choose.cost import CostModel
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Progress, QFormat, Record
 from eskin.golden.core.groups import Features
 from eskin.golden.data import Recordings
 from eskin.golden.data.codes import UNEVEN
@@ -308,7 +308,7 @@ class FrontEnds:
         As ``sensor_sizes``.
     """
 
-    def __init__(self, recordings: Recordings, progress: Callable[[str, int, int], None] | None = None):
+    def __init__(self, recordings: Recordings, progress: Progress | None = None):
         self._base, self.reasons = sensor_sizes(recordings)
         low, high = np.quantile(
             recordings.samples[:: max(1, recordings.frames // 100_000)], (0.01, 0.99), axis=0

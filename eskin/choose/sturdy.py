@@ -15,6 +15,7 @@ import numpy as np
 from eskin.choose.candidate import CLEAN_LOSS, Stress
 from eskin.choose.front_ends import Screen, block_of, scanning_half, valid
 from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data.codes import UNEVEN
 
 GATES = (
     (1, 1, 1.0),
@@ -69,8 +70,13 @@ class Hardening:
         touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
         # what is not taken off is no deviation, so less of it may be cut
         share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
-        most = np.quantile(np.concatenate(touched), 1 - share)
-        clips = [min(max(int(np.ceil(over * most)), 1), config.rest_level.clip or 65535) for over in CLIPS]
+        deviations, before = np.concatenate(touched), config.rest_level.clip
+        most, spans = np.quantile(deviations, 1 - share), np.quantile(deviations, 1 - share, axis=0)
+        clips = [min(max(int(np.ceil(over * most)), 1), before or 65535) for over in CLIPS]
+        if spans.max() > UNEVEN**2 * max(spans.min(), 1):
+            clips = [
+                before
+            ]  # columns of different kinds: one clip would cut those of the largest codes alone
         if config.opens_at_once:
             found = [valid(level, clip=clip) for clip in clips]
         else:
@@ -85,7 +91,7 @@ class Hardening:
         for hits, span, over in GATES:
             threshold = max(1, round(over * rule.onset_threshold))
             gate = dict(onset_hits=hits, onset_span=span, onset_threshold=threshold)
-            one = valid(level, clip=max(clip, 2 * threshold), **gate)
+            one = valid(level, clip=clip and max(clip, 2 * threshold), **gate)
             opened = self.stress.false_onsets(one) if one else np.inf
             if one and opened < least and len(self.screen.touches(one)) >= fewest:
                 if least > SELDOM >= opened > 0:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from eskin.choose.front_ends import Decide, Screen, blocked_ridge, others
-from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.core import AcceleratorConfig, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.training.fit import one_thread
 from eskin.training.splits import split_folds
@@ -138,7 +138,7 @@ def yardsticks(
     config: AcceleratorConfig,
     groups: Sequence[str],
     folds: int,
-    progress: Callable[[str, int, int], None] = lambda task, done, total: None,
+    progress: Progress = lambda task, done, total: None,
 ) -> list[Record]:
     """Accuracies of other classifiers when ``groups`` are left out: support vectors on the network's
     features, and on whole recordings a linear classifier, support vectors and a random forest.

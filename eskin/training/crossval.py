@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.core import AcceleratorConfig, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, decide_touches
 from eskin.golden.model.pipeline import by_recording
@@ -18,9 +18,6 @@ from eskin.training.fit import fine_tune, fit_networks, post_training
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import held_out, split_folds
 from eskin.training.times import step_rows, step_times
-
-Progress = Callable[[str, int, int], None]
-"""Called with (what, updates done, updates in all)."""
 
 
 def cross_validate(

@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 
 from eskin.data.fit import check_fit
-from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Record, content_key
+from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Progress, Record, content_key
 from eskin.golden.core.images import network
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, images_of
 from eskin.golden.model.image_network import image_seconds
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.training.crossval import FoldDecisions, Progress, named, split_record
+from eskin.training.crossval import FoldDecisions, named, split_record
 from eskin.training.fit import one_thread
 from eskin.training.image_formats import profile_images
 from eskin.training.level import is_level

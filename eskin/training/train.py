@@ -11,10 +11,10 @@ import numpy as np
 import torch
 
 from eskin.data.fit import check_fit
-from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.core import AcceleratorConfig, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, decide_touches
-from eskin.training.crossval import Progress, cross_validate, named
+from eskin.training.crossval import cross_validate, named
 from eskin.training.datasets import Datasets, touch_rows
 from eskin.training.fit import fit_networks
 from eskin.training.losses import Callback, EpochReporter

@@ -29,8 +29,7 @@ from eskin.training.image_formats import (
     profile_images,
     quantised,
 )
-
-Progress = Callable[[int, int], None]
+from eskin.training.losses import Progress
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -120,12 +120,6 @@ def test_the_accumulator_holds_the_worst_row_and_a_bit_less_does_not(formats):
 def test_what_no_hardware_holds_is_refused_in_a_sentence():
     with pytest.raises(
         InputError,
-        match="field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need 3.; use "
-        "plain",
-    ):
-        WIDE.with_lanes(4, "dsp")
-    with pytest.raises(
-        InputError,
         match="field weight_format: needs a .*-bit accumulator in the worst case, above the limit of 48",
     ):
         WIDE.replace(bias_format=QFormat(31, -15))

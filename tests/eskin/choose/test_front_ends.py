@@ -18,6 +18,7 @@ from eskin.choose.front_ends import (
     blocked_ridge,
     listed,
 )
+from eskin.choose.sturdy import Hardening
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
@@ -231,22 +232,26 @@ def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
     assert "name these in an array of the archive and give it with --group" in doubt["text"]
 
 
-def test_columns_of_mixed_ranges_have_a_scale_each():
+def test_columns_of_mixed_ranges_have_a_scale_each_and_share_no_clip():
     """An encoder turns by thousands of codes and tells nothing; what tells the class moves by forty."""
     rng = np.random.default_rng(6)
     parts = []
     for i in range(60):
-        frames = rng.normal(500, 4, (120, 5)) + 40 * (np.arange(5) == i % 3)
+        frames = rng.normal(300, 4, (120, 5)) + 40 * (np.arange(5) == i % 3)
         frames[:, 4] = 30_000 + rng.uniform(-9000, 9000)
         parts.append(np.rint(frames))
     labels = [i % 3 for i in range(60)]
-    front_end = choose_front_end(archive(parts, labels), priced())
+    mixed = archive(parts, labels)
+    front_end = choose_front_end(mixed, priced())
     assert {one.config.features.feature_scale for one in front_end.screened} == {"taxel"}
     assert front_end.screened[0].accuracy > 0.9
     assert any("per taxel is the only one tried" in reason for reason in front_end.reasons)
+    plain = front_end.screened[0].candidate.front_end.replace(rest="none", clip=0)
+    assert Hardening(None, Screen(mixed)).sturdier(plain) == []  # they share no clip
     alike = archive([part[:, :4] for part in parts], labels)
-    scales = {one.config.features.feature_scale for one in choose_front_end(alike, priced()).screened}
-    assert scales == {"array", "taxel"}
+    fewer = choose_front_end(alike, priced()).screened
+    assert {one.config.features.feature_scale for one in fewer} == {"array", "taxel"}
+    assert Hardening(None, Screen(alike)).sturdier(fewer[0].candidate.front_end.replace(rest="none", clip=0))
 
 
 def lasting(lengths, tells: int, height: int = 20, count: int = 80, seed: int = 5) -> Recordings:

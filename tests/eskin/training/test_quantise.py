@@ -189,16 +189,11 @@ def test_widths_that_cannot_work_are_refused_and_nothing_changes(tmp_path, width
     assert contents(tmp_path) == before
 
 
-def test_weights_of_16_bits_widen_the_accumulator_and_dsp_lanes_refuse_them():
+def test_weights_of_16_bits_widen_the_accumulator():
     model = float_model()
     ranges = profile(model, find_touches(SMALL, scene(20, seed=2)))
     config = quantise_model(model, ranges, weight_bits=16, feature_bits=16).config
     assert config.weight_bits == 16 and 32 < config.accumulator_bits <= 48 and config.addend_parts == 3
-    dsp = FloatModel(model.config.with_lanes(4, "dsp"), model.arrays)
-    with pytest.raises(
-        InputError, match="field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need"
-    ):
-        quantise_model(dsp, ranges, weight_bits=16, feature_bits=16)
 
 
 UNIT = dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias", "logit"), (-1.0, 1.0))
