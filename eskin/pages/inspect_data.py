@@ -10,7 +10,7 @@ import numpy as np
 
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
-from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
+from eskin.golden.core import NETWORKS, InputError, Record, replacing
 from eskin.golden.core.images import layer_stages, network
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
