@@ -268,6 +268,7 @@ def test_blank_lines_and_rows_of_separators_part_recordings(tmp_path):
     [
         ("sep=;\ntime;a;b;c", lambda row: row.replace(",", ";"), []),
         ('"sep=,"\ntime,a,b,c', lambda row: row, []),
+        ("sep=|\ntime|a|b|c", lambda row: row.replace(",", "|"), []),
         ("time,a,b,c,sampling_hz", lambda row: f"{row},100", ["'sampling_hz' is called like a rate"]),
         ("time,a,b,c,heart_rate", lambda row: f"{row},61.5", ["'heart_rate' is called like a rate"]),
         ("a,b,c,Fs", lambda row: f"{row.partition(',')[2]},100", ["'Fs' is called like a rate"]),
