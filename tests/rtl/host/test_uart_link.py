@@ -186,30 +186,6 @@ PACKETS = [
 ]
 
 
-@each_row("seed", range(2))
-def test_damage_anywhere_then_everything_again_acts_exactly_once(seed):
-    rng = random.Random(seed)
-    line = [*b"".join(PACKETS)]
-    for _ in range(3):
-        at = rng.randrange(len(line))
-        byte = line[at] if isinstance(line[at], int) else 0
-        line[at : at + 1] = rng.choice(
-            [
-                [],
-                [byte] * 2,
-                [byte ^ 1 << rng.randrange(8)],
-                [(byte, 0)],
-                [(0, 0)] * 3,
-                [*rng.randbytes(9)],
-                [*link.read_packet(3), byte],
-            ]
-        )
-    seen = play([*line, *[None] * 30, *b"".join(PACKETS), *[None] * 3, *link.read_packet(0)])
-    assert seen.frames == SAMPLES[:3] and seen.writes == [(2, 0x7E7D), (0xB, 7)] and seen.expected == 5
-    last = link.parse(seen.bodies[-1])
-    assert (last.address, last.expected) == (0, 5) and not seen.damaged
-
-
 def flipped(packet: bytes) -> bytes:
     """The packet with a bit flipped, once in each of its bytes."""
     rng = random.Random(6)
