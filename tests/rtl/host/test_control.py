@@ -61,30 +61,6 @@ def test_identity_masks_and_unknown_addresses():
     play(body)
 
 
-@each_row(
-    ("changes", "there"),
-    [({}, {*range(10), 0x10, 0x11}), ({"fault_frames": 16}, {*range(10), 0x10, 0x11, 0x20, 0x21})],
-)
-def test_an_address_without_a_register_is_flagged(changes, there):
-    """Five bits of it were decoded: writing 0x22 armed, reading 0x20 gave the identity."""
-
-    async def body(ctx, dut, write, read):
-        for address in range(256):
-            ctx.set(dut.bus.addr, address)
-            await ctx.tick()
-            assert await read(Register.FAULTS) == 0, "only an access counts"
-            value = await read(address)
-            assert address in there or value == 0, hex(address)
-            for access in ("read", "written"):
-                assert await read(Register.FAULTS) == (0 if address in there else Fault.ADDRESS), hex(address)
-                await write(Register.CONTROL, Control.CLEAR_FAULTS)
-                if address not in there and access == "read":
-                    await write(address, 0xFFFF)
-                    assert not ctx.get(dut.clear) and not ctx.get(dut.busy), hex(address)
-
-    play(body, **changes)
-
-
 def test_loading_and_a_refused_write():
     async def body(ctx, dut, write, read):
         load, line = dut.load, {select: 1 << line for select, line in load_lines(dut._config).items()}
