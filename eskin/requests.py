@@ -194,6 +194,7 @@ class ConvertRequest:
         str | None,
         option("Column, attribute, array or topic that names the class.", "--class", metavar="NAME"),
     ] = None
+    delimiter: Annotated[str | None, option("Separator of cells: a character, tab or blank.")] = None
     samples: Annotated[
         str | None, option("Array (.mat, .h5) or topic (log) of the samples.", metavar="NAME")
     ] = None
