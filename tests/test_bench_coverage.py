@@ -35,7 +35,6 @@ PORTS = {
     "onset detector": "front_end.onset_detector.o",
     "ring": "front_end.pretrigger_ring.o",
     "window averager": "front_end.window_averager.o",
-    "compander": "front_end.compander.o",
     "normaliser": "front_end.normaliser.o",
     "decisions out": "o",
 }
@@ -365,7 +364,7 @@ def collect(coverage: Coverage) -> None:
         chain.check(model, data, streams)
 
     exact(chain.CONFIGS["thesis, defended"], 11, stall=0.4, during=_registers)
-    exact(chain.CONFIGS["tracked, free, companded"], 9, stall=0.4)
+    exact(chain.CONFIGS["tracked, free, masked"], 9, stall=0.4)
     exact(chain.CONFIGS["thesis"], 0, stall=0.9, lengths=(100,))
     exact(chain.CONFIGS["tracked, touch windows, LSTM"], 7, forced=True, stall=0.4)
     exact(chain.tracked(cell="lstm", state_format=QFormat(4, 12)), 7, forced=True)
@@ -434,12 +433,7 @@ def test_what_is_counted_is_what_happened():
     assert sum(
         seen[f"tables: {table}, {half} half"] for table in ("sigmoid", "tanh") for half in ("lower", "upper")
     ) == (3 * len(streams["state"]) + 1 + seen["detector: touch begins"])
-    assert {
-        "saturation: value low",
-        "faults: CHECKSUM",
-        "registers: VERSION read",
-        "ports: compander moves",
-    } <= set(coverage.holes())
+    assert {"saturation: value low", "faults: CHECKSUM", "registers: VERSION read"} <= set(coverage.holes())
 
 
 def test_a_hang_is_flagged_until_cleared():

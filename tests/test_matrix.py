@@ -185,7 +185,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
     (("quantise --readout",), ("image",), "--readout: models for images have none"),
     (
-        ("enrol", "enrol --teach", "asic", "stability", "import"),
+        ("enrol", "enrol --teach", "asic", "stability", "import", "watch"),
         ("image",),
         "is a network for images, which this verb does not take",
     ),
