@@ -194,6 +194,7 @@ class ConvertRequest:
         str | None,
         option("Column, attribute, array or topic that names the class.", "--class", metavar="NAME"),
     ] = None
+    delimiter: Annotated[str | None, option("Separator of cells: a character, tab or blank.")] = None
     samples: Annotated[
         str | None, option("Array (.mat, .h5) or topic (log) of the samples.", metavar="NAME")
     ] = None
@@ -433,7 +434,6 @@ class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
     latency_budget: Annotated[float | None, option("Maximum time from features to decision, in seconds.")] = (
         None
     )
-    seeds: Annotated[int | None, option("Seeds per point. Default: 3; images 1.", min=1, max=100)] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,6 +53,7 @@ def convert(request: ConvertRequest) -> None:
         columns=tuple(parse_names(request.columns or "")),
         recording=request.recording,
         label=request.class_,
+        delimiter=request.delimiter,
         samples=request.samples,
         labels=request.labels,
         clock=request.clock,

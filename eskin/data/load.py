@@ -126,7 +126,7 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
 
     suffix = path.suffix.lower()
     if suffix in TEXT:
-        return [read_text(path)]
+        return [read_text(path, reading)]
     if not is_log(path):
         check_regular(path, refuse)
     try:

@@ -184,7 +184,7 @@ def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
 def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
     """The rows of a table of times in order: start, end (ns) and class, then its other columns. Seconds count
     from the first frame, or as the clock of ``times`` where they begin after its last."""
-    table = read_text(path)
+    table = read_text(path, Reading())
     names = [name.lower() for name in table.names]
     if missing := {"start", "end", "class"} - {*names}:
         table.refuse(f"has no column {min(missing)}; give start, end and class, one row per recording", 0)

@@ -312,8 +312,7 @@ class _Meaning:
                 self._group(table.names[column], self.fact(column), called)
         if not taxels:
             table.refuse(
-                "has no column left for taxels; choose them with --columns, or say what separates them: "
-                "a first line such as sep=;"
+                "has no column left for taxels; choose them with --columns, or what separates them with --delimiter"
             )
         self._check_sorted([*self.taken, *self._named(_GROUPS)])
         if self.time is not None:

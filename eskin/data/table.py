@@ -32,7 +32,7 @@ class Reading:
     """The user's remarks about a source; None and empty: to be found out.
 
     rate_hz: frames a second. recording, label: columns, by name or by number from 1, or an attribute. columns:
-    the taxels. scale: what one code is worth. samples: array of a .mat or
+    the taxels. delimiter: what separates columns. scale: what one code is worth. samples: array of a .mat or
     HDF5 file, topic of a log. labels: of a log, a table of times. clock: whose times the frames of a log have,
     log or header.
     """
@@ -41,6 +41,7 @@ class Reading:
     columns: tuple[str, ...] = ()
     recording: str | None = None
     label: str | None = None
+    delimiter: str | None = None
     scale: Worth | None = None
     samples: str | None = None
     labels: Path | None = None

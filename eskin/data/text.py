@@ -19,11 +19,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from eskin.data.table import NUMBER, Table, check_regular
+from eskin.data.table import NUMBER, Reading, Table, check_regular
 from eskin.golden.core import InputError
 
-DELIMITERS = ";\t, "
-NAMED = "name what separates its cells in a first line such as sep=;"
+DELIMITERS = {";": "semicolon", "\t": "tab", ",": "comma", " ": "blank"}
 LONGEST_LINE = 100_000
 """Letters; 256 taxels take 8000 at most."""
 
@@ -35,8 +34,13 @@ _HEAD = re.compile(
 """LabVIEW's head, of a file and of each segment."""
 
 
-def read_text(path: Path) -> Table:
+def read_text(path: Path, reading: Reading) -> Table:
     """The cells of a text file.
+
+    Parameters
+    ----------
+    reading:
+        Its delimiter counts.
 
     Raises
     ------
@@ -45,7 +49,7 @@ def read_text(path: Path) -> Table:
     """
     import pandas as pd
 
-    file = _File(path)
+    file = _File(path, reading.delimiter)
     names, units = file.header()
     comma = file.decimal_comma()
     width, most = file.width(len(names))
@@ -86,21 +90,19 @@ class _File:
     heads: LabVIEW's fields of each segment, the first with those of the file.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, asked: str | None) -> None:
         self.path, self.lvm = path, path.suffix.lower() == ".lvm"
         self.quoting: Any = csv.QUOTE_NONE if self.lvm else csv.QUOTE_MINIMAL
         self.notes: list[str] = []
         self.lines = self._decoded().splitlines()
         excel = re.fullmatch(r'"?sep=(.)"?[;,]*', self.lines[0], re.I) if self.lines else None
         if excel:
-            self.lines[0] = ""
+            self.lines[0], asked = "", asked or excel[1]
         self.heads, self.breaks = self._without_heads() if self.lvm else ([{}], [])
         self.rows = self._rows()
-        separator = self.heads[0].get("Separator")
-        if separator:
-            self.delimiter = "," if separator[0] == "Comma" else "\t"
-        else:
-            self.delimiter = self._found(excel and excel[1])
+        if asked is None and self.heads[0].get("Separator"):
+            asked = {"Comma": ",", "Semicolon": ";"}.get(self.heads[0]["Separator"][0], "\t")
+        self.delimiter = self._found(asked)
 
     def refuse(self, why: str, row: int | None = None) -> NoReturn:
         """Raise InputError about the file, or a line of it."""
@@ -124,8 +126,10 @@ class _File:
         heads: list[dict[str, list[str]]] = []
         ends: list[int] = []
         text = "\n".join(self.lines)
+        comma = re.search(r"^Separator,", text, re.M)
+        cells = re.compile("," if comma else r"[\t;]")
         for match in _HEAD.finditer(text):
-            rows = [[cell.strip() for cell in re.split(r"[\t;]", line)] for line in match[0].split("\n")]
+            rows = [[cell.strip() for cell in cells.split(line)] for line in match[0].split("\n")]
             fields = {name: cells for name, *cells in rows}
             start = text.count("\n", 0, match.start())
             if heads and not any(map(str.strip, self.lines[ends[-1] + 1 : start])):
@@ -175,8 +179,11 @@ class _File:
         a comma may be a decimal point where another separator is used."""
         shown = self.rows[:200]
         if asked is not None:
-            if asked.isalnum() or asked in '".-+':
-                self.refuse(f"{asked!r} cannot separate numbers; use a comma, a semicolon, tab or blank", 0)
+            asked = next((sign for sign, word in DELIMITERS.items() if word == asked), asked)
+            if len(asked) != 1 or asked.isalnum() or asked in '".-+\n\r\0':
+                self.refuse(
+                    f"--delimiter {asked!r}: cannot separate numbers; give a comma, a semicolon, tab or blank"
+                )
             return asked
 
         def share_of_numbers(delimiter: str) -> float:
@@ -190,9 +197,11 @@ class _File:
         best = max(DELIMITERS, key=share_of_numbers)
         if not share_of_numbers(best):
             why = "is one column when it is split at commas, semicolons, tabs or blanks"
-            self.refuse(f"{why}; {NAMED}", shown[0])
+            self.refuse(f"{why}; name what separates its cells with --delimiter", shown[0])
         if self.lvm and best == "," and not any("." in self.lines[row] for row in shown):
-            self.refuse(f"commas may be decimal points or separators; {NAMED}")
+            self.refuse(
+                "commas may be decimal points or separators; name what separates its cells with --delimiter"
+            )
         return best
 
     def header(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -252,7 +261,7 @@ class _File:
                 self._cut(self.rows.pop())
             elif len(cells) != width:
                 of = "the header" if names else f"line {self.rows[0] + 1}"
-                fix = f"repair or remove the line, or {NAMED}"
+                fix = "repair or remove the line, or give --delimiter"
                 self.refuse(f"has {len(cells)} cells where {of} has {width}; {fix}", row)
         if remarks:
             self.notes.append(f"remarks behind {remarks} rows of '{self.path.name}' were left out")

@@ -430,7 +430,7 @@ train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @
 cosim ../in/model --data @
-sweep --data @ --seeds 1
+sweep --data @
 baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
@@ -448,7 +448,7 @@ import ../in/model/float.npz --out made --config ../in/config.json --data @
 CONVERTED = f"""{RECORDED}convert @ --out made.npz --rate 100
 convert @ --out made.npz --columns #
 convert @ --out deep/made.npz --columns a,b,c,d --class $
-convert @ --out keep --recording $
+convert @ --out keep --recording $ --delimiter $
 convert @ --out made.npz --samples $ --scale # --class labels
 """
 LOG = """convert @ --out made.npz --class /touched
