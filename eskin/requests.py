@@ -127,7 +127,7 @@ class FrontEndOptions(DataOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluationOptions(GroupOptions, FrontEndOptions):
+class EvaluationOptions(GroupOptions, DataOptions):
     """Recordings to judge networks on, by what is left out."""
 
     group: Annotated[
@@ -165,7 +165,6 @@ class ChoiceOptions(GroupOptions, FrontEndOptions):
 @dataclass(frozen=True, kw_only=True)
 class InspectRequest(JsonOptions):
     data: Annotated[str, argument(DATA)]
-    config: Annotated[str | None, option(CONFIG)] = None
     out: Annotated[Path | None, option("Picture to write. Default: build/inspect/NAME.png.")] = None
     card: Annotated[
         bool, option("Also write a data card, README.md, in a folder named like the picture.", "--card")
@@ -428,7 +427,7 @@ class ExportRequest(ModelOptions):
 
 # ---------------------------------------------------------------------- studies
 @dataclass(frozen=True, kw_only=True)
-class SweepRequest(EvaluationOptions, ClusterOptions):
+class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
     out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the chart.")] = Path("build/sweep")
     grid: Annotated[str, option("default (84 points), or JSON: {field: [values]}.")] = "default"
     accuracy_floor: Annotated[float | None, option("Required accuracy on new recordings, 0 to 1.")] = None

@@ -70,7 +70,7 @@ CHOSEN = ("chosen", "chosen-kinds")
 
 JUDGED = "--data {data} --config {config} --group person --seeds 1"
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
+    "inspect": ("inspect {data} --out {out}/picture.png", ("linear", "image")),
     "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
     "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm",)),
     "train --fits": (
@@ -130,10 +130,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("chosen-kinds", "image"),
     ),
     "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --seeds 1 --out {out}", ("linear",)),
-    "baselines": (
-        "baselines --data {data} --config {config} --group person --out {out}",
-        ("linear", "image"),
-    ),
+    "baselines": ("baselines --data {data} --group person --out {out}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
         (),

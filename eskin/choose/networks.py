@@ -126,10 +126,10 @@ class Effort:
     def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
         """With the fits that leaving ``parts`` out in turn can tell apart. Where there are two and each is a group,
         a network learns from one alone, and so nothing of how groups differ: what does best then need not with both,
-        so the first fit stands."""
+        so the first fit stands, and no sturdier one is tried."""
         values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
         alone = len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
-        return dataclasses.replace(self, fits=self.fits[:1]) if alone else self
+        return dataclasses.replace(self, fits=self.fits[:1], sturdy=()) if alone else self
 
 
 INSIDE = Effort(

@@ -101,7 +101,7 @@ class _File:
         self.heads, self.breaks = self._without_heads() if self.lvm else ([{}], [])
         self.rows = self._rows()
         if asked is None and self.heads[0].get("Separator"):
-            asked = "," if self.heads[0]["Separator"][0] == "Comma" else "\t"
+            asked = {"Comma": ",", "Semicolon": ";"}.get(self.heads[0]["Separator"][0], "\t")
         self.delimiter = self._found(asked)
 
     def refuse(self, why: str, row: int | None = None) -> NoReturn:
@@ -126,8 +126,10 @@ class _File:
         heads: list[dict[str, list[str]]] = []
         ends: list[int] = []
         text = "\n".join(self.lines)
+        comma = re.search(r"^Separator,", text, re.M)
+        cells = re.compile("," if comma else r"[\t;]")
         for match in _HEAD.finditer(text):
-            rows = [[cell.strip() for cell in re.split(r"[\t;]", line)] for line in match[0].split("\n")]
+            rows = [[cell.strip() for cell in cells.split(line)] for line in match[0].split("\n")]
             fields = {name: cells for name, *cells in rows}
             start = text.count("\n", 0, match.start())
             if heads and not any(map(str.strip, self.lines[ends[-1] + 1 : start])):

@@ -422,8 +422,7 @@ def damage(path: Path, rng: random.Random) -> None:
 
 # ---------------------------------------------------------------------- who reads it
 RECORDED = """inspect @ --json look.json
-inspect @ --config ../in/config.json
-inspect @ --config pvdf
+inspect @
 train --data @ --out made
 train --data @ --out made --config ../in/config.json
 train --data @ --out made --config thesis
@@ -479,12 +478,11 @@ quantise model
 quantise model --data ../in/recordings.npz
 quantise model --weight-bits #
 """
-CONFIGURED = """inspect ../in/recordings.npz --config @
-train --data ../in/recordings.npz --out made --config @
+CONFIGURED = """train --data ../in/recordings.npz --out made --config @
 sweep --data ../in/recordings.npz --config @
 import ../in/linear.npz --cell linear --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
-inspect synthetic --config @
+train --data synthetic --out made --config @
 """
 IMAGES = """inspect @ --json look.json
 convert @ --size 6x7 --out small.npz

@@ -105,7 +105,7 @@ def test_convert_says_what_it_understood_and_writes_the_same_recordings(call, fo
         )
         assert np.array_equal(made["samples"], samples) and made["trial"].tolist() == [0, 1, 2, 3] * 2
     assert call(*"evaluate nothing --data csv".split())[0] == 2
-    assert call(*"inspect csv --config config.json".split())[0] == 0
+    assert call(*"inspect csv".split())[0] == 0
 
 
 # ---------------------------------------------------------------------- help and usage
@@ -126,7 +126,7 @@ def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     touched = np.arange(800) % 100 >= 60
     samples[:, 3] = np.where(touched, 65535, samples[:, 3])  # clipped while the others move
     np.savez("data.npz", **arrays(samples=samples))
-    status, out, _ = call(*"inspect data.npz --config config.json --json figures.json".split())
+    status, out, _ = call(*"inspect data.npz --json figures.json".split())
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
     assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "unusual taxels" in out
     assert re.search(r"│ 2 +│ constant +│ 7 +│ 7 +│", out) and re.search(r"│ 3 +│ saturated ", out)
@@ -171,7 +171,7 @@ BESIDE = (
     "|generate model --out design --data {0}"
 )
 FITTED = f"{BESIDE}|train --data {{0}} --config config.json --out new"
-BEFORE = "train --data data.npz --config {0} --out new|run --data data.npz --config {0} --out result|inspect data.npz --config {0}"
+BEFORE = "train --data data.npz --config {0} --out new|run --data data.npz --config {0} --out result"
 FOLDER = "generate {0} --out design|evaluate {0} --data data.npz --json e.json|cosim {0} --data data.npz --json c.json"
 PLAYED = "cosim model --data data.npz --pace declared --clock {0}"
 REFUSED = [
@@ -190,7 +190,7 @@ REFUSED = [
     ("convert data.npz --out {0}", "made.csv", ".npz"),
     ("convert data.npz --out made.npz --rate {0}", "nan", "--rate nan"),
     ("inspect {0}", "nothing.npz", "is not there"),
-    ("inspect data.npz --config {0}", "fabrik", "configuration 'fabrik'"),
+    ("train --data data.npz --config {0} --out new", "fabrik", "configuration 'fabrik'"),
     ("compare model --data {0}", "nothing.npz", "nothing.npz"),
     ("train --data data.npz --out {0}", "mine", "thesis.tex"),
     ("generate model --out {0}|run --data data.npz --out {0}", "mine", "other files"),
@@ -251,7 +251,12 @@ def test_an_interrupt_ends_with_130_and_one_sentence(folder):
     os.mkfifo("pipe.json")
     before = set(os.listdir())
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "eskin.cli.main", "inspect", "data.npz", "--config", "pipe.json"]
+    command = [
+        sys.executable,
+        "-m",
+        "eskin.cli.main",
+        *"train --data data.npz --out new --config pipe.json".split(),
+    ]
     # a background job inherits an ignored SIGINT; a user at a terminal does not
     reset = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
     child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=reset)
