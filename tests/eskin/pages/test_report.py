@@ -94,7 +94,7 @@ def test_the_page_holds_the_figures_of_the_files(result):
         assert figure in words, figure
     for stage, values in STAGE_COUNTS.items():
         assert f" {stage} {count(values)} 0 " in words, stage
-    assert "All 1 checks held, and there is no doubt" in words and "bit-exact" in words
+    assert "All 1 checks held: hardware and model agree. There is no doubt" in words and "bit-exact" in words
     assert f"{97 / CONFIG.step_ideal:.3f}".rstrip("0") in words
 
 
@@ -131,9 +131,9 @@ def test_the_verdict_counts_the_disturbances_that_it_held(result, held):
     edit(result / "run.json", candidates=under_stress(held))
     words = plain(Page(write_report(result)).text)
     count = 2 if held else 1
-    assert f"nder disturbance it held {count} of 2" in words and f"It held {count} of 2 disturbances" in words
-    assert ("All 1 checks held" in words) is held
-    assert f"it held {count} of 2 disturbances" in summary(result)
+    assert f"It withstands {count} of 2 disturbances" in words
+    assert ('class="verdict good"' in (result / "report.html").read_text()) is held
+    assert f"it withstands {count} of 2 disturbances" in summary(result)
 
 
 def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothing(result):
