@@ -168,7 +168,7 @@ class FloatModel:
         """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz, training.json
         and, of its integer model, weights.npz, in one exchange.
 
-        unchanged: refuse where the folder's files are no longer these (`model_files`).
+        unchanged: refuse if the folder's files differ from these (`model_files`).
         """
 
         def write(temporary: Path) -> None:
