@@ -434,7 +434,6 @@ class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
     latency_budget: Annotated[float | None, option("Maximum time from features to decision, in seconds.")] = (
         None
     )
-    seeds: Annotated[int | None, option("Seeds per point. Default: 3; images 1.", min=1, max=100)] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,7 +48,7 @@ class Where:
     cell, ``peak`` a taxel.
 
     frame: whose it is (0: not known). ended: the touch is over; direction: of its slide,
-    `eskin.golden.model.position.DIRECTIONS`. wrong: hardware told another one.
+    `eskin.golden.model.position.direction`. wrong: hardware told another one.
     """
 
     frame: int

@@ -256,7 +256,7 @@ class IntegerNetwork(torch.nn.Module):
         return codes
 
     def feature_codes(self, features: torch.Tensor) -> torch.Tensor:
-        """Feature codes (N, touches, K, D) of real features: of the nearest (companded) window sums, through
+        """Feature codes (N, touches, K, D) of real features: of the nearest window sums, through
         the integer normaliser of section 3."""
         config = self.config
         lengths = list(config.length_index)

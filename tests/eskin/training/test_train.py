@@ -110,7 +110,6 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
     "config",
     [
         SMALL,
-        SMALL.replace(compand="log", compand_knee=7, compand_frac=6),
         SMALL.replace(feature_kinds=FEATURE_KINDS, activity_block=2, integral_knee=4, feature_scale="taxel"),
     ],
 )

@@ -231,7 +231,7 @@ CONFIGS = {
     "opens at once, hard sigmoid": tracked(
         onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid", scan_every=2
     ),
-    "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
+    "tracked, free, masked": tracked(masked_taxels=(3,)),
     "thesis, defended": small(
         **FAULTS, onset_hits=2, onset_span=3, margin_threshold=2, feature_kinds=("mean", "activity")
     ),
@@ -251,7 +251,7 @@ QUICK = (
     ("opens at once, hard sigmoid", 0.0),
     ("two windows end together", 0.4),
     ("tracked, free", 0.4),
-    ("tracked, free, companded", 0.4),
+    ("tracked, free, masked", 0.4),
     ("thesis, defended", 0.4),
 )
 """In every pair of window mode, onset rule, cell, stalls and defence once; other lanes, ROM and masks are drawn
@@ -353,8 +353,7 @@ def test_weight_write_during_a_touch_is_refused_and_flagged(config):
 
 @SLOW
 @pytest.mark.parametrize(
-    ("name", "lanes"),
-    [("tracked, free", 12), ("two windows end together", 1), ("tracked, free, companded", 12)],
+    ("name", "lanes"), [("tracked, free", 12), ("two windows end together", 1), ("tracked, free, masked", 12)]
 )
 def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
     """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with
