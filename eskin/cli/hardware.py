@@ -131,7 +131,7 @@ def _work_folder(parent: Path) -> Iterator[Path]:
 
 
 def _keep(waves: Path, work: Path) -> str:
-    """The waves of a mismatch, moved out of the work folder that ends with the call."""
+    """The waveform of a mismatch, moved out of the temporary work folder."""
     target = work.with_name(f"waves_{work.name}")
     waves.rename(target)
     return str(target)

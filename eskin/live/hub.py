@@ -31,7 +31,7 @@ class Thinner:
     """Frames to display frames: of each bucket of ``size`` frames its first frame, count, and per taxel
     least, greatest and last code.
 
-    So a spike of one frame is seen however much is left out. Holds one bucket; ``rest`` gives what is in it.
+    So a spike of one frame is seen however much is left out. Holds one bucket back; ``rest`` returns it.
     """
 
     def __init__(self, size: int) -> None:

@@ -1,5 +1,5 @@
-"""Plays recordings through a source at their own pace, under the control of whoever watches; the one place
-that keeps time and counts.
+"""Plays recordings through a source at their own pace, under the control of the viewers. Only this class
+keeps time and counts.
 
 The player's thread goes: frames to the source, events to the hub. Neither waits for a viewer.
 """

@@ -1,8 +1,8 @@
 """Sources of stages: the integer model alone, the simulated hardware beside it, a board beside it, or a
 board that works by itself.
 
-Each takes frames as fast as they are given and tells what they brought (``eskin.live.feed``). The model
-always runs, frame by frame and unthinned; what hardware says is held against it value by value.
+Each takes frames as fast as they are given and returns the events that they cause (``eskin.live.feed``). The
+model always runs, frame by frame and unthinned; what hardware says is held against it value by value.
 """
 
 from __future__ import annotations
