@@ -480,7 +480,7 @@ class EnergyRequest(ModelDataOptions):
         option("Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"),
     ] = None
     recordings: Annotated[int, option("Number of recordings to simulate.", min=1)] = 2
-    out: Annotated[Path, option("Folder for energy.json and energy.html.")] = Path("build/energy")
+    out: Annotated[Path, option("Folder for energy.json.")] = Path("build/energy")
 
 
 @dataclass(frozen=True, kw_only=True)

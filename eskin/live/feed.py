@@ -82,8 +82,8 @@ class Step:
 class Decided:
     """A touch's global decision.
 
-    frame: the one that brings it. since: seconds from the onset to that frame. partial: the end of
-    the recording brought it. unsure: its margin is below the threshold.
+    frame: the frame that completes it. since: seconds from the onset to that frame. partial: the recording
+    ended before the touch did. unsure: its margin is below the threshold.
     """
 
     touch: int

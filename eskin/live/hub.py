@@ -31,7 +31,7 @@ class Thinner:
     """Frames to display frames: of each bucket of ``size`` frames its first frame, count, and per taxel
     least, greatest and last code.
 
-    So a spike of one frame is seen however much is left out. Holds one bucket; ``rest`` gives what is in it.
+    So a spike of one frame is seen however much is left out. Holds one bucket back; ``rest`` returns it.
     """
 
     def __init__(self, size: int) -> None:
@@ -128,11 +128,11 @@ class Hub:
         self._gone_dropped = 0
 
     def bucket(self, speed: float) -> int:
-        """Frames of a display frame at so many times the sensor's pace."""
+        """Sensor frames per display frame at ``speed`` times the sensor's pace."""
         return max(1, round(self._rate * speed / self._display_hz))
 
     def pace(self, frames_per_s: float) -> None:
-        """Thin out for a source of so many frames a second."""
+        """Set the thinning for a source with this frame rate."""
         self._thinner.size = self.bucket(frames_per_s / self._rate)
 
     def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:

@@ -142,7 +142,7 @@ class Batches:
         kinds = self._config.kinds
 
         def each(of_one_taxel: torch.Tensor) -> torch.Tensor:
-            """For every kind of feature what was drawn for the taxel."""
+            """The value drawn for the taxel, repeated for every kind of feature."""
             return of_one_taxel.repeat_interleave(kinds, -1)
 
         fails = each(torch.rand(of_taxel, generator=generator) < recipe.taxel_failure)

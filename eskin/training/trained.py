@@ -48,7 +48,7 @@ OF_RANGES = ("rest_level", "windows", "features")
 
 @dataclass(frozen=True)
 class Trained:
-    """A float model under the configuration that quantisation starts from, as its folder has both.
+    """A float model and the configuration that quantisation starts from, both read from its folder.
 
     current: config.json. edited: fields of CHOSEN that somebody changed in it. record: training.json.
     """

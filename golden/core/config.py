@@ -498,7 +498,7 @@ class AcceleratorConfig:
 
     @cached_property
     def input_constants(self) -> tuple[int, ...]:
-        """For each input the index of its normaliser constants, of ``constants``."""
+        """Index of each input's normaliser constants in ``constants``."""
         return tuple(range(self.inputs)) if self.features.feature_scale == "taxel" else self.input_kinds
 
     @cached_property

@@ -235,7 +235,7 @@ PREFIX = "eskin"
 
 
 def prefixed(text: str, prefix: str) -> str:
-    """C text whose names begin with ``prefix`` in place of `PREFIX`, macros in capitals."""
+    """C text with ``prefix`` in place of `PREFIX` in every name; macros in capitals."""
     return re.sub(rf"\b{PREFIX}_", f"{prefix}_", text).replace(f"{PREFIX.upper()}_", f"{prefix.upper()}_")
 
 

@@ -1,6 +1,6 @@
 """The groups of a configuration's fields. Each checks itself; config.py checks conditions between groups.
 
-Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
+The annotations hold types, ranges and permitted words; pydantic checks them.
 """
 
 import dataclasses
@@ -313,7 +313,7 @@ class Network(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadoutRule(Group):
-    """The rule that makes a step's decision. ``eskin quantise --readout`` sets it; training does not use it.
+    """The decision rule of a step. ``eskin quantise --readout`` sets it; training does not use it.
 
     - readout: ``dense`` (the logits) or ``prototypes`` (the nearest stored trajectory of the hidden state; of a linear cell, of
       the logits). The other fields belong to ``prototypes``.
