@@ -1,8 +1,10 @@
 """Kinds of feature beyond the mean: what cannot work. Their values are held by hardware, which keeps running sums."""
 
+import numpy as np
 import pytest
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError
+from eskin.golden.model.preprocess import companded
 from tests.support.table import each_row
 
 BASE = dict(
@@ -45,10 +47,6 @@ FREE = AcceleratorConfig.of(
             {"feature_kinds": ("integral",), "integral_knee": 30},
             "integral_knee: is 30 for integrals of 16 bits; give at most 14",
         ),
-        (
-            {"feature_kinds": ("integral",), "compand": "log"},
-            "compand: is 'log', but feature_kinds has only integrals",
-        ),
         ({"feature_scale": "row"}, "feature_scale: .* one of array, taxel"),
         (
             {"feature_kinds": FEATURE_KINDS, "feature_shift": (3,)},
@@ -69,3 +67,20 @@ FREE = AcceleratorConfig.of(
 def test_what_cannot_work_is_refused_with_what_does(changes, match):
     with pytest.raises(InputError, match=match):
         FREE.replace(**changes)
+
+
+@pytest.mark.parametrize(("knee", "fraction"), [(0, 5), (3, 5), (3, 1), (5, 7), (8, 8), (9, 9)])
+def test_companding_is_odd_and_monotone_and_can_be_undone(knee, fraction):
+    sums = np.arange(-1024, 1025)
+    found = companded(sums, knee, fraction)
+    np.testing.assert_array_equal(found, -found[::-1])
+    assert (np.diff(found) >= 0).all() and found[1024] == 0
+    # back: 2**whole * (1 + fraction) - 1 knees, below the sum by less than a step of the fraction
+    whole, part = np.divmod(np.abs(found), 1 << fraction)
+    back = (2.0**whole * (1 + part / 2.0**fraction) - 1) * 2**knee
+    lost = np.abs(sums) - back
+    assert (lost >= 0).all() and (lost < (np.abs(sums) + 2**knee) / 2**fraction + 1e-9).all()
+    # never further from the true logarithm than a straight line between powers of two is, and a step of the
+    # fraction
+    true = np.log2(1 + np.abs(sums) / 2**knee)
+    assert (np.abs(np.abs(found) / 2**fraction - true) < 0.0861 + 2.0**-fraction).all()
