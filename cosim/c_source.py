@@ -34,8 +34,8 @@ def library(path: Path, *sources: Path, defined: str = "") -> ctypes.CDLL:
     Parameters
     ----------
     defined:
-        The one macro that the program was compiled with; empty: none. It chooses between what stands in
-        front of and behind an ``#else``.
+        The one macro that the program was compiled with; empty: none. It selects the text before or after an
+        ``#else``.
     """
     loaded = ctypes.CDLL(str(path))
     for source in sources:

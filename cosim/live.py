@@ -16,8 +16,8 @@ from eskin.golden.core import AcceleratorConfig
 
 @dataclass
 class Brought:
-    """Values of a frame (or of the recording's end): stage -> values in order. cycles: clock cycles until
-    nothing was under way."""
+    """Values of a frame (or of the recording's end): stage -> values in order. cycles: clock cycles until the
+    device was idle."""
 
     stages: dict[str, list[int]] = field(default_factory=dict)
     cycles: int = 0
@@ -80,7 +80,7 @@ class LiveSimulator:
         return self._device.read(self._addresses[register])
 
     def write(self, register: str, word: int) -> None:
-        """Write a register; returns when nothing is under way."""
+        """Write a register; returns when the device is idle."""
         self._device.write(self._addresses[register], word)
         self._through(self._device.state.cycle)
 
@@ -93,7 +93,7 @@ class LiveSimulator:
         return self._through(self._device.state.cycle)
 
     def _through(self, begun: int) -> Brought:
-        """Values that have come once nothing is under way."""
+        """Values that have arrived when the device is idle."""
         self._device.settle(self._limit)
         brought = Brought(cycles=self._device.state.cycle - begun)
         names = [{"step": "step_cycles"}.get(stage, stage) for stage in self._device.stages]

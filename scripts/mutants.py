@@ -1,10 +1,10 @@
 """``make mutants``: breaks the code in many small ways, one at a time, and looks whether the tests of the
 broken file see it.
 
-A mutant replaces one expression, found in a file's syntax tree. Left alone are texts, type hints, ``raise``
-and the conditions that only lead to one (what a user's mistake is told), assertions, decorators and default
-arguments: none of them says what the hardware computes. Faults that somebody thought of (``named`` in
-tests/mutants.toml) are judged beside those that are drawn.
+A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``
+and conditions that only lead to one (error messages), assertions, decorators and default arguments: none of
+them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
+judged beside those that are drawn.
 
 Each mutant is tested in a copy of the project. Verdicts are kept by the content of the whole project with the
 mutant in it, so an interrupted run goes on where it stopped. It is killed when its tests fail, cannot be loaded, or take too long. One that
@@ -256,7 +256,7 @@ def _is_text(node: ast.AST) -> bool:
 
 
 def _refuses(statement: ast.stmt) -> bool:
-    """Only tells the user of a mistake."""
+    """Only reports a user's mistake."""
     match statement:
         case ast.Raise():
             return True
@@ -389,8 +389,8 @@ class _Judges:
 
 
 def _child(copy: Path, tests: list[str], limit: float) -> None:
-    """pytest on the copy, in a process of its own; its status and the processor's seconds go to a file beside
-    the copy."""
+    """pytest on the copy, in a separate process; its status and processor time go to a file beside the
+    copy."""
     os.setsid()
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
     with (copy.parent / "log.txt").open("w") as output:

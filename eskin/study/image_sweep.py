@@ -3,7 +3,8 @@ and memory.
 
 A *point* is a network with its bits and its lanes. One training of a fold serves all
 bits and lanes: weights of 8 bits are rounded after it, those of 4 bits are trained on
-(`eskin.training.train_images.judge`). What was trained by `eskin train` on the same images, folds and recipe is not trained again.
+(`eskin.training.train_images.judge`). Networks that `eskin train` trained on the same images, folds and recipe
+are reused.
 """
 
 import itertools
@@ -208,8 +209,8 @@ class ImageSweepRequest(Request):
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[Record], Record]:
         """The outcome of each point, in the keys of `eskin.study.sweep.judge`, and what sweep.json
-        holds of images alone: judged_images (of a seed), judged_split. What is kept is named by its images
-        and code, not by ``version``."""
+        holds of images alone: judged_images (of a seed), judged_split. Stored results are keyed by images and
+        code, not by ``version``."""
         group, seeds = list(self.group), list(map(int, self.seeds))
         tuned = {point.trained for point in self.points if point.aware}
         pieces = {
