@@ -180,7 +180,7 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
         assert recordings.image_shape is not None
         whole = [*texts, f"dense {len(recordings.class_names)}"]
         # a name of a file, too
-        fields = {"name": name.replace("/", "-"), "sample_rate_hz": recordings.sample_rate_hz}
+        fields: Record = {"name": name.replace("/", "-"), "sample_rate_hz": recordings.sample_rate_hz}
         trained = AcceleratorConfig.of_image(*recordings.image_shape, whole, recordings.class_names, **fields)
     weights = len(trained.weighted_stages)
     formats = {
