@@ -32,6 +32,7 @@ from eskin.choose.networks import (
     Part,
     SearchOptions,
     check_units,
+    learns_from_one_group,
     network_choice,
     side_by_side,
 )
@@ -220,7 +221,8 @@ def choose_front_end(
         why = [*why, "there are too few recordings to compare front ends, so rules derived this one"]
         return Plan(guess, why, split, split_from, prices, guessed=True)
     with one_thread():
-        screened = search(FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True), prices)
+        judge = FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True)
+        screened = search(judge, prices, brief=learns_from_one_group(judged_on, parts))
     chosen, best = choose(screened, prices), screened[0]
     alone, frames = _level_alone(judged_on, parts)
     facts: Record = {

@@ -124,12 +124,18 @@ class Effort:
     rounds: int = 2
 
     def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
-        """With the fits that leaving ``parts`` out in turn can tell apart. Where there are two and each is a group,
-        a network learns from one alone, and so nothing of how groups differ: what does best then need not with both,
-        so the first fit stands, and no sturdier one is tried."""
-        values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
-        alone = len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
-        return dataclasses.replace(self, fits=self.fits[:1], sturdy=()) if alone else self
+        """With what leaving ``parts`` out in turn can tell apart: the first fit stands, no sturdier one is tried,
+        and GRUs have the units that are tried inside folds, where ``learns_from_one_group``."""
+        if not learns_from_one_group(recordings, parts):
+            return self
+        return dataclasses.replace(self, fits=self.fits[:1], units=INSIDE.units, sturdy=())
+
+
+def learns_from_one_group(recordings: Recordings, parts: Sequence[np.ndarray]) -> bool:
+    """True if there are two parts and each is a group. A network then learns from one alone, and so nothing of how
+    groups differ: what does best need not with both."""
+    values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
+    return len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
 
 
 INSIDE = Effort(
