@@ -159,7 +159,7 @@ class Device:
         return self._library.read_word(self._device, address)
 
     def settle(self, limit: int = STUCK, quiet: int = QUIET) -> None:
-        """Cycles until nothing is under way.
+        """Cycles until the device is idle.
 
         Raises
         ------

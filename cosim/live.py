@@ -72,7 +72,7 @@ class LiveSimulator:
         return brought
 
     def finish(self) -> Brought:
-        """The recording's end: what it brought."""
+        """Events that the end of the recording produces."""
         return self._command("FINISH")
 
     def read(self, register: str) -> int:

@@ -291,7 +291,7 @@ def plain_folder() -> str:
 
 
 def _plain(path: Path, work: Path) -> str:
-    """``path``, or a link to it in ``work`` where make takes no such path."""
+    """``path``, or a link to it in ``work`` if make cannot handle the path."""
     if PLAIN.fullmatch(str(path.resolve())):
         return str(path.resolve())
     link = work / hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16] / path.name

@@ -434,7 +434,6 @@ class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
     latency_budget: Annotated[float | None, option("Maximum time from features to decision, in seconds.")] = (
         None
     )
-    seeds: Annotated[int | None, option("Seeds per point. Default: 3; images 1.", min=1, max=100)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -481,7 +480,7 @@ class EnergyRequest(ModelDataOptions):
         option("Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"),
     ] = None
     recordings: Annotated[int, option("Number of recordings to simulate.", min=1)] = 2
-    out: Annotated[Path, option("Folder for energy.json and energy.html.")] = Path("build/energy")
+    out: Annotated[Path, option("Folder for energy.json.")] = Path("build/energy")
 
 
 @dataclass(frozen=True, kw_only=True)

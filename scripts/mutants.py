@@ -149,8 +149,8 @@ class _Finder:
             yield kind, begin, old, old.replace(bare, sign)
 
     def walk(self, node: Any, names: Sequence[str] = ()) -> Iterator[Fault]:
-        """The faults of a node and of all below it that is not left alone. names: the signals of the function
-        it is in."""
+        """The faults of a node and of everything below it that is not excluded. names: the signals of the
+        function it is in."""
         below = list(ast.iter_child_nodes(node))
         match node:
             case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.Import() | ast.ImportFrom():
@@ -341,7 +341,7 @@ class Scope:
 
     @classmethod
     def load(cls, root: Path) -> Scope:
-        """Read the file; a test that begins with ``group.`` stands for those under that name."""
+        """Read the file; a test that begins with ``group.`` stands for all tests of that group."""
         values = tomllib.loads((root / SCOPE).read_text())
         groups = {f"group.{name}": tests for name, tests in values.get("group", {}).items()}
 

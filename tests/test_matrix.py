@@ -129,7 +129,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
         ("chosen-kinds", "image"),
     ),
-    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --seeds 1 --out {out}", ("linear",)),
+    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --out {out}", ("linear",)),
     "baselines": ("baselines --data {data} --group person --out {out}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
@@ -185,7 +185,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
     (("quantise --readout",), ("image",), "--readout: models for images have none"),
     (
-        ("enrol", "enrol --teach", "asic", "stability", "import"),
+        ("enrol", "enrol --teach", "asic", "stability", "import", "watch"),
         ("image",),
         "is a network for images, which this verb does not take",
     ),

@@ -2,10 +2,10 @@
 
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
 by its decisions on recordings that it has not seen. **The rule** (`choose`): of those that are level with the
-most accurate, the cheapest. Level is what `eskin.training.level` says; what is cheap says
-`eskin.choose.cost.CostModel`. The rule serves front ends alone, which are judged with a linear network that is
-solved in closed form (`eskin.choose.front_ends`), whole networks (`eskin.choose.networks`), and both again
-inside the training part of every fold.
+most accurate, the cheapest. `eskin.training.level` defines a tie, `eskin.choose.cost.CostModel` the cost. The
+same rule chooses front ends, which are evaluated with a linear network in closed form
+(`eskin.choose.front_ends`), whole networks (`eskin.choose.networks`), and both again inside the training part
+of every fold.
 
 Where there is a `Stress`, networks decide disturbed recordings too; the score is the mean of both accuracies.
 Of those that lose at most CLEAN_LOSS of accuracy and cost at most DEARER times as much as the one that the rule
@@ -208,7 +208,7 @@ def best_of(judged: Sequence[ScoredCandidate]) -> ScoredCandidate:
 
 
 def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
-    """The cheapest of the candidates that are level with the most accurate; at equal price the first. A board
+    """The cheapest of the candidates that tie with the most accurate one; at equal cost the first. A board
     decides between level ones; a named board must also hold the best.
 
     Raises

@@ -74,7 +74,7 @@ LEAST = {
 # ---------------------------------------------------------------------- the front end
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The front end that was asked for or chosen, and the split to choose by.
+    """The requested or chosen front end, and the split for the choice.
 
     config: it. reasons: in words. split, split_from: of ``choose_split``. prices: what candidates cost.
     front_ends: to choose from again inside folds; None where nothing is to be judged. screened: the front ends
@@ -188,8 +188,8 @@ def choose_front_end(
     folds: int = 5,
     progress: Progress | None = None,
 ) -> Plan:
-    """Search the front ends and choose one. Where there are too few recordings to judge on, it is the first
-    guess of `eskin.training.derive`, and a reason says so.
+    """Search the front ends and choose one. With too few recordings for a comparison, it is the first guess
+    of `eskin.training.derive`, and a reason is recorded.
 
     Parameters
     ----------
@@ -256,7 +256,8 @@ def choose_front_end(
 
 
 def _level_alone(recordings: Recordings, folds: Sequence[np.ndarray]) -> tuple[float, int]:
-    """The share of recordings whose class the level of the first frames alone tells, and how many frames."""
+    """Accuracy of a classifier that sees only the level of the first frames, and the number of these
+    frames."""
     frames = settling_frames(recordings.sample_rate_hz)
     levels = np.array([recordings.recording(i)[:frames].mean(axis=0) for i in range(len(recordings))])
     levels = (levels - levels.mean(axis=0)) / (levels.std(axis=0) + 1e-9)

@@ -534,9 +534,7 @@ def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
         hop=hop,
         window=2 * hop,
         activity_block=block,
-        # sums of half the frames
-        compand_knee=max(features.compand_knee - 1, 0),
-        integral_knee=max(features.integral_knee - 1, 0),
+        integral_knee=max(features.integral_knee - 1, 0),  # sums of half the frames
     )
 
 

@@ -5,12 +5,12 @@ Candidates are the linear cell on each front end listed and GRUs of 4, 8 and 12 
 with one seed, and with more where it can still be taken.
 
 A linear cell is fitted as a logistic regression and by least squares (`eskin.training.linear_fit`): which one
-does better depends on how many touches there are for its weights. Where the recipe augments touches, which
-helps or harms by what tells the classes apart, both are fitted to touches as they were recorded too; and a
-logistic regression of these with a weaker penalty, and least squares with each of RIDGES. All cost the same,
-so all are tried on the cheapest front end, and on the others the best of either kind that is not out of
-reach. First comes the mean of a logistic regression and least squares, then logistic regressions, whose
-margins are logarithms of odds.
+does better depends on how many touches there are for its weights. Augmentation helps or harms, depending on
+what distinguishes the classes. So if the recipe augments touches, both are also fitted to the touches as
+recorded. Further candidates: logistic regression of these with a weaker penalty, and least squares with each
+of RIDGES. All cost the same, so all are tried on the cheapest front end, and on the others the best of either
+kind that is not out of reach. First comes the mean of a logistic regression and least squares, then logistic
+regressions, whose margins are logarithms of odds.
 
 Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
@@ -132,8 +132,8 @@ class Effort:
 
 
 def learns_from_one_group(recordings: Recordings, parts: Sequence[np.ndarray]) -> bool:
-    """True if there are two parts and each is a group. A network then learns from one alone, and so nothing of how
-    groups differ: what does best need not with both."""
+    """True if there are two folds and each is one group. A network then learns from a single group and nothing about
+    differences between groups, so the best for one group need not be the best for both."""
     values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
     return len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
 
@@ -453,7 +453,7 @@ def side_by_side(
 def _judged(
     asked: Mapping[int, Round], parts: Sequence[Part], settings: CrossValidationSettings
 ) -> dict[int, list[ScoredCandidate]]:
-    """The rounds asked for by the choices of these numbers."""
+    """The rounds that these choices request."""
     together: dict[tuple[Candidate, int, bool], list[int]] = {}
     for number, wanted in asked.items():
         for candidate in wanted.candidates:

@@ -1,5 +1,5 @@
-"""The recordings that ``--data`` names, whatever their form: each kind of file has a door that makes tables
-of it, and ``eskin.data.meaning`` makes recordings of these."""
+"""The recordings that ``--data`` names, in any form: a reader per kind of file makes tables, and
+``eskin.data.meaning`` turns these into recordings."""
 
 from __future__ import annotations
 

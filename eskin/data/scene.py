@@ -22,7 +22,7 @@ the last, and carries the person's tremor.
   / 2 + 0.15 (f - 1))``, where f, drawn anew from an exponential distribution every 20 ms, stands for the many
   short contacts of single bristles.
 
-All times the coupling of each taxel in this trial (an uneven surface, a tilted hand).
+Everything is multiplied by the coupling of each taxel in this trial (an uneven surface, a tilted hand).
 
 **Sensor.** `eskin.data.piezo_array`.
 

@@ -29,7 +29,7 @@ Refuse = Callable[..., NoReturn]
 
 @dataclass(frozen=True)
 class Reading:
-    """The user's remarks about a source; None and empty: to be found out.
+    """What the user specified about a source. None or empty: to be inferred from the file.
 
     rate_hz: frames a second. recording, label: columns, by name or by number from 1, or an attribute. columns:
     the taxels. delimiter: what separates columns. scale: what one code is worth. samples: array of a .mat or

@@ -269,8 +269,8 @@ class _File:
 
 
 def _of_labview(table: Table, file: _File) -> Table:
-    """The table of an ``.lvm`` file: column 1 is time and the others are in volt, unless the heads say more.
-    Where the time is blank the rate is that of Delta_X."""
+    """The table of an ``.lvm`` file: column 1 is time and the others are in volt, unless the headers say
+    otherwise. Where the time is blank the rate is that of Delta_X."""
     import pandas as pd
 
     cells = [cell.replace(",", ".") for head in file.heads for cell in head.get("Delta_X", [])]

@@ -13,9 +13,9 @@ touches and loses the others. Nor does it know when the second stroke begins, wh
 touches. A recurrent network holds the first heading until the second comes; with more units it tells more
 headings, speeds and pressures apart.
 
-**What tells nothing.** A class has no say in a touch's length, in its strokes' shares of it, the pause
-between, pressure, place, lead-in or heading of the first stroke; recordings are equally long and rest levels
-are the taxels' own. tests/eskin/data/test_turns.py looks.
+**Independent of the class.** Length of a touch, shares of its strokes, the pause between them, pressure,
+place, lead-in and direction of the first stroke do not depend on the class. Recordings are equally long, and
+rest levels belong to the taxels. tests/eskin/data/test_turns.py checks this.
 
 The scene's figures were chosen so that networks of several sizes differ. Accuracies on it say how the product
 works, nothing of a sensor.

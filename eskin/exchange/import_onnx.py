@@ -2,7 +2,7 @@
 
 What the file says of cell, sizes and reset gate is taken from its nodes. Then its graph is computed on random
 inputs and compared with the network that was read: nodes that only move values are not believed, so a readout
-of another step, a transposed layout or an offset is found. Nothing of a file is run but the operators below.
+of another step, a transposed layout or an offset is found. Only the operators below are executed from a file.
 """
 
 import json

@@ -152,8 +152,6 @@ def _frame_values(config: AcceleratorConfig) -> Record:
         "change": activity and features.activity_rule == "change",
         "block": features.activity_block,
         "block_sums": activity and features.activity_block > 1,
-        "log": features.compand == "log",
-        "companding": integral or features.compand == "log",
         "per_taxel": features.feature_scale == "taxel",
         "inputs": config.inputs,
         "lengths": len(config.window_lengths),

@@ -340,7 +340,7 @@ def judge(shared: Shared, piece: BaselineJob) -> Record:
 
 
 def timed(model: Fitted, rows: np.ndarray) -> list[float]:
-    """Microseconds of each decision, the first one left out; of TIMED rows, as far as TIMED_S go."""
+    """Microseconds per decision without the first one, over at most TIMED rows and TIMED_S seconds."""
     decide = model.alone or (lambda row: model.decide(np.array([row])))
     microseconds: list[float] = []
     for number, row in enumerate(rows[: TIMED + 1]):

@@ -1,8 +1,9 @@
 """Does a network know the class of a recording whose touch was taken out?
 
-A class can leak through what is no touch: the resting level, when the touch begins, how long the recording
-goes on. So the frames of each recording behind its quiet lead-in are replaced by that lead-in, repeated; the
-gate is forced open at the onset that was found in the recording as it was; length and onset stay.
+A class can leak through something other than the touch: the rest level, the time of the onset, the length of
+the recording. So the frames of each recording behind its quiet lead-in are replaced by that lead-in,
+repeated; the gate is forced open at the onset that was found in the recording as it was; length and onset
+stay.
 """
 
 import dataclasses
@@ -25,7 +26,7 @@ def without_touches(
 ) -> Recordings:
     """Every recording with what follows its quiet lead-in replaced by that lead-in, repeated.
 
-    The lead-in ends before the first frame that the onset's verdict saw: the touch may have begun there.
+    The lead-in ends before the first frame that the onset rule used, because the touch may have begun there.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def without_touches(
 
 
 def quiet_enough(config: AcceleratorConfig, onsets: np.ndarray) -> np.ndarray:
-    """(R) bool: an onset was found, and the lead-in before it is longer than the settling frames."""
+    """(R) bool: an onset was found, and its lead-in is longer than the settling time."""
     return onsets - _judged_frames(config) > config.rest_level.rest_frames
 
 

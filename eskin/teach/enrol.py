@@ -83,8 +83,8 @@ def _of_weights(before: FloatModel, weights: Arrays) -> FloatModel:
 
 
 def load_pair(folder: str | Path) -> Pair:
-    """Both forms of the model in a folder. Where the integers were trained on by themselves, they are the
-    masters.
+    """Both forms of the model in a folder. If the integers had quantisation-aware training, training
+    continues from them.
 
     Raises
     ------

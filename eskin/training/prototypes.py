@@ -266,7 +266,7 @@ def teach_recordings(model: IntegerModel, few: Recordings) -> tuple[IntegerModel
 
 
 def teach_touches(model: IntegerModel, touches: Touches, labels: np.ndarray) -> IntegerModel:
-    """``model`` taught whole touches, one after the other, each of its class of ``labels``."""
+    """``model`` after it was taught whole touches one by one, each with its class from ``labels``."""
     decided = decide_touches(model, touches)
     for codes, label in zip(
         trajectory_codes(model.config, decided.hidden, decided.logits), labels, strict=True

@@ -37,6 +37,8 @@ samples."""
 
 FOLDS = 5
 """Folds of every split."""
+SEEDS = 3
+"""Trainings of each fold; of images one."""
 RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
 
 
@@ -83,13 +85,13 @@ def request_of(
         grids = sweeping.DEFAULT_GRID if grid == "default" else sweeping.read_grid(grid)
         points: Sequence[Any] = sweeping.make_points(config, grids, source)
         common |= {"base": config, "splits": splits}
-        return sweeping.SweepRequest(points=points, seeds=range(request.seeds or 3), **common)
+        return sweeping.SweepRequest(points=points, seeds=range(SEEDS), **common)
     assert recordings.image_shape is not None
     grids = default_grid(*recordings.image_shape) if grid == "default" else sweeping.read_grid(grid)
     points = make_image_points(recordings, grids, source)
     for point in points:
         refuse_hardware(point.config)
-    return ImageSweepRequest(points=points, seeds=range(request.seeds or 1), group=splits[0], **common)
+    return ImageSweepRequest(points=points, group=splits[0], **common)
 
 
 def run(

@@ -49,9 +49,7 @@ def thesis_network(
     InputError
         The touch has too few frames for the windows.
     """
-    plain = config.replace(
-        feature_kinds=("mean",), compand="none", feature_scale="array", feature_shift=(), decision="last"
-    )
+    plain = config.replace(feature_kinds=("mean",), feature_scale="array", feature_shift=(), decision="last")
     if config.windows.window_mode == "touch":
         return with_network(plain, cell=cell, hidden=hidden, steps=steps), RECIPES["thesis"]
     hop = config.last_frame // (steps + 1)

@@ -184,7 +184,6 @@ class Accelerator(HostedChain):
             front_end.ring,
             front_end.expander,
             front_end.averager,
-            front_end.compander,
             front_end.normaliser,
         )
         parts = [part for part in every if part is not None]

@@ -430,7 +430,7 @@ train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @
 cosim ../in/model --data @
-sweep --data @ --seeds 1
+sweep --data @
 baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @

@@ -128,8 +128,8 @@ def spikes(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
 
 # ---------------------------------------------------------------------- the detector
 def _missed(bench: Bench, level: str, within: int) -> float:
-    """Largest share of recordings, over the taxels, in which one that fails a quarter into the touch is not
-    flagged within so many frames, or another one is."""
+    """Share of recordings, for the worst taxel, in which a taxel that fails a quarter into the touch is not
+    flagged within the given number of frames, or another taxel is flagged."""
     shares = [0.0]
     begin = np.maximum(0, bench.onsets - 1 + round(0.25 * bench.config.last_frame))
     for taxel in bench.live:

@@ -108,7 +108,7 @@ def _amplified(stream: np.ndarray, gain: float, config: AcceleratorConfig) -> np
 
 
 def louder(bench: Scene, gain: float, taxels: Sequence[int]) -> Change:
-    """Noise and bursts times ``gain``."""
+    """Noise and bursts, multiplied by ``gain``."""
     return lambda stream, place, rng: _amplified(stream, gain, bench.config)
 
 

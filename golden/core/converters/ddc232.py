@@ -182,5 +182,5 @@ class Ddc232(Converter):
             f"is 'ddc232', which cannot keep up: DVALID comes up to {plan.dvalid * us:.0f} us after CONV "
             f"(version {self.version} at {clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of "
             f"{plan.bits} bits at {clock / plan.half / 2e6:.3g} MHz take {plan.read_cycles * us:.0f} us, of "
-            f"{1e6 / rate:.0f} us a frame at {rate:g} Hz; at most {most} Hz works; version CK, more hz, 16 bits help",
+            f"{1e6 / rate:.0f} us a frame at {rate:g} Hz; a rate of at most {most} Hz works as it is",
         )

@@ -3,6 +3,7 @@ a fold is seen by what is chosen for it, and noise stays at chance."""
 
 import dataclasses
 import json
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -148,38 +149,16 @@ def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value
     assert any(len(set(persons[fold])) > 1 for fold in inner_folds(alone, ["trial"]))
 
 
-@pytest.mark.slow
-def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
-    rng = np.random.default_rng(5)
-    samples = rng.integers(1990, 2010, (60 * 200, 8)).astype(np.int32)
-    persons = {"person": np.arange(60) % 5}
-    noise = Recordings(samples, np.arange(0, 12001, 200), np.arange(60) % 2, ("a", "b"), 1000.0, persons)
-    record = train_chosen(noise, None, priced(), out=tmp_path / "m", cell="linear")
-    (split,) = record["cross_validation"]
-    nested, chosen = split["nested"], record["front_end"]["chosen"]["accuracy"]
-    assert chosen > 0.65 and split["integer_accuracy"] > 0.6 and nested["integer_accuracy"] < 0.6
-    assert sum(fold["recordings"] for fold in nested["per_fold"]) == 60
-    assert all(fold["network"] == "linear" for fold in nested["per_fold"])
-    assert any(doubt["code"] == "by_choice" for doubt in record["doubts"])
-
-
 def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypatch):
     """The candidate of each fold is trained on the rest and judged on the fold."""
     settings = CrossValidationSettings(
         recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1]
     )
-    plan, played = configure(gripped, CONFIG, priced()), []
-
-    def judged(datasets, pieces, *rest):
-        played.append(pieces)
-        return judge_folds(datasets, pieces, *rest)
-
-    judge_folds = choosing.judge_folds
-    monkeypatch.setattr(choosing, "judge_folds", judged)
+    played = Mock(wraps=choosing.judge_folds)
+    monkeypatch.setattr(choosing, "judge_folds", played)
+    plan = configure(gripped, CONFIG, priced())
     record = unseen(plan, settings, SearchOptions(cell="linear"), ["person"])
-    tests = split_folds(gripped, ["person"], 5, None)
-    (pieces,) = played
-    assert len(pieces) == 2 * len(tests)
+    tests, pieces = split_folds(gripped, ["person"], 5, None), played.call_args.args[1]
     for piece, test in zip(pieces, 2 * tests, strict=True):
         assert (piece.test == test).all() and (piece.train == np.setdiff1d(np.arange(24), test)).all()
     assert record["seeds"] == [0, 1] and [fold["recordings"] for fold in record["per_fold"]] == [6] * 4

@@ -33,10 +33,8 @@ def judged(shared, piece):
 
 def swept(scene, tmp_path, judging=judged, **changes):
     request = ImageSweepRequest(points=make_image_points(scene, SMALL), folds=3, **changes)
-    jobs = Jobs(workers=1)
-    return sweep(
-        scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Memo(tmp_path / "kept"), judging=judging
-    )
+    given = {"cost_of": lambda _: COST, "jobs": Jobs(workers=1), "keep": Memo(tmp_path / "kept")}
+    return sweep(scene, request, judging=judging, **given)
 
 
 def test_memories_of_maps_are_those_of_the_hardware():
@@ -60,13 +58,11 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
     result = swept(scene, tmp_path, counted, seeds=(0, 1))
     # three networks, three folds, two seeds; not four points
     assert len(asked) == len(set(asked)) == 3 * 3 * 2
-    assert [entry[:2] for entry in asked[:3]] != [
-        asked[0][:2]
-    ] * 3  # a fold of every network before the next fold
+    # a fold of every network before the next fold
+    assert len({entry[:2] for entry in asked[:3]}) > 1
     eight, four, *others = result["points"]
-    assert (eight["accuracy"], four["accuracy"]) == (pytest.approx(2 / 3), pytest.approx(1 / 3)) and eight[
-        "float_accuracy"
-    ] == 1
+    accuracies = [point["accuracy"] for point in (eight, four)]
+    assert accuracies == pytest.approx([2 / 3, 1 / 3]) and eight["float_accuracy"] == 1
     assert {point["config"]["size"] for point in others} == {"6x8"} and result["judged_images"] == 18
     assert result["recommended"] == 3 and result["recommendation"]["met"]
     again = swept(scene, tmp_path, None, seeds=(0, 1))  # all is kept: nothing is judged again

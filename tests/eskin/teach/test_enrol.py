@@ -18,7 +18,6 @@ from eskin.teach.evaluate import EnrolmentTrial, judge, summary
 from eskin.training import prototypes as prototypes_of
 from eskin.training import recipe
 from eskin.training.evaluate import evaluate
-from eskin.training.formats import with_network
 from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 from tests.support.folder import exchanges
@@ -115,23 +114,6 @@ def test_an_enrolment_that_loses_does_not_pass(model, tmp_path, monkeypatch, new
     monkeypatch.setattr(enrolling, "right", measure)
     result = enrol(model, FEW, tmp_path / "m", old=OLD if known else None)
     assert result["passed"] is passed and (result["before"], result["after"]) == pytest.approx(new)
-
-
-@pytest.mark.slow
-@each_row(
-    ("cell", "reset", "widths", "gain"),
-    [("lstm", "before", {}, 0.1), ("gru", "before", {"weight_bits": 4}, 0.2)],
-)
-def test_other_cells_and_narrow_weights_are_enrolled_too(tmp_path, cell, reset, widths, gain):
-    """Of 4 bits a rounded float training would lose what few touches taught."""
-    old, new = tmp_path / "m", tmp_path / "m2"
-    train(OLD, with_network(SMALL, cell=cell, reset=reset), TrainingRequest(folds=0), out=old)
-    config = quantise(old, OLD, **widths).config
-    enrol(old, FEW, new, old=OLD)
-    assert load_config(new) == config
-    assert (
-        accuracy(new, REST) >= accuracy(old, REST) + gain and accuracy(new, OLD) >= accuracy(old, OLD) - 0.02
-    )
 
 
 # ---------------------------------------------------------------------- refusals
