@@ -86,7 +86,7 @@ def cut_short(bench: Scene, share: float, taxels: Sequence[int]) -> Recordings:
 
 
 def without_lead(bench: Scene, quiet: float, taxels: Sequence[int]) -> Change:
-    """Streams that begin ``level`` frames before the onset."""
+    """Streams that begin ``quiet`` frames before the onset."""
     return lambda stream, onset, rng: stream[max(onset - 1 - int(quiet), 0) :]
 
 
@@ -129,7 +129,7 @@ def glitch(bench: Scene, height: float, taxels: Sequence[int]) -> Change:
 
 
 def ramp(bench: Scene, speed: float, taxels: Sequence[int]) -> Change:
-    """All taxels ramp by ``level`` standard deviations of the features a second."""
+    """All taxels ramp by ``speed`` standard deviations of the features a second."""
     step = speed * bench.sigma / bench.config.sensor.scan_rate_hz
     return lambda stream, place, rng: stream + (step * np.arange(len(stream), dtype=np.float32))[:, None]
 
