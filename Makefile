@@ -3,7 +3,6 @@
 # make test       the tests (make test-all: the slow ones too), make lint, make format, make types (mypy), make clean
 # make formal     proofs of the hardware, each with bugs that it must find; build/formal/proofs.md
 # make mutants    break the code in 154 small ways and see which of them the tests miss: build/mutants/mutants.md
-# make coverage   what the benches reach: states, stalls, saturations, faults, registers; build/coverage/coverage.md
 # make fuzz       10 000 damaged inputs, command lines and calls, new ones in every run; what failed before comes first
 # make designs    300 random designs against the golden model, the same way
 # make wheel-test  the wheel in an empty environment, without extras; needs a package index
@@ -18,7 +17,7 @@ PIP_ARGS ?=
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: install run test test-all wheel-test formal mutants coverage fuzz designs docs figures where budget lint format format-check types clean tools tools-test
+.PHONY: install run test test-all wheel-test formal mutants fuzz designs docs figures where budget lint format format-check types clean tools tools-test
 .DEFAULT_GOAL := install
 
 install: $(INSTALLED)
@@ -57,9 +56,6 @@ formal: $(INSTALLED)
 
 mutants: $(INSTALLED)
 	$(BIN)/python -m scripts.mutants
-
-coverage: $(INSTALLED)
-	$(BIN)/python -m tests.test_bench_coverage
 
 fuzz: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_fuzz.py \

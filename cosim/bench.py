@@ -1,8 +1,8 @@
 """The cocotb bench: recorded frames go in, and every stage is compared with the golden trace as its values come.
 
 It runs in the simulator's own Python around cosim/wrapper.sv, in a work folder with two files: ``bench.json``, the
-settings (`eskin.cosim.flow`), and ``vectors.npz``, the trace that torch computed. It leaves ``result.json``. A scenario
-of another kind is a cocotb test of its own that starts from `Bench`.
+settings (`eskin.cosim.flow`), and ``vectors.npz``, the trace that torch computed. It leaves ``result.json``.
+Any other scenario is its own cocotb test that starts from `Bench`.
 """
 
 import json
@@ -327,7 +327,7 @@ class Bench:
         return found | {"cleared": await self.bus.read("FAULTS")}
 
     async def settle(self) -> None:
-        """Nothing is under way any more."""
+        """The device is idle."""
         await FallingEdge(self.dut.clk)
         if not self.dut.idle.value:
             await self._within(0, RisingEdge(self.dut.idle))

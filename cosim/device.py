@@ -1,8 +1,8 @@
 """A device in this process: bus accesses, frames, waiting, a record of every stage. The cycles themselves run
 in C++.
 
-Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). What
-is played into it, a scenario, is the same for both: `eskin.cosim.live`, `eskin.cosim.bulk`.
+Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). Both
+play the same scenarios into it: `eskin.cosim.live`, `eskin.cosim.bulk`.
 """
 
 import ctypes
@@ -187,7 +187,7 @@ class Device:
         return self._call("read_word", address)
 
     def settle(self, limit: int = STUCK, quiet: int = QUIET) -> None:
-        """Cycles until nothing is under way.
+        """Cycles until the device is idle.
 
         Raises
         ------

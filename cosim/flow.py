@@ -28,7 +28,7 @@ SLOWEST_CYCLES_PER_S = {
 }
 """Cycles a second that even a busy machine reaches. They only set the wall-clock limit."""
 BLOCK_BITS = 1 << 15
-"""At most so many bits go to the wrapper at a time, and at most one hop of frames."""
+"""Largest number of bits that the wrapper takes at a time; at most one hop of frames."""
 WAVES_BEFORE = 2000
 """Cycles kept before a mismatch."""
 

@@ -2,10 +2,10 @@
 cost.
 
 The program (cosim/gates.cpp) is compiled once, whatever the netlist: a cell is its truth table and the nets
-at its pins, and only cells whose inputs changed are looked at. In each cycle all nets settle, the edge passes
-the clock gates that were enabled before it, flip-flops and macros take what they see, and latches whose
-gate's clock is high take what the flip-flops then give. With delays the same happens in order of time, so
-that glitches are seen and counted apart.
+at its pins, and only cells whose inputs changed are looked at. In each cycle all nets settle. The edge then
+passes the enabled clock gates, flip-flops and macros sample their inputs, and latches with a high gate take
+the new outputs of the flip-flops. With delays the same happens in order of time, so that glitches are seen
+and counted apart.
 """
 
 import functools

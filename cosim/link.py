@@ -195,7 +195,7 @@ class Link:
         return self._unpacker.damaged
 
     def connect(self) -> None:
-        """Get in step with the device and check what it is.
+        """Synchronise with the device and check its identity.
 
         Raises
         ------
@@ -252,7 +252,8 @@ class Link:
         return words
 
     def load(self, writes: Sequence[tuple[int, int]]) -> None:
-        """End whatever the device is at and load an integer model: its (address, word) writes."""
+        """Abort the current operation of the device and load an integer model, given as (address, word)
+        writes."""
         self._command("ARM", "CLEAR_FAULTS")
         self.write(writes)
 
@@ -301,8 +302,8 @@ class Link:
         return Played(self.decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
 
     def listen(self, timeout_s: float) -> list[int]:
-        """Decisions, 32-bit payloads, that a device sends by itself; waits for the first byte, at most
-        ``timeout_s``."""
+        """Decisions (32-bit payloads) that a device sends unasked; waits at most ``timeout_s`` for the first
+        byte."""
         self.decisions = []
         self._receive(timeout_s)
         return self.decisions
@@ -311,7 +312,7 @@ class Link:
         self.write([(self._registers["CONTROL"], sum(self._bits["CONTROL"][name] for name in names))])
 
     def settle(self) -> Answer:
-        """The answer that says nothing is under way in the device any more."""
+        """The answer that the device is idle."""
         for _ in range(100 * self._tries):
             answer = self._ask("STATUS")
             if not answer.value & self._bits["STATUS"]["BUSY"]:
@@ -348,9 +349,9 @@ class Link:
     def _let_pass(self) -> None:
         """Wait until the line is silent.
 
-        A device that still answers an earlier question drops what comes meanwhile; who takes that answer for
-        the one to the next question stays a question ahead, and each further packet meets an answer under
-        way.
+        While a device still answers an earlier request, it drops every packet. A host that takes this answer
+        for the answer to its next request stays one request ahead, and each further packet arrives during an
+        answer.
         """
         heard = self._heard
         while self._heard - heard < CHATTER and self._receive(self._timeout) is not None:

@@ -14,8 +14,8 @@ from eskin.golden.core import AcceleratorConfig
 
 
 class Brought(NamedTuple):
-    """Values of a frame (or of the recording's end): stage -> values in order. cycles: clock cycles until
-    nothing was under way."""
+    """Values of a frame (or of the recording's end): stage -> values in order. cycles: clock cycles until the
+    device was idle."""
 
     stages: dict[str, list[int]]
     cycles: int
@@ -70,7 +70,7 @@ class LiveSimulator:
         return brought
 
     def finish(self) -> Brought:
-        """The recording's end: what it brought."""
+        """Events that the end of the recording produces."""
         return self.write("CONTROL", self._commands["FINISH"])
 
     def read(self, register: str) -> int:
@@ -78,7 +78,7 @@ class LiveSimulator:
         return self._device.read(self._addresses[register])
 
     def write(self, register: str, word: int) -> Brought:
-        """Write a register; what it brought until nothing is under way."""
+        """Write a register; the values that have arrived when the device is idle."""
         self._device.write(self._addresses[register], word)
         return self._through(self._device.state.cycle)
 
@@ -87,7 +87,7 @@ class LiveSimulator:
         self._device.close()
 
     def _through(self, begun: int) -> Brought:
-        """Values that have come once nothing is under way."""
+        """Values that have arrived when the device is idle."""
         self._device.settle(self._limit)
         stages = {
             {"step": "step_cycles"}.get(stage, stage): values.view(

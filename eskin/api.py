@@ -1,8 +1,7 @@
 """The Python interface behind ``import eskin`` (docs/python.md): a model that predicts, streams, explains and
 proves itself.
 
-It stands with the command line because it brings together what golden model and hardware keep apart; torch is
-loaded by training alone.
+It combines golden model and hardware, as the command line does; only training loads torch.
 """
 
 from __future__ import annotations
@@ -227,7 +226,7 @@ class Model(Estimator):
         callback : callable
             Called with (epoch, figures) while the network that is kept is trained: figures is {"loss": ...}
             at each epoch of a recurrent cell, and of every cell at the end {"accuracy": ...} on what it was
-            trained on. What it raises ends the training.
+            trained on. An exception that it raises ends the training.
 
         Returns
         -------
@@ -460,8 +459,8 @@ class Model(Estimator):
 
     def teach(self, frames: Frames, labels: ArrayLike | None = None) -> Model:
         """Store touches as prototypes of their classes, beside those there are; nothing is trained. Needs a
-        model quantised with ``--readout prototypes``. The first touch of each recording counts, in their
-        order; where a class's places are in use, the oldest goes.
+        model quantised with ``--readout prototypes``. The first touch of each recording is stored, in order.
+        If all places of a class are in use, its oldest touch is replaced.
 
         Parameters
         ----------
@@ -506,7 +505,7 @@ class Model(Estimator):
         """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that
         brings each.
 
-        Its ``push``, ``finish`` and ``arm`` are a recording's frames, its end and the next one's begin.
+        ``push`` takes frames of a recording, ``finish`` ends it, and ``arm`` begins the next one.
         """
         self._reads_recordings()
         return Stream(self.integer if integer else self.real)

@@ -1,5 +1,5 @@
-"""The one memo under every long job: a finished result is kept under the name of all that it depends on, and
-made once.
+"""The cache of all long jobs: each result is computed once and stored under a key of everything that it
+depends on.
 
 A key is a hash of data, configuration, options and code. A result is a JSON file or a folder; it appears
 whole or not at all, and two processes that want the same one make it once. Deleting a memo's folder costs

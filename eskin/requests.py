@@ -127,7 +127,7 @@ class FrontEndOptions(DataOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvaluationOptions(GroupOptions, FrontEndOptions):
+class EvaluationOptions(GroupOptions, DataOptions):
     """Recordings to judge networks on, by what is left out."""
 
     group: Annotated[
@@ -165,7 +165,6 @@ class ChoiceOptions(GroupOptions, FrontEndOptions):
 @dataclass(frozen=True, kw_only=True)
 class InspectRequest(JsonOptions):
     data: Annotated[str, argument(DATA)]
-    config: Annotated[str | None, option(CONFIG)] = None
     out: Annotated[Path | None, option("Picture to write. Default: build/inspect/NAME.png.")] = None
     card: Annotated[
         bool, option("Also write a data card, README.md, in a folder named like the picture.", "--card")
@@ -211,9 +210,6 @@ class ConvertRequest:
         Path | None,
         option("Take scale, columns, classes and rate from this model or archive.", metavar="MODEL|FILE"),
     ] = None
-    size: Annotated[str | None, option("Images: resize to height x width, such as 26x47.", metavar="HxW")] = (
-        None
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -428,14 +424,13 @@ class ExportRequest(ModelOptions):
 
 # ---------------------------------------------------------------------- studies
 @dataclass(frozen=True, kw_only=True)
-class SweepRequest(EvaluationOptions, ClusterOptions):
+class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
     out: Annotated[Path, option("Folder of sweep.json, sweep.csv and the chart.")] = Path("build/sweep")
     grid: Annotated[str, option("default (84 points), or JSON: {field: [values]}.")] = "default"
     accuracy_floor: Annotated[float | None, option("Required accuracy on new recordings, 0 to 1.")] = None
     latency_budget: Annotated[float | None, option("Maximum time from features to decision, in seconds.")] = (
         None
     )
-    seeds: Annotated[int | None, option("Seeds per point. Default: 3; images 1.", min=1, max=100)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -482,7 +477,7 @@ class EnergyRequest(ModelDataOptions):
         option("Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"),
     ] = None
     recordings: Annotated[int, option("Number of recordings to simulate.", min=1)] = 2
-    out: Annotated[Path, option("Folder for energy.json and energy.html.")] = Path("build/energy")
+    out: Annotated[Path, option("Folder for energy.json.")] = Path("build/energy")
 
 
 @dataclass(frozen=True, kw_only=True)

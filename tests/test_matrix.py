@@ -70,7 +70,7 @@ CHOSEN = ("chosen", "chosen-kinds")
 
 JUDGED = "--data {data} --config {config} --group person --seeds 1"
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
+    "inspect": ("inspect {data} --out {out}/picture.png", ("linear", "image")),
     "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
     "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm",)),
     "train --fits": (
@@ -129,11 +129,8 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
         ("chosen-kinds", "image"),
     ),
-    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --seeds 1 --out {out}", ("linear",)),
-    "baselines": (
-        "baselines --data {data} --config {config} --group person --out {out}",
-        ("linear", "image"),
-    ),
+    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --out {out}", ("linear",)),
+    "baselines": ("baselines --data {data} --group person --out {out}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
         (),
@@ -188,7 +185,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
     (("quantise --readout",), ("image",), "--readout: models for images have none"),
     (
-        ("enrol", "enrol --teach", "asic", "stability", "import"),
+        ("enrol", "enrol --teach", "asic", "stability", "import", "watch"),
         ("image",),
         "is a network for images, which this verb does not take",
     ),

@@ -3,7 +3,7 @@
 First front ends are searched with a linear classifier (`eskin.choose.front_ends`), then networks are tried on
 those listed (`eskin.choose.networks`); both times the rule of `eskin.choose.candidate` takes one.
 
-What is cross-validated on the folds it was chosen on looks better than it is: on pure noise of 60 recordings
+Cross-validation on the folds of the choice overstates the accuracy: on pure noise of 60 recordings
 and two classes the best of eighty front ends is 60 to 75 % correct. So the choice is made again inside the
 training part of every fold (`unseen`): the same rule after a shorter search, on fewer recordings and with
 fewer networks. The network taken is then trained on the whole training part with the full recipe, and judged on the
@@ -73,7 +73,7 @@ LEAST = {
 # ---------------------------------------------------------------------- the front end
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """The front end that was asked for or chosen, and the split to choose by.
+    """The requested or chosen front end, and the split for the choice.
 
     config: it. reasons: in words. split, split_from: of ``choose_split``. prices: what candidates cost.
     front_ends: to choose from again inside folds; None where nothing is to be judged. screened: the front ends
@@ -165,8 +165,8 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
     """The groups that stay together while front end and network are chosen, and where they come from, in
     words.
 
-    Those asked for; else the archive's first group array of which every class has two values at least
-    (``no_group``: what is none); else none: single recordings.
+    The requested groups; otherwise the archive's first group array with at least two values in every class
+    (not those in ``no_group``); otherwise none, which leaves out single recordings.
     """
     if groups is not None:
         return list(groups), "as asked for"
@@ -187,8 +187,8 @@ def choose_front_end(
     folds: int = 5,
     progress: Progress | None = None,
 ) -> Plan:
-    """Search the front ends and choose one. Where there are too few recordings to judge on, it is the first
-    guess of `eskin.training.derive`, and a reason says so.
+    """Search the front ends and choose one. With too few recordings for a comparison, it is the first guess
+    of `eskin.training.derive`, and a reason is recorded.
 
     Parameters
     ----------
@@ -254,7 +254,8 @@ def choose_front_end(
 
 
 def _level_alone(recordings: Recordings, folds: Sequence[np.ndarray]) -> tuple[float, int]:
-    """The share of recordings whose class the level of the first frames alone tells, and how many frames."""
+    """Accuracy of a classifier that sees only the level of the first frames, and the number of these
+    frames."""
     frames = settling_frames(recordings.sample_rate_hz)
     levels = np.array([recordings.recording(i)[:frames].mean(axis=0) for i in range(len(recordings))])
     levels = (levels - levels.mean(axis=0)) / (levels.std(axis=0) + 1e-9)

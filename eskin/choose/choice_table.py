@@ -25,7 +25,9 @@ def front_end_words(row: Record) -> str:
 
 def _windows(row: Record) -> str:
     activity = (
-        f" (|{row['activity_rule']}| of {row['activity_block']} frames)" if "activity_rule" in row else ""
+        f" (|{row['activity_rule']}| of {row['activity_block']} frame{'s' * (row['activity_block'] > 1)})"
+        if "activity_rule" in row
+        else ""
     )
     kinds, every = "+".join(row["feature_kinds"]), row.get("scan_every", 1)
     scans = "" if every == 1 else f", one frame in {every} scanned"
@@ -73,11 +75,11 @@ def front_end_table(record: Record) -> list[Record]:
 
 
 def network_name(row: Record) -> str:
-    """``GRU 8``, ``linear`` or ``linear (least squares)``: a row of ``candidates`` of training.json."""
+    """``GRU 8``, ``GRU 8 (robust)``, ``linear`` or ``linear (least squares)``: a row of ``candidates`` of training.json."""
     if not row["hidden"] and row["cell"] != "linear":
         return row["cell"]
     if row["cell"] != "linear":
-        return f"{row['cell'].upper()} {row['hidden']}"
+        return f"{row['cell'].upper()} {row['hidden']}{' (robust)' * row.get('robust', False)}"
     return "linear" if row["recipe"] == "linear" else f"linear ({row['recipe']})"
 
 
@@ -123,7 +125,7 @@ def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str
     ]
     name = f"The weakest is '{weakest['mode']}': {weakest['figure']:.1%}, bound {weakest['bound']:.1%}."
     if weakest["held"]:
-        return f"{name} Every bound holds."
+        return f"{name} Every figure is within its bound."
     best = max(found, key=lambda one: one[:2])[2]
     (figure,) = (row["figure"] for row in best["stress"] if row["mode"] == weakest["mode"])
     if sign * (figure - weakest["figure"]) < 0.005:
@@ -131,9 +133,9 @@ def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str
     joule = 1e6 * (best["energy_touch_j"] - taken["energy_touch_j"])
     points = 100 * (best["accuracy"] - taken["accuracy"])
     return (
-        f"{name} Of the candidates, {network_name(best)} with {front_end_words(best['front_end'])} does best there: "
-        f"{figure:.1%}. Against the chosen network it has {joule:+.2f} uJ a touch, "
-        f"{best['cells'] - taken['cells']:+d} logic cells and {points:+.1f} points on undisturbed recordings."
+        f"{name} The best candidate in this mode reaches {figure:.1%}: {network_name(best)}, "
+        f"{front_end_words(best['front_end'])}. Compared with the chosen network it needs {joule:+.2f} uJ a touch and "
+        f"{best['cells'] - taken['cells']:+d} logic cells; its accuracy without disturbance differs by {points:+.1f} points."
     )
 
 

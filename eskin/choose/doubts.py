@@ -175,7 +175,7 @@ def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> li
 
 
 def level_tells(frames: int, share: float, without: float | None, groups: Sequence[str]) -> list[Record]:
-    """The doubt where the level of the first ``frames`` tells the class of a ``share`` of the recordings.
+    """The doubt that the level of the first ``frames`` reveals the class in a ``share`` of the recordings.
 
     Parameters
     ----------
@@ -204,11 +204,12 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
 
 
 def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Record]:
-    """A doubt where only the longest of the front ends ``screened`` (configuration, correct; best first) are
-    level with the best, and that one is right of less than ENOUGH: a longer touch may be decided better.
+    """A doubt where only the longest of the front ends ``screened`` (configuration, correct; best first) tie
+    with the best, and the accuracy of the best is below ENOUGH: longer touches might give a higher accuracy.
 
-    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best. Those that
-    scan less often than it do not count: their rest level takes longer, so they may begin later.
+    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best.
+    Front ends that scan less often are left out: their rest level takes longer to settle, so their touches
+    may begin later.
     """
     best, correct = screened[0]
     screened = [row for row in screened if row[0].sensor.scan_every <= best.sensor.scan_every]

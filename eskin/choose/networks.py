@@ -5,12 +5,12 @@ Candidates are the linear cell on each front end listed and GRUs of 4, 8 and 12 
 with one seed, and with more where it can still be taken.
 
 A linear cell is fitted as a logistic regression and by least squares (`eskin.training.linear_fit`): which one
-does better depends on how many touches there are for its weights. Where the recipe augments touches, which
-helps or harms by what tells the classes apart, both are fitted to touches as they were recorded too; and a
-logistic regression of these with a weaker penalty, and least squares with each of RIDGES. All cost the same,
-so all are tried on the cheapest front end, and on the others the best of either kind that is not out of
-reach. First comes the mean of a logistic regression and least squares, then logistic regressions, whose
-margins are logarithms of odds.
+does better depends on how many touches there are for its weights. Augmentation helps or harms, depending on
+what distinguishes the classes. So if the recipe augments touches, both are also fitted to the touches as
+recorded. Further candidates: logistic regression of these with a weaker penalty, and least squares with each
+of RIDGES. All cost the same, so all are tried on the cheapest front end, and on the others the best of either
+kind that is not out of reach. First comes the mean of a logistic regression and least squares, then logistic
+regressions, whose margins are logarithms of odds.
 
 Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
@@ -104,7 +104,7 @@ ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squar
 class Effort:
     """Amount of work for the choice.
 
-    fits, units: of linear cells and of GRUs. share: of a recurrent network's updates one part in so many.
+    fits, units: of linear cells and of GRUs. share: divisor of a recurrent network's number of updates.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
     candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
     standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: front ends that are made sturdier.
@@ -124,12 +124,13 @@ class Effort:
     rounds: int = 2
 
     def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
-        """With the fits that leaving ``parts`` out in turn can tell apart. Where there are two and each is a group,
-        a network learns from one alone, and so nothing of how groups differ: what does best then need not with both,
-        so the first fit stands."""
+        """With the fits that leaving ``parts`` out in turn can tell apart. With two folds that are one group
+        each, a network learns from a single group and nothing about differences between groups. The best fit
+        for one group need not be the best for both, so the first fit is kept and no stronger regularisation
+        is tried."""
         values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
         alone = len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
-        return dataclasses.replace(self, fits=self.fits[:1]) if alone else self
+        return dataclasses.replace(self, fits=self.fits[:1], sturdy=()) if alone else self
 
 
 INSIDE = Effort(
@@ -447,7 +448,7 @@ def side_by_side(
 def _judged(
     asked: Mapping[int, Round], parts: Sequence[Part], settings: CrossValidationSettings
 ) -> dict[int, list[ScoredCandidate]]:
-    """The rounds asked for by the choices of these numbers."""
+    """The rounds that these choices request."""
     together: dict[tuple[Candidate, int, bool], list[int]] = {}
     for number, wanted in asked.items():
         for candidate in wanted.candidates:

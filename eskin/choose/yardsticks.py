@@ -1,5 +1,4 @@
-"""Classifiers that the network is measured with, on the same folds: what one would get without this front
-end, or without this network.
+"""Baselines on the same folds as the network: the accuracy without this front end, or without this network.
 
 - the linear classifier of ``choose_front_end`` on the same integer features: the front end is the network's,
   the network is not;

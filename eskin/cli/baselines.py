@@ -9,8 +9,8 @@ def baselines(request: BaselinesRequest) -> None:
     """Compare scikit-learn's classifiers and a float GRU on the same folds: accuracy and cost."""
     from eskin.verbs import baselines_job
 
-    recordings, user_config = load_data(request.data, request.config)
-    front_end = fitting_config(recordings, user_config, request.groups)
+    recordings, _ = load_data(request.data)
+    front_end = fitting_config(recordings, None, request.groups)
     with progress_bars() as report:
         result = baselines_job.run(request, recordings, front_end.config, progress=report)
     show("baselines", **result)

@@ -22,8 +22,8 @@ def inspect(request: InspectRequest) -> Record:
     readme = picture.with_suffix("") / "README.md"
     if request.card and readme.exists():
         raise InputError(f"{readme}: exists already and may be filled in; move it, or give another --out")
-    recordings, chosen = load_data(request.data, request.config)
-    figures = look(recordings, chosen)
+    recordings, _ = load_data(request.data)
+    figures = look(recordings)
     draw(recordings, figures.get("onset_frames"), picture)
     more = {} if recordings.image_shape else in_rows(recordings, figures, request.data)
     show("inspect", **figures, **more, picture=picture)
@@ -77,10 +77,6 @@ def convert(request: ConvertRequest) -> None:
                 "one unit"
             )
         recordings = for_model(recordings, model)
-    if request.size is not None:
-        from eskin.study.image_size import image_size, resized
-
-        recordings = resized(recordings, *image_size(request.size))
     save_archive(recordings, request.out)
     show("convert", source=request.source, recordings=recordings, out=request.out)
 

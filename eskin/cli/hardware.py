@@ -131,7 +131,7 @@ def _work_folder(parent: Path) -> Iterator[Path]:
 
 
 def _keep(waves: Path, work: Path) -> str:
-    """The waves of a mismatch, moved out of the work folder that ends with the call."""
+    """The waveform of a mismatch, moved out of the temporary work folder."""
     target = work.with_name(f"waves_{work.name}")
     waves.rename(target)
     return str(target)
@@ -281,7 +281,6 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
 )
 def energy(request: EnergyRequest) -> Record:
     """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
-    from eskin.pages.energy_page import PAGE
     from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job
 
@@ -291,5 +290,5 @@ def energy(request: EnergyRequest) -> Record:
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: Record = {"count": request.recordings, "out": request.out, "work": work, "notify": report}
         result = job(integer, loaded, request.configuration, **options)
-    show("energy", **result, in_words=in_words, page=request.out / PAGE)
+    show("energy", **result, in_words=in_words, file=request.out / RESULT)
     return result

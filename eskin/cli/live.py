@@ -2,7 +2,7 @@
 
 from rich.markup import escape
 
-from eskin.cli.common import app, integer_model, messages, recordings_for, show
+from eskin.cli.common import app, messages, recordings_for, show
 from eskin.golden.core import InputError, Record
 from eskin.requests import WatchRequest
 
@@ -13,6 +13,7 @@ from eskin.requests import WatchRequest
 )
 def watch(request: WatchRequest) -> Record:
     """Watch a model live in the browser: taxels, windows, features, hidden state, logits and decisions."""
+    from eskin.golden.model import IntegerModel
     from eskin.verbs import build_job, watch_job
 
     if request.port and request.simulate:
@@ -23,9 +24,7 @@ def watch(request: WatchRequest) -> Record:
             "scene"
         )
     baud, lanes, lane_type = build_job.board_of(request.model) if request.port else (None, None, None)
-    integer = integer_model(request.model).with_lanes(lanes, lane_type)
-    if integer.config.is_image and not request.data:
-        raise InputError("--data: is missing; a model for images has no synthetic scene, so name images")
+    integer = IntegerModel.load(request.model).with_lanes(lanes, lane_type)
     recordings = (
         None
         if request.port and not request.data

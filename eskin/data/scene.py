@@ -22,12 +22,12 @@ the last, and carries the person's tremor.
   / 2 + 0.15 (f - 1))``, where f, drawn anew from an exponential distribution every 20 ms, stands for the many
   short contacts of single bristles.
 
-All times the coupling of each taxel in this trial (an uneven surface, a tilted hand).
+Everything is multiplied by the coupling of each taxel in this trial (an uneven surface, a tilted hand).
 
 **Sensor.** `eskin.data.piezo_array`.
 
-So that per-taxel mean and deviation tell little, forces are alike over the classes and vary by person and
-trial. What tells the classes apart is the order in which a taxel is loaded: + then - (roll), - then +
+Forces are alike in all classes and vary by person and trial, so that mean and deviation of a taxel reveal
+little. The classes differ in the order in which a taxel is loaded: + then - (roll), - then +
 (slide), several times (brush).
 """
 

@@ -29,7 +29,7 @@ Refuse = Callable[..., NoReturn]
 
 @dataclass(frozen=True)
 class Reading:
-    """The user's remarks about a source; None and empty: to be found out.
+    """What the user specified about a source. None or empty: to be inferred from the file.
 
     rate_hz: frames a second. recording, label: columns, by name or by number from 1, or an attribute. columns:
     the taxels. delimiter: what separates columns. scale: what one code is worth. samples: array of a .mat or
@@ -232,7 +232,8 @@ def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:
 
 
 def check_regular(path: Path, refuse: Refuse) -> None:
-    """Refuse what is no regular file (a pipe without a writer would wait for ever), or too large."""
+    """Raise InputError for anything but a regular file (a pipe without a writer would block for ever), or for
+    a file that is too large."""
     if not path.is_file():
         refuse(f"{path.name} is no regular file; remove it or write it again")
     if path.stat().st_size > MOST_BYTES:

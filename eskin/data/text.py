@@ -1,8 +1,8 @@
 """Tables of text as people have them, CSV and LabVIEW's ``.lvm``: pandas parses, this module finds the form
 out.
 
-What separates the cells, whether a comma is a decimal point and whether there is a header is read off the
-file; what cannot be read for certain is refused with file, line and the option that settles it.
+What separates the cells, whether a comma is a decimal point and whether there is a header is inferred from
+the file; anything ambiguous is refused with file, line and the option that decides.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class _File:
         self.heads, self.breaks = self._without_heads() if self.lvm else ([{}], [])
         self.rows = self._rows()
         if asked is None and self.heads[0].get("Separator"):
-            asked = "," if self.heads[0]["Separator"][0] == "Comma" else "\t"
+            asked = {"Comma": ",", "Semicolon": ";"}.get(self.heads[0]["Separator"][0], "\t")
         self.delimiter = self._found(asked)
 
     def refuse(self, why: str, row: int | None = None) -> NoReturn:
@@ -126,8 +126,10 @@ class _File:
         heads: list[dict[str, list[str]]] = []
         ends: list[int] = []
         text = "\n".join(self.lines)
+        comma = re.search(r"^Separator,", text, re.M)
+        cells = re.compile("," if comma else r"[\t;]")
         for match in _HEAD.finditer(text):
-            rows = [[cell.strip() for cell in re.split(r"[\t;]", line)] for line in match[0].split("\n")]
+            rows = [[cell.strip() for cell in cells.split(line)] for line in match[0].split("\n")]
             fields = {name: cells for name, *cells in rows}
             start = text.count("\n", 0, match.start())
             if heads and not any(map(str.strip, self.lines[ends[-1] + 1 : start])):
@@ -167,7 +169,7 @@ class _File:
         self.notes.append(f"line {row + 1}, the last of '{self.path.name}', is cut off and was dropped")
 
     def _cells(self, delimiter: str, rows: Sequence[int]) -> Iterator[list[str]]:
-        """The cells of rows; what stands between quotation marks is one."""
+        """The cells of rows; text in quotation marks is one cell."""
         lines = (self.lines[row].rstrip(" \r") for row in rows)
         for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=self.quoting):
             yield [cell.strip() for cell in cells]
@@ -267,8 +269,8 @@ class _File:
 
 
 def _of_labview(table: Table, file: _File) -> Table:
-    """The table of an ``.lvm`` file: column 1 is time and the others are in volt, unless the heads say more.
-    Where the time is blank the rate is that of Delta_X."""
+    """The table of an ``.lvm`` file: column 1 is time and the others are in volt, unless the headers say
+    otherwise. Where the time is blank the rate is that of Delta_X."""
     import pandas as pd
 
     cells = [cell.replace(",", ".") for head in file.heads for cell in head.get("Delta_X", [])]

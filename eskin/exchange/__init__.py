@@ -1,6 +1,6 @@
 """Networks from and to other tools: PyTorch and ONNX files, plain C.
 
-onnxruntime reports the models that it opens to its maker, unless this variable is set before it is imported.
+onnxruntime reports each opened model to its vendor unless this variable is set before the import.
 A user's model is nobody else's business.
 """
 

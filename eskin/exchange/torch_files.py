@@ -17,7 +17,7 @@ TORCH_SUFFIXES = (".pt", ".pth")
 
 
 def check_readable(path: Path) -> None:
-    """Refuse (InputError) a file that cannot be opened: what fails after this is its content."""
+    """Raise InputError for a file that cannot be opened, so that later errors concern its content."""
     try:
         path.open("rb").close()
     except OSError as error:

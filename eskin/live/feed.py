@@ -48,7 +48,7 @@ class Where:
     cell, ``peak`` a taxel.
 
     frame: whose it is (0: not known). ended: the touch is over; direction: of its slide,
-    `eskin.golden.model.position.DIRECTIONS`. wrong: hardware told another one.
+    `eskin.golden.model.position.direction`. wrong: hardware told another one.
     """
 
     frame: int
@@ -82,8 +82,8 @@ class Step:
 class Decided:
     """A touch's global decision.
 
-    frame: the one that brings it. since: seconds from the onset to that frame. partial: the end of
-    the recording brought it. unsure: its margin is below the threshold.
+    frame: the frame that completes it. since: seconds from the onset to that frame. partial: the recording
+    ended before the touch did. unsure: its margin is below the threshold.
     """
 
     touch: int

@@ -31,7 +31,7 @@ class Thinner:
     """Frames to display frames: of each bucket of ``size`` frames its first frame, count, and per taxel
     least, greatest and last code.
 
-    So a spike of one frame is seen however much is left out. Holds one bucket; ``rest`` gives what is in it.
+    So a spike of one frame is seen however much is left out. Holds one bucket back; ``rest`` returns it.
     """
 
     def __init__(self, size: int) -> None:
@@ -114,14 +114,11 @@ class Hub:
         Frames a second of the sensor.
     taxels:
         Of a frame.
-    thins:
-        False: every frame is shown, as the rows of an image must be.
     """
 
-    def __init__(self, hello: Record, rate_hz: float, taxels: int, *, thins: bool = True) -> None:
+    def __init__(self, hello: Record, rate_hz: float, taxels: int) -> None:
         self._hello = encoded("hello", **hello)
         self._rate, self._display_hz = rate_hz, max(10.0, min(DISPLAY_HZ, VALUES_HZ / max(1, taxels)))
-        self._thins = thins
         self._thinner = Thinner(self.bucket(1.0))
         self._viewers: list[Viewer] = []
         self._history: deque[str] = deque(maxlen=HISTORY)
@@ -131,11 +128,11 @@ class Hub:
         self._gone_dropped = 0
 
     def bucket(self, speed: float) -> int:
-        """Frames of a display frame at so many times the sensor's pace."""
-        return max(1, round(self._rate * speed / self._display_hz)) if self._thins else 1
+        """Sensor frames per display frame at ``speed`` times the sensor's pace."""
+        return max(1, round(self._rate * speed / self._display_hz))
 
     def pace(self, frames_per_s: float) -> None:
-        """Thin out for a source of so many frames a second."""
+        """Set the thinning for a source with this frame rate."""
         self._thinner.size = self.bucket(frames_per_s / self._rate)
 
     def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:

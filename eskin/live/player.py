@@ -1,5 +1,5 @@
-"""Plays recordings through a source at their own pace, under the control of whoever watches; the one place
-that keeps time and counts.
+"""Plays recordings through a source at their own pace, under the control of the viewers. Only this class
+keeps time and counts.
 
 The player's thread goes: frames to the source, events to the hub. Neither waits for a viewer.
 """
@@ -20,7 +20,7 @@ from eskin.live.hub import Hub
 from eskin.live.sources import NO_SINCE, Listener, Source
 
 TICK_S = 1 / 30
-"""Frames are taken in pieces of so many seconds."""
+"""Seconds of frames that are taken at a time."""
 FASTEST_FRAMES = 512
 """A piece as fast as possible."""
 BEHIND_S = 0.25
@@ -107,8 +107,6 @@ class Player:
         Indices of those to play, in this order.
     once:
         Come to an end with the last one; else wait to be asked for more.
-    apart_s:
-        Seconds at least, at the sensor's pace, from the begin of a recording to that of the next.
     """
 
     def __init__(
@@ -120,11 +118,10 @@ class Player:
         controls: Controls,
         *,
         once: bool = False,
-        apart_s: float = 0.0,
     ) -> None:
         self._source, self._recordings, self._numbers = source, recordings, list(numbers)
         self._hub, self.controls = hub, controls
-        self._once, self._apart_s = once, apart_s
+        self._once = once
         self.tally = Tally()
         self.decisions: dict[int, int] = {}
         """Recording -> the model's decision, of those played to their end."""
@@ -133,7 +130,7 @@ class Player:
         self._ended, self._first_s = False, NO_SINCE
 
     def run(self) -> None:
-        """Play until all is played (``once``) or somebody stops it. What goes wrong is kept in ``error``."""
+        """Play until all is played (``once``) or somebody stops it. An exception is stored in ``error``."""
         try:
             self._state()
             if isinstance(self._source, Listener):
@@ -191,7 +188,7 @@ class Player:
         self._events(source.arm())
         self._state()
         at, speed = 0, controls.speed
-        begun = due = time.monotonic()
+        due = time.monotonic()
         while at < length:
             due, speed = self._until(due, speed, label)
             if controls.left(label):
@@ -223,9 +220,6 @@ class Player:
                 Result(number, label, source.decision, self._first_s, self.tally.mismatches - wrong_before)
             )
         self._tell()
-        if whole and self._apart_s:
-            self._until(begun + self._apart_s / controls.speed, controls.speed, label)
-            controls.skip = False
 
     def _until(self, due: float, speed: float, label: int) -> tuple[float, float]:
         """Wait until ``due``, or until the recording is left. Gives ``due`` and the speed, which viewers may
@@ -328,8 +322,7 @@ def hello(
     labels = recordings.labels[list(numbers)] if recordings is not None else np.zeros(0, dtype=np.int64)
     return {
         "name": config.name,
-        "network": _network(config),
-        "image": [config.image.height, config.image.width] if config.is_image else None,
+        "network": f"{network.cell.upper()} {network.hidden}" if config.recurrent else "linear",
         "lanes": config.hardware.lanes,
         "taxels": config.sensor.taxels,
         "masked": list(config.sensor.masked_taxels),
@@ -353,9 +346,3 @@ def hello(
         "counts": np.bincount(labels, minlength=len(network.class_names)).tolist(),
         **more,
     }
-
-
-def _network(config: AcceleratorConfig) -> str:
-    if config.is_image:
-        return ", ".join(config.image.layers)
-    return f"{config.network.cell.upper()} {config.network.hidden}" if config.recurrent else "linear"

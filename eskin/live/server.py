@@ -162,8 +162,8 @@ class PageServer:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _send(self, connection: ServerConnection, viewer: Viewer, waiting: asyncio.Event) -> None:
-        """Send the waiting events to the viewer, one message at a time: JSON, a list. The next one only
-        when the browser has room for it."""
+        """Send the waiting events to the viewer, one message at a time: JSON, a list. The next message is
+        sent only when the browser can take it."""
         with contextlib.suppress(ConnectionClosed):
             while True:
                 await waiting.wait()

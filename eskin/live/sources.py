@@ -1,8 +1,8 @@
-"""Sources of stages: the integer model alone, the simulated hardware beside it, a board beside it, or a
-board that works by itself.
+"""Sources of stages: the integer model alone, with the simulated hardware, with a board, or a stand-alone
+board.
 
-Each takes frames as fast as they are given and tells what they brought (``eskin.live.feed``). The model
-always runs, frame by frame and unthinned; what hardware says is held against it value by value.
+Each takes frames as fast as they are given and returns the events that they cause (``eskin.live.feed``). The
+model always runs, frame by frame and unthinned; what hardware says is held against it value by value.
 """
 
 from __future__ import annotations
@@ -23,14 +23,13 @@ from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.prototypes import taught_in_use
 from eskin.golden.model.stream import Decision
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Taught, Where
-from eskin.live.image_stream import ImageStream
 from eskin.rtl.program.memory_map import TeachRegister
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
     from eskin.cosim.live import LiveSimulator
 
-STAGES = ("sum", "fault", "feature", "state", "map", "logit")
-"""Stages of the simulated hardware with a number for each input, unit, value of a map or class."""
+STAGES = ("sum", "fault", "feature", "state", "logit")
+"""Stages of the simulated hardware with a number for each input, unit or class."""
 NOTHING = np.zeros(0, dtype=np.int64)
 EMPTY: Mapping[str, Stage] = {}
 NO_SINCE = -1.0
@@ -65,7 +64,7 @@ class Source(Protocol):
         """Decision of the recording: the global one of its first touch, -1 if none yet."""
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release its resources."""
 
 
 class ModelSource:
@@ -74,7 +73,7 @@ class ModelSource:
     kind = "recordings"
 
     def __init__(self, model: IntegerModel) -> None:
-        self.stream: Stream | ImageStream = ImageStream(model) if model.config.is_image else Stream(model)
+        self.stream = Stream(model)
         self.config = model.config
         self._told = 0  # touches whose beginning was told
         self._positions = PositionStream(model.config) if model.config.interface.position else None
@@ -111,9 +110,7 @@ class ModelSource:
         return self._teaching("FORGET", label)
 
     def _teaching(self, register: str, label: int) -> list[Event]:
-        """TEACH or FORGET of a class, told to the model and to hardware beside it."""
-        if not isinstance(self.stream, Stream):
-            return []
+        """Teach or forget a class, in the model and in the hardware beside it."""
         try:
             (self.stream.teach if register == "TEACH" else self.stream.forget)(label)
         except InputError as error:
@@ -132,7 +129,7 @@ class ModelSource:
         return [Differs(f"{device} TAUGHT reads {said & 0xFF} touches and the model holds {held}")]
 
     def _model(self) -> IntegerModel:
-        """The model with what it has been taught."""
+        """The model, including its taught touches."""
         assert isinstance(self.stream.model, IntegerModel)
         return self.stream.model
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
-from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
+from eskin.golden.core import NETWORKS, InputError, Record, replacing
 from eskin.golden.core.images import layer_stages, network
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
@@ -28,21 +28,19 @@ HELD_S, HELD_FRAMES = 0.02, 4
 HELD_SPAN = 16
 """Codes a taxel must span for that: a quiet sensor of few codes is at its extremes all the time."""
 MANY_TAXELS = 24
-"""From so many taxels on a picture shows a heat map over taxels and time in place of a line a taxel."""
+"""From this number of taxels on, a picture shows a heat map over taxels and time instead of a line per
+taxel."""
 LISTED = 10
 """Recordings that are listed, at most."""
 CLASSES_SHOWN = 32
 """Classes of images that the picture has room for."""
 
 
-def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> Record:
+def inspect(recordings: Recordings) -> Record:
     """Plain figures about ``recordings``, or images, ready for JSON.
 
-    Parameters
-    ----------
-    config:
-        Whose onset rule is applied; None: the derived configuration. Recordings that give none (two taxels,
-        say) are described without onsets, and ``configuration.reasons`` says why.
+    Onsets are by the derived configuration. Recordings that give none (two taxels, say) are described without
+    onsets, and ``configuration.reasons`` says why.
 
     Returns
     -------
@@ -72,7 +70,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
         "groups": {name: count for name, count in values.items() if not why_none[name]},
         "values": [name for name in values if why_none[name]],
     }
-    return common | (_of_images(recordings) if recordings.image_shape else _of_recordings(recordings, config))
+    return common | (_of_images(recordings) if recordings.image_shape else _of_recordings(recordings))
 
 
 def _of_images(recordings: Recordings) -> Record:
@@ -94,14 +92,12 @@ def _of_images(recordings: Recordings) -> Record:
     }
 
 
-def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> Record:
-    reasons: list[str] = []
-    if config is None:
-        try:
-            config, reasons = derive_config(recordings)
-        except InputError as error:
-            reasons = [str(error)]
-    onsets = None
+def _of_recordings(recordings: Recordings) -> Record:
+    config, onsets = None, None
+    try:
+        config, reasons = derive_config(recordings)
+    except InputError as error:
+        reasons = [str(error)]
     if config is not None:
         onsets = [config.sensor.source_frame(frame) for frame in find_onsets(config, recordings).tolist()]
     lengths, samples = recordings.lengths, recordings.samples

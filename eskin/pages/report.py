@@ -457,8 +457,12 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
     """Accuracy of every candidate against energy of a touch and against the time to the decision, with the
     front of those that none beats in both; the taken one is named. What fits the board is filled."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
-    figure, panels = panel_row(len(COSTS), 10.4, 3.6)
-    for axes, (key, (label, factor)) in zip(panels, COSTS.items(), strict=True):
+    # a cost that all share tells nothing
+    costs = {
+        key: words for key, words in COSTS.items() if len({f"{row[key]:.4}" for row in rows if row[key]}) > 1
+    } or COSTS
+    figure, panels = panel_row(len(costs), 10.4, 3.6)
+    for axes, (key, (label, factor)) in zip(panels, costs.items(), strict=True):
         # rounded, so that costs that are equal but for their last bits are one
         shown = [row | {key: float(f"{factor * row[key]:.6g}")} for row in rows if row[key] is not None]
         front = pareto(shown, key)
@@ -487,9 +491,7 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 zorder=3 if row["chosen"] else 2,
             )
             if row["chosen"]:  # the table below has the recipe and every kind
-                kinds = row["front_end"]["feature_kinds"]
-                brief = f"{len(kinds)} kinds" if len(kinds) > 1 else kinds[0]
-                text = f"{network_name(row).partition(' (')[0]}, {brief}: chosen"
+                text = f"chosen: {network_name(row)}"
                 style: Record = {
                     "textcoords": "offset points",
                     "fontsize": 8,
@@ -504,7 +506,10 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
         axes.set_xlabel(label)
     axes = panels[0]
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
-    axes.set(title=f"grey: the best at each cost; {filled}", ylabel="accuracy, integer, cross-validated")
+    axes.set(
+        title=f"grey: the best at each cost; {filled}{'; lines down: under disturbance' * bool(stressed)}",
+        ylabel="accuracy, integer, cross-validated",
+    )
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     return figure

@@ -1,5 +1,5 @@
-"""Other methods on the touches and folds of our networks: scikit-learn's classifiers, and a GRU in float; what
-each decides rightly of recordings that it has not seen, and what it costs.
+"""Other methods on the touches and folds of our networks: scikit-learn's classifiers, and a GRU in float;
+their accuracy on unseen recordings, and their cost.
 
 A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
 touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
@@ -340,7 +340,7 @@ def judge(shared: Shared, piece: BaselineJob) -> Record:
 
 
 def timed(model: Fitted, rows: np.ndarray) -> list[float]:
-    """Microseconds of each decision, the first one left out; of TIMED rows, as far as TIMED_S go."""
+    """Microseconds per decision without the first one, over at most TIMED rows and TIMED_S seconds."""
     decide = model.alone or (lambda row: model.decide(np.array([row])))
     microseconds: list[float] = []
     for number, row in enumerate(rows[: TIMED + 1]):

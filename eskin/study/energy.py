@@ -279,7 +279,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
 
 
 def compare(rows: list[Record], *, what: str = "touch") -> Record:
-    """Configurations side by side: the one with the least energy a touch, the one with the least average
+    """Compares configurations: the one with the least energy per touch and the one with the least average
     power.
 
     Parameters

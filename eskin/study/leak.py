@@ -1,8 +1,9 @@
 """Does a network know the class of a recording whose touch was taken out?
 
-A class can leak through what is no touch: the resting level, when the touch begins, how long the recording
-goes on. So the frames of each recording behind its quiet lead-in are replaced by that lead-in, repeated; the
-gate is forced open at the onset that was found in the recording as it was; length and onset stay.
+A class can leak through something other than the touch: the rest level, the time of the onset, the length of
+the recording. So the frames of each recording behind its quiet lead-in are replaced by that lead-in,
+repeated; the gate is forced open at the onset that was found in the recording as it was; length and onset
+stay.
 """
 
 import dataclasses
@@ -25,7 +26,7 @@ def without_touches(
 ) -> Recordings:
     """Every recording with what follows its quiet lead-in replaced by that lead-in, repeated.
 
-    The lead-in ends before the first frame that the onset's verdict saw: the touch may have begun there.
+    The lead-in ends before the first frame that the onset rule used, because the touch may have begun there.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def without_touches(
 
 
 def quiet_enough(config: AcceleratorConfig, onsets: np.ndarray) -> np.ndarray:
-    """(R) bool: an onset was found, and the lead-in before it is longer than the settling frames."""
+    """(R) bool: an onset was found, and its lead-in is longer than the settling time."""
     return onsets - _judged_frames(config) > config.rest_level.rest_frames
 
 
@@ -98,8 +99,8 @@ def known_without_touch(
 
 def known_from_first_frames(model: IntegerModel, recordings: Recordings) -> Leak | None:
     """Accuracy of a model whose gate opens at once on recordings of which only the first frames are left,
-    repeated; None if all are too short. Recordings may begin in contact, so they may tell LEVEL_TELLS of
-    the way from chance to 1."""
+    repeated; None if all are too short. Recordings may begin in contact, so the level may lift accuracy by
+    LEVEL_TELLS of the way from chance to 1."""
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
     frames = max(settling_frames(recordings.sample_rate_hz), config.rest_level.rest_frames + 1)

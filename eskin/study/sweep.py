@@ -2,9 +2,9 @@
 smallest one that is enough.
 
 A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is
-counted from the configuration and, through ``cost_of``, from the program of the hardware. What is trained is
-kept by content: points that differ in lanes alone share one training, an interrupted sweep goes on where it
-stopped, and a repeated one trains nothing.
+counted from the configuration and, through ``cost_of``, from the program of the hardware. Trained networks
+are cached by content: points that differ only in lanes share one training, an interrupted sweep resumes, and
+a repeated sweep trains nothing.
 """
 
 import itertools
@@ -27,9 +27,8 @@ from eskin.training.crossval import cross_validate
 from eskin.training.formats import with_network
 from eskin.training.quantise import COVERED_FEATURE, choose_formats
 
-PREPROCESSING = ("hop", "compand", "compand_knee")
 DECISION = ("decision", "early_margin", "early_steps")
-NETWORK = ("cell", "reset", "hidden", "steps", *PREPROCESSING, *DECISION)
+NETWORK = ("cell", "reset", "hidden", "steps", "hop", *DECISION)
 WIDTHS = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
 HARDWARE = ("lanes", "lane_type")
 AWARE = "quantisation_aware"
@@ -107,11 +106,6 @@ class Point:
         """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
         trained = " quantisation-aware" if self.aware else ""
         kind = network_name(self.to_dict())
-        kind += (
-            f" companded at 2^{self.config.features.compand_knee}"
-            if self.config.features.compand == "log"
-            else ""
-        )
         kind += (
             f" early {self.config.network.early_margin} x {self.config.network.early_steps}"
             if self.config.network.decision == "early"
@@ -232,7 +226,7 @@ def _point(base: AcceleratorConfig, fields: Record) -> Point:
             raise InputError(f"field {name}: is {fields[name]!r}; give a whole number")
     if not isinstance(fields.get(AWARE, False), bool):
         raise InputError(f"field {AWARE}: is {fields[AWARE]!r}; give true or false")
-    changes = {name: fields[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in fields}
+    changes = {name: fields[name] for name in ("hop", *DECISION, *HARDWARE) if name in fields}
     network = {name: fields[name] for name in ("cell", "reset", "hidden", "steps") if name in fields}
     cell = network.get("cell") or base.network.cell
     if cell == "lstm":
@@ -475,15 +469,14 @@ def _record(point: Any, splits: list[Record], cost: Mapping[str, float]) -> Reco
 
 
 def size(record: Mapping[str, Any]) -> tuple:
-    """Size of a model: multiplies of a decision, then bits of its weights, then lanes, then no options
-    that take hardware beside them; the rest only makes the order unique."""
+    """Size of a model: multiplies of a decision, then bits of its weights, then lanes, then no early
+    decision, which takes hardware beside it; the rest only makes the order unique."""
     config = record["config"]
-    options = (config.get("compand", "none") != "none") + (config.get("decision") == "early")
     return (
         record["multiplies_decision"],
         record["weight_memory_bits"],
         config["lanes"],
-        options,
+        config.get("decision") == "early",
         json.dumps(config, sort_keys=True),
     )
 

@@ -51,7 +51,7 @@ def front_ends_without(
     """For each value of ``groups`` the front end that is chosen without its recordings.
 
     Values are dealt to CHOICES parts; what is chosen without a part serves all of its values, and their
-    networks train at once. The other values are left out in turn where there are two at least.
+    networks train at once. If there are at least two other values, they are left out in turn.
     """
     front_ends, everything = FrontEnds(recordings), np.arange(len(recordings))
     parts = [list(values)[first::CHOICES] for first in range(min(CHOICES, len(values)))]

@@ -130,10 +130,8 @@ class Batches:
         columns = []
         for number, kind in enumerate(config.features.feature_kinds):
             value = kinds[kind][..., number :: config.kinds]
-            knee = config.features.integral_knee if kind == "integral" else config.features.compand_knee
-            if kind == "integral" or config.features.compand == "log":
-                frames = 1 if kind == "integral" else config.windows.window
-                value = torch.sign(value) * torch.log2(1 + value.abs() * frames / 2.0**knee)
+            if kind == "integral":
+                value = torch.sign(value) * torch.log2(1 + value.abs() / 2.0**config.features.integral_knee)
             columns.append(value)
         return torch.stack(columns, -1).flatten(-2)
 
@@ -144,7 +142,7 @@ class Batches:
         kinds = self._config.kinds
 
         def each(of_one_taxel: torch.Tensor) -> torch.Tensor:
-            """For every kind of feature what was drawn for the taxel."""
+            """The value drawn for the taxel, repeated for every kind of feature."""
             return of_one_taxel.repeat_interleave(kinds, -1)
 
         fails = each(torch.rand(of_taxel, generator=generator) < recipe.taxel_failure)

@@ -50,8 +50,8 @@ def front_end_key(config: AcceleratorConfig) -> str:
 
 
 class Datasets:
-    """First touches of one set of recordings under the front ends that were asked for, each found once:
-    networks are not looked at."""
+    """First touches of one set of recordings under the requested front ends. Each is computed once, whatever
+    the network."""
 
     def __init__(self, recordings: Recordings) -> None:
         self._recordings = recordings

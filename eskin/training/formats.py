@@ -17,7 +17,7 @@ def normaliser_constants(
 ) -> tuple[AcceleratorConfig, np.ndarray, np.ndarray]:
     """Integer constants of feature = (d / unit - mu) / sigma, for every distinct window length.
 
-    unit: ``config.feature_unit``; d: the sum, or what else a window gives, companded where it is. mu, sigma:
+    unit: ``config.feature_unit``; d: what a window gives. mu, sigma:
     scalars or (constants). The feature code is ``(d - unit mu) * ratio`` with ``ratio = 2**feature_frac /
     (unit sigma)``. The shift, one for each length and kind, drops as many bits as leave ``scale = ratio
     2**(shift + gate_frac)`` in 2**(gate_frac-2)..2**(gate_frac-1): centred then resolves one to two bits more

@@ -90,6 +90,8 @@ def quantise(
         When the folder is no model folder, or no format of the asked widths works; naming a field of
         config.json that cannot be kept.
     """
+    if aware and recordings is None:
+        raise InputError("quantise, aware: needs the recordings of the training; give recordings")
     if load_config(model_dir).is_image:
         return _quantise_images(model_dir, recordings, aware, **widths)
     trained = load_trained(model_dir, ranges=recordings is None)
@@ -120,12 +122,12 @@ def quantise(
         )
     trained.check_kept(integer.config, {**widths, **(readout if isinstance(readout, Mapping) else {})})
     record |= {
-        "quantisation_aware": bool(aware and recordings is not None),
+        "quantisation_aware": bool(aware),
         "widths": widths,
         "ranges": range_records(integer.config, ranges),
         **written_by(model.config, integer),
     }
-    integer.save(model_dir, training=record, unchanged=trained.files)
+    integer.save(model_dir, training=record)
     return integer
 
 
@@ -225,13 +227,13 @@ def _quantise_images(
         integer = integers_of(model, choose_image_formats(model, ranges, bits))
     trained.check_kept(integer.config, {"weight_bits": weight_bits})
     record |= {
-        "quantisation_aware": bool(aware and recordings is not None),
+        "quantisation_aware": bool(aware),
         "widths": {"weight_bits": bits},
         "ranges": ranges,
         **written_by(trained.model.config, integer),
     }
     # the float network too: the same function at other scales, beside which the integers are judged layer by layer
-    model.save(model_dir, record, integer, trained.files)
+    model.save(model_dir, record, integer)
     return integer
 
 

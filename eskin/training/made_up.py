@@ -7,6 +7,7 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.data.recordings import image_recordings as of_images
+from eskin.golden.model import IntegerModel, Trace, run
 
 
 def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: int) -> Recordings:
@@ -57,6 +58,17 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
         sample_bits=config.sensor.sample_bits,
         sample_signed=config.sensor.sample_signed,
     )
+
+
+def decided_recordings(model: IntegerModel, lengths: Sequence[int]) -> tuple[Recordings, Trace]:
+    """`random_recordings` of the first seed with a decision, without which they would check nothing, and their
+    trace."""
+    for seed in range(1, 51):
+        recordings = random_recordings(model.config, lengths, seed)
+        trace = run(model, recordings)
+        if len(trace.streams["decision"][0]):
+            break
+    return recordings, trace
 
 
 def _between(codes: np.ndarray, config: AcceleratorConfig, rng: np.random.Generator) -> np.ndarray:

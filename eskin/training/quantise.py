@@ -256,7 +256,7 @@ class IntegerNetwork(torch.nn.Module):
         return codes
 
     def feature_codes(self, features: torch.Tensor) -> torch.Tensor:
-        """Feature codes (N, touches, K, D) of real features: of the nearest (companded) window sums, through
+        """Feature codes (N, touches, K, D) of real features: of the nearest window sums, through
         the integer normaliser of section 3."""
         config = self.config
         lengths = list(config.length_index)
@@ -536,8 +536,8 @@ def check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
 
 
 def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Mapping[str, Any]) -> int:
-    """Fraction bits at which the largest of the normaliser's scales, mostly of the shortest window, reaches
-    16 bits without any shift."""
+    """Fraction bits at which the largest normaliser scale (usually that of the shortest window) fills 16 bits
+    without a shift."""
     gate_frac = config.formats.gate_frac if widths.get("gate_bits") is None else widths["gate_bits"]
     spread = np.broadcast_to(sigma, (config.constants,))
     units = (

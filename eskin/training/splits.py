@@ -19,8 +19,8 @@ SPLITS: dict[str, list[list[str]]] = {
 
 
 def default_splits(recordings: Recordings, config: AcceleratorConfig) -> list[list[str]]:
-    """The splits the configuration names, one that was derived those of the preset of the same sensor, as far
-    as the recordings have the groups; without any, one plain split stratified by class."""
+    """The splits that the configuration names; for a derived configuration, those of the preset for the same
+    sensor. Groups that the recordings lack are ignored. Without any split: one split stratified by class."""
     available = {*recordings.groups, "label"}
     name = config.name
     if name == "derived":

@@ -230,7 +230,7 @@ def tune_network(
     """Train a float network on with weights and maps rounded as the integer one has them (gradients straight
     through), and its integers.
 
-    The formats are chosen before, from the float network, and stay.
+    The formats are chosen beforehand, from the float network, and do not change.
     """
     model = equalised(model, images, weight_bits)
     config = choose_image_formats(model, profile_images(model, images), weight_bits)
@@ -286,7 +286,7 @@ def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], va
 class ImageFold:
     """One network of a cross-validation: trained without the images ``left_out`` and judged on them.
 
-    tuned_bits: also train on with weights of so many bits; 0: not.
+    tuned_bits: weight bits for additional quantisation-aware training; 0: none.
     """
 
     config: AcceleratorConfig

@@ -15,10 +15,9 @@ from eskin.golden.model import (
     constants_shape,
     load_config,
     load_training,
-    model_files,
     network_shapes,
 )
-from eskin.golden.model.model import INTEGER_FILE, TRAINING_FILE, Files
+from eskin.golden.model.model import INTEGER_FILE, TRAINING_FILE
 
 CHOSEN = (
     *(field.name for field in dataclasses.fields(Formats)),
@@ -49,10 +48,9 @@ OF_RANGES = ("rest_level", "windows", "features")
 
 @dataclass(frozen=True)
 class Trained:
-    """A float model under the configuration that quantisation starts from, as its folder has both.
+    """A float model and the configuration that quantisation starts from, both read from its folder.
 
-    current: config.json. edited: fields of CHOSEN that somebody changed in it. record: training.json. files:
-    what the folder held.
+    current: config.json. edited: fields of CHOSEN that somebody changed in it. record: training.json.
     """
 
     folder: str
@@ -60,7 +58,6 @@ class Trained:
     current: AcceleratorConfig
     edited: tuple[str, ...]
     record: Record
-    files: Files
 
     def check_kept(self, config: AcceleratorConfig, options: Mapping[str, Any]) -> None:
         """Refuse to lose what config.json says.
@@ -99,7 +96,7 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     InputError
         The folder is no model folder; config.json says what its network cannot be; it was taught.
     """
-    files, current, record = model_files(model_dir), load_config(model_dir), load_training(model_dir)
+    current, record = load_config(model_dir), load_training(model_dir)
 
     def noted(values: Record, name: str, otherwise: AcceleratorConfig) -> AcceleratorConfig:
         where = f"{model_dir}/{TRAINING_FILE}, field {name}"
@@ -109,9 +106,9 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     quantised = quantised if isinstance(quantised, dict) else {}
     before = noted(quantised, "start", trained)
     # a folder of an earlier version does not say what its quantisation wrote
-    written = noted(quantised, "config", current if INTEGER_FILE in files else trained)
+    written = noted(quantised, "config", current if (Path(model_dir) / INTEGER_FILE).exists() else trained)
     _check_network(model_dir, current, trained, before if ranges else None)
-    _check_untaught(model_dir, files)
+    _check_untaught(model_dir)
     edited = tuple(
         field
         for field in CHOSEN
@@ -122,9 +119,7 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     start = {field: before.value(field) for field in CHOSEN if field not in edited and "shift" not in field}
     model = FloatModel.load(model_dir, images=images)
     config = current.replace(**start, feature_shift=())
-    return Trained(
-        str(model_dir), FloatModel(config, model.arrays, model.source), current, edited, record, files
-    )
+    return Trained(str(model_dir), FloatModel(config, model.arrays, model.source), current, edited, record)
 
 
 def written_by(start: AcceleratorConfig, integer: IntegerModel) -> Record:
@@ -157,14 +152,12 @@ def _check_network(
         refuse(noted, fields, "and so are the noted ranges; give recordings (--data)")
 
 
-def _check_untaught(model_dir: str | Path, files: Files) -> None:
+def _check_untaught(model_dir: str | Path) -> None:
     """Refuse a model that was taught touches: other integers have other trajectories."""
     try:
-        count = (
-            read_arrays(Path(model_dir) / INTEGER_FILE).get("taught_count") if INTEGER_FILE in files else None
-        )
+        count = read_arrays(Path(model_dir) / INTEGER_FILE).get("taught_count")
     except (ArchiveError, OSError):
-        return  # damaged: what quantisation is there to mend
+        return  # not there; or damaged: what quantisation is there to mend
     if count is not None and count.any():
         raise InputError(
             f"model '{model_dir}', array taught: it holds taught touches, which new integers would lose; "

@@ -89,8 +89,8 @@ def measured(
     *,
     wrong: str | None = None,
 ) -> Record:
-    """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told
-    apart as ``glitches``.
+    """The energies of `asic.json`, in joule, of one recording with a whole touch; the part of the glitches is
+    listed as ``glitches``.
 
     Parameters
     ----------

@@ -19,8 +19,6 @@ from eskin.cosim.activity import instrument, read_count
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
-from eskin.pages.energy_page import PAGE, render
-from eskin.pages.views import write_text
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
@@ -162,7 +160,7 @@ def job(
     work: Path,
     notify: Progress,
 ) -> Record:
-    """Measure every configuration and write energy.json and energy.html into ``out``.
+    """Measure every configuration and write energy.json into ``out``.
 
     Parameters
     ----------
@@ -182,11 +180,7 @@ def job(
     ):
         kind = kind or (suited_lane_type(config, find_target(target)) if config.is_image else "plain")
         chosen_boards.append((target, lanes, kind))
-    for (
-        target,
-        lanes,
-        kind,
-    ) in chosen_boards:  # a configuration that cannot be is refused before any long work
+    for target, lanes, kind in chosen_boards:  # one that cannot be is refused before any long work
         on_lanes = config.with_lanes(lanes, kind)
         if config.is_image:
             refuse_hardware(on_lanes)
@@ -204,7 +198,5 @@ def job(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )
     result = energy.compare(rows, what="image" if config.is_image else "touch")
-    out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, result)
-    write_text(out / PAGE, render(result))
     return result

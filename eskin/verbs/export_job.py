@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from eskin.exchange import plain_c
-from eskin.golden.core import PREFIX, InputError, Record, check_prefix, prefixed, replacing_folder
+from eskin.golden.core import PREFIX, Record, check_folder, check_prefix, prefixed, replacing_folder
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
@@ -17,16 +17,11 @@ from eskin.golden.model import (
     run,
     run_images,
 )
-from eskin.training.made_up import random_images, random_recordings
+from eskin.training.made_up import decided_recordings, random_images
 
 
 def export_c(
-    model: IntegerModel,
-    out: Path,
-    *,
-    recordings: Recordings | None = None,
-    prefix: str = PREFIX,
-    seed: int = 1,
+    model: IntegerModel, out: Path, *, recordings: Recordings | None = None, prefix: str = PREFIX
 ) -> Record:
     """Write the model as plain C into ``out``, new or an earlier exported folder, whole or not at all.
 
@@ -44,7 +39,7 @@ def export_c(
     """
     check_folder(out, prefixed(plain_c.HEADER, check_prefix("--prefix", prefix)))
     files = plain_c.sources(model, prefix)
-    samples, lengths, calls = _vectors(model, recordings, seed)
+    samples, lengths, calls = _vectors(model, recordings)
     files |= plain_c.check_sources(model.config, samples, lengths, calls, prefix)
     with replacing_folder(out) as folder:
         for name, text in files.items():
@@ -65,9 +60,7 @@ ONNX_LIMIT = 1e-5
 another order."""
 
 
-def export_onnx(
-    model: FloatModel, out: Path, *, recordings: Recordings | None = None, seed: int = 1
-) -> Record:
+def export_onnx(model: FloatModel, out: Path, *, recordings: Recordings | None = None) -> Record:
     """Write the float network as ONNX into ``out``, new or an earlier exported folder, and compare what
     onnxruntime makes of it.
 
@@ -83,7 +76,7 @@ def export_onnx(
     config = model.config
     exportable = not (config.is_image or config.has_prototypes)  # else refused when it is written
     if recordings is None or not exportable:
-        features = np.random.default_rng(seed).normal(size=(100, config.windows.steps, config.inputs))
+        features = np.random.default_rng(1).normal(size=(100, config.windows.steps, config.inputs))
     else:
         features = float_features(model, find_touches(config, recordings))
     with replacing_folder(out) as folder:
@@ -100,21 +93,11 @@ def export_onnx(
     }
 
 
-def check_folder(out: Path, mark: str) -> None:
-    """Refuse a folder that an export must not replace: one that holds something and no file ``mark``."""
-    if not out.name:
-        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a new folder with --out")
-    if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
-        raise InputError(f"{out}: is a folder with other files in it; give a new folder with --out")
-
-
-def _vectors(model: IntegerModel, recordings: Recordings | None, seed: int) -> tuple[np.ndarray, Any, Any]:
+def _vectors(model: IntegerModel, recordings: Recordings | None) -> tuple[np.ndarray, Any, Any]:
     """Samples, frames of each recording, and what is expected of every call."""
     config = model.config
     if config.is_image:
-        images = random_images(config, 8, seed) if recordings is None else images_of(recordings)
+        images = random_images(config, 8, 1) if recordings is None else images_of(recordings)
         return (
             images.reshape(len(images), -1),
             [1] * len(images),
@@ -123,9 +106,8 @@ def _vectors(model: IntegerModel, recordings: Recordings | None, seed: int) -> t
     lead, whole = config.rest_level.rest_frames, config.last_frame
     # a touch that ends, and one that the recording cuts short
     lengths = [lead + whole + 4 * config.windows.hop, lead + whole // 2 + config.windows.pretrigger_frames]
-    for attempt in range(seed, seed + 50):
-        played = recordings if recordings is not None else random_recordings(config, lengths, attempt)
-        trace = run(model, played)
-        if recordings is not None or len(trace.streams["decision"][0]):
-            break  # recordings without a decision would check nothing
+    if recordings is None:
+        played, trace = decided_recordings(model, lengths)
+    else:
+        played, trace = recordings, run(model, recordings)
     return played.samples, played.lengths.tolist(), plain_c.expected(trace, played)

@@ -8,7 +8,7 @@ from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, images_of, run, run_images, write_image_vectors, write_vectors
 from eskin.rtl.fpga.generate import generate
-from eskin.training.made_up import random_images, random_recordings
+from eskin.training.made_up import decided_recordings, random_images
 
 
 def generate_design(
@@ -18,7 +18,6 @@ def generate_design(
     lanes: int | None = None,
     lane_type: str | None = None,
     recordings: Recordings | None = None,
-    seed: int = 1,
     **system: Any,
 ) -> Path:
     """``eskin generate``: Verilog and its companions; the cocotb bench plays the first of
@@ -29,20 +28,14 @@ def generate_design(
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors.npz"
         if config.is_image:
-            images = (
-                random_images(config, 1, seed) if recordings is None else images_of(recordings.subset([0]))
-            )
+            images = random_images(config, 1, 1) if recordings is None else images_of(recordings.subset([0]))
             write_image_vectors(vectors, run_images(model, images).streams, images)
         else:
             length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
-            for attempt in range(seed, seed + 50):
-                shown = (
-                    recordings.subset([0])
-                    if recordings is not None
-                    else random_recordings(config, [length], attempt)
-                )
+            if recordings is None:
+                shown, trace = decided_recordings(model, [length])
+            else:
+                shown = recordings.subset([0])
                 trace = run(model, shown)
-                if recordings is not None or len(trace.streams["decision"][0]):
-                    break  # a random recording without a decision would check nothing
             write_vectors(vectors, trace, shown)
         return generate(config, model.arrays, out, vectors=vectors, **system)

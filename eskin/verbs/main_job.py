@@ -622,8 +622,8 @@ class _Work:
         self.lock.close()
 
     def finished(self, name: str, make: Callable[[Path], None]) -> tuple[Path, float, bool]:
-        """The stage folder ``name``, made by ``make`` unless it is there; the seconds its making took;
-        whether it was there."""
+        """The stage folder ``name``, made by ``make`` if it does not exist; the seconds that took; whether it
+        existed."""
         folder = self.folder / name
         cached = (folder / "wall_s").exists()
         if not cached:

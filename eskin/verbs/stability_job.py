@@ -173,7 +173,7 @@ class _Records:
         self._kept, self._content, self._jobs = Memo(folder), content, jobs
 
     def remembered(self, name: str, make: Callable[[], Any]) -> Any:
-        """The record of ``name``: the one that is kept, or ``make()``, which then is."""
+        """The stored record of ``name``; without one, that of ``make()``, which is then stored."""
         return self._kept.remembered(self._key(name), make)
 
     def results(self, function: Function, pieces: Record, shared: Any, what: str) -> list[Any]:
@@ -264,9 +264,9 @@ class _Hardware:
         return self.leave(**options) if key == "reset" else self.play(key, **options)
 
     def leave(self, ways: Sequence[str] = ("reset", "arm")) -> Outcome:
-        """A recording left at random cycles and around its last two decisions, in each of ``ways``: by a
-        reset, by the next one's `arm`, or (``neither``, which must go wrong) without either. Counted are the
-        following recordings whose decisions are not those of the golden model."""
+        """A recording that is broken off at random cycles and around its last two decisions, in each of
+        ``ways``: by a reset, by `arm` for the next recording, or by ``neither``, which must fail. Counted are
+        the following recordings whose decisions are not those of the golden model."""
         model, clean = self.bench.model, self.bench.clean
         touched = np.flatnonzero(find_touches(model.config, clean).first_touch() >= 0)
         pair = clean.subset(touched[np.argsort(clean.lengths[touched])[:2]])

@@ -25,8 +25,6 @@ from eskin.verbs.replay_job import answer_s
 
 BUILDS = Path("build/simulators")
 PORT = 8765
-IMAGE_S = 1.0
-"""Between images: the eye takes longer than the sensor."""
 END_S = 0.5
 """At most so long between looks at whether the player has ended, so that an interrupt is heard."""
 
@@ -90,7 +88,7 @@ def watch(
     host_port: int = PORT,
     ready: Callable[[str, Controls], None] = lambda address, controls: None,
 ) -> Record:
-    """Show ``recordings``, the classes in turn (None: a board that works by itself), until an interrupt.
+    """Show ``recordings``, alternating between classes (None: a stand-alone board), until an interrupt.
 
     Parameters
     ----------
@@ -117,14 +115,11 @@ def watch(
     config, controls = model.config, Controls()
     numbers = [] if recordings is None else in_turn(recordings)
     shape = (config.interface.rows, config.interface.columns) if config.interface.position else None
-    if config.is_image:
-        shape = config.image.height, config.image.width
     drawn = {"shape": list(shape or guessed_shape(config.sensor.taxels)), "guessed": shape is None}
     with opened_source(model, recordings, port=port, baud=baud, simulate=simulate) as source:
         greeting = hello(config, recordings, numbers, source=source.kind, **drawn)
-        hub = Hub(greeting, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
-        apart_s = IMAGE_S if config.is_image else 0.0
-        player = Player(source, recordings, numbers, hub, controls, apart_s=apart_s)
+        hub = Hub(greeting, config.sensor.sample_rate_hz, config.sensor.taxels)
+        player = Player(source, recordings, numbers, hub, controls)
         with (
             _ending_in_order(controls),
             contextlib.closing(PageServer(page(), hub, controls, port=host_port)) as server,

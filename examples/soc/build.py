@@ -1,5 +1,5 @@
-"""Files of the example: `prepare` writes firmware, system and what it is to decide, `compare` reads what it
-said, `bitstream` makes a board's. The Makefile calls them."""
+"""Files of the example: `prepare` writes firmware, system and expected decisions, `compare` checks its
+output, `bitstream` builds for a board. The Makefile calls them."""
 
 import argparse
 import dataclasses
@@ -15,7 +15,7 @@ from soc import CORE, LICENCE, LOADED_WORDS, Soc
 
 from eskin.cosim.netlist import netlist_hardware
 from eskin.data import load_recordings
-from eskin.golden.core import AcceleratorConfig, InputError, write_json
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.core.converters import converter_plan
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, through_converter
@@ -148,7 +148,6 @@ def bitstream(config: AcceleratorConfig, soc: Soc, board: str, folder: Path) -> 
     print(f"{board}: {used}; {placed.fmax_hz / 1e6:.1f} MHz of {part.clock_hz / 1e6:g} ({placed.path})")
     if board == "icebreaker":
         print(f"{folder}/flash.bin: the program, for byte {FLASH_OFFSET:#x} of the flash")
-    write_json(folder / "build.json", {"used": placed.utilisation, "fmax_hz": placed.fmax_hz, "pins": sites})
 
 
 def compare(options: argparse.Namespace) -> int:

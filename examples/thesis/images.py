@@ -8,9 +8,8 @@ pixels. Here it is IMAGES images of TILES x TILES frames, means over time, so a 
   image. The thesis takes the values from networks trained on photographs; these convolutions are trained with
   the rest.
 - ConvLSTM: an LSTM whose products are 3 x 3 convolutions, its last state pooled, two dense layers.
-- DCNN: the touch as one colour image, 64 pixels a side at least, values in a row; MobileNetV2 (M. Sandler et
-  al. 2018) under torchvision's names, so that its weights fit (``--weights``; none are downloaded). Without
-  them the layers are random, and only the last one learns: that is no transfer.
+- DCNN: the touch as one colour image, 64 pixels a side at least, values in a row, through a network that was
+  trained on photographs (``--dcnn``), whose last layer is new.
 """
 
 import math
@@ -22,6 +21,8 @@ import numpy as np
 import torch
 from frames import frames_of, shape_of
 from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 from torch.utils.flop_counter import FlopCounterMode
 
 from eskin.study.baselines import Fitted, Scene
@@ -33,8 +34,8 @@ UPDATES, BATCH, RATE = 400, 32, 0.01
 """Training: Adam on cross-entropy, one cycle."""
 FILTERS = 8
 """Filters of each gate of the ConvLSTM."""
-VALUES, LEAST_SIDE, SIDE_STEP = 1280, 64, 32
-"""Inputs of the last layer of the DCNN; pixels of its image's side."""
+LEAST_SIDE, SIDE_STEP = 64, 32
+"""Pixels of a side of the DCNN's image."""
 MEAN, SCALE = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Mean and scale of the photographs on which published weights were trained, by colour."""
 
@@ -130,71 +131,19 @@ class ImageMethod:
 
 
 # ---------------------------------------------------------------------- transfer
-def _step(a: int, b: int, kernel: int, stride: int = 1, groups: int = 1) -> torch.nn.Sequential:
-    convolution = torch.nn.Conv2d(a, b, kernel, stride, kernel // 2, groups=groups, bias=False)
-    return torch.nn.Sequential(convolution, torch.nn.BatchNorm2d(b), torch.nn.ReLU6())
-
-
-class _Block(torch.nn.Module):
-    """Expand, one convolution a channel, project; added to its input where the sizes agree."""
-
-    def __init__(self, a: int, b: int, stride: int, expand: int) -> None:
-        super().__init__()
-        inner, self.added = a * expand, stride == 1 and a == b
-        steps = [_step(a, inner, 1)] if expand > 1 else []
-        projected = torch.nn.Conv2d(inner, b, 1, bias=False), torch.nn.BatchNorm2d(b)
-        self.conv = torch.nn.Sequential(*steps, _step(inner, inner, 3, stride, inner), *projected)
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        return x + self.conv(x) if self.added else self.conv(x)
-
-
-class MobileNetV2(torch.nn.Module):
-    """Images (n, 3, side, side) to VALUES values each; ``classifier`` is there for the names in a file."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        layers: list[torch.nn.Module] = [_step(3, 32, 3, 2)]
-        width = 32
-        for expand, channels, count, stride in (
-            (1, 16, 1, 1), (6, 24, 2, 2), (6, 32, 3, 2), (6, 64, 4, 2), (6, 96, 3, 1), (6, 160, 3, 2), (6, 320, 1, 1)
-        ):  # fmt: skip
-            for number in range(count):
-                layers.append(_Block(width, channels, stride if number == 0 else 1, expand))
-                width = channels
-        self.features = torch.nn.Sequential(*layers, _step(width, VALUES, 1))
-        self.classifier = torch.nn.Sequential(torch.nn.Dropout(0.2), torch.nn.Linear(VALUES, 1000))
-
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
-        return self.features(x).mean(dim=(2, 3))
-
-
-def mobilenet(weights: Path | None) -> MobileNetV2:
-    """With the weights of a file; None: random layers (K. He et al. 2015)."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
-        network = MobileNetV2()
-        for layer in network.modules():
-            if isinstance(layer, torch.nn.Conv2d):
-                torch.nn.init.kaiming_normal_(layer.weight, mode="fan_out")
-    if weights is not None:
-        network.load_state_dict(torch.load(weights, map_location="cpu", weights_only=True))
-    return network.eval()
-
-
 @dataclass(frozen=True)
 class Transfer:
-    """The DCNN: a logistic regression on what the network sees. Value v of the frames in a row, sign * log2(1 +
+    """The DCNN: a logistic regression on what a network sees. Value v of the frames in a row, sign * log2(1 +
     |deviation|) over the bits of a sample, is colour v mod 3 of pixel v // 3, row by row."""
 
+    network: Path
     name: str = "dcnn"
     label: str = "DCNN by transfer, one image"
-    weights: Path | None = None
     hardware: bool = False
     one_seed: bool = True
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
-        sensor, network = scene.config.sensor, mobilenet(self.weights)
+        sensor, network = scene.config.sensor, torch.export.load(self.network).module()
         held = scene.config.last_frame * sensor.taxels / 3
         side = max(LEAST_SIDE, SIDE_STEP * math.ceil(math.sqrt(held) / SIDE_STEP))
         frames = frames_of(scene, -(-3 * side * side // sensor.taxels)).reshape(len(scene.labels), -1)
@@ -204,25 +153,26 @@ class Transfer:
         x = torch.tensor(colours.reshape(-1, side, side, 3).transpose(0, 3, 1, 2), dtype=torch.float32)
         x = (x - mean) / scale
 
-        def seen(rows: torch.Tensor) -> np.ndarray:
+        def seen(images: torch.Tensor) -> np.ndarray:
             with torch.no_grad():
-                return torch.cat([network(some) for some in rows.split(32)]).numpy()
+                return torch.cat([network(image[None]) for image in images]).numpy()
 
-        values, last = seen(x), scene.classes * VALUES
-        parameters = sum(p.numel() for p in network.features.parameters()) + last + scene.classes
+        values = seen(x)
+        last = scene.classes * values.shape[1]
+        parameters = sum(p.numel() for p in network.parameters()) + last + scene.classes
         count = multiplies(network, *x.shape[1:]) + last
         fits = []
         for part in parts:
-            middle, spread = values[part].mean(axis=0), values[part].std(axis=0) + 1e-9
-            model = LogisticRegression(max_iter=500).fit((values[part] - middle) / spread, scene.labels[part])
-
-            def known(rows: np.ndarray, model=model, middle=middle, spread=spread) -> np.ndarray:
-                return model.predict((values[rows] - middle) / spread)
-
-            def alone(row: int, model=model, middle=middle, spread=spread) -> np.ndarray:
-                return model.predict((seen(x[row : row + 1]) - middle) / spread)
-
-            fits.append(Fitted(known, parameters, count, alone=alone))
+            model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=500))
+            model.fit(values[part], scene.labels[part])
+            fits.append(
+                Fitted(
+                    lambda rows, model=model: model.predict(values[rows]),
+                    parameters,
+                    count,
+                    alone=lambda row, model=model: model.predict(seen(x[row : row + 1])),
+                )
+            )
         return fits
 
 

@@ -5,8 +5,17 @@
 
 GRU and LSTM are trained under the thesis's protocol: N windows, each overlapping the next by half, over the
 whole touch; their means alone, one mean and one scale for all taxels; a loss on the last step, which decides;
-Adam, 96 epochs of batches of 48. Two things are not the thesis's: the resting level is removed, since it
-tells the session (docs/results.md), and mean and scale come from the training part alone.
+Adam, 96 epochs of batches of 48. Two things are not the thesis's: the rest level is removed because it
+reveals the session (docs/results.md), and mean and scale come from the training part alone.
+
+The DCNN needs a network that was trained on photographs: images (1, 3, side, side) to values (1, n), the side
+a multiple of 32. With torchvision, for one:
+
+    seen = torchvision.models.mobilenet_v2(weights="DEFAULT").eval()
+    seen.classifier = torch.nn.Identity()
+    sides = {2: torch.export.Dim.AUTO, 3: torch.export.Dim.AUTO}
+    program = torch.export.export(seen, (torch.zeros(1, 3, 96, 96),), dynamic_shapes=(sides,))
+    torch.export.save(program, "seen.pt2")
 """
 
 import argparse
@@ -40,9 +49,7 @@ def thesis_network(
     InputError
         The touch has too few frames for the windows.
     """
-    plain = config.replace(
-        feature_kinds=("mean",), compand="none", feature_scale="array", feature_shift=(), decision="last"
-    )
+    plain = config.replace(feature_kinds=("mean",), feature_scale="array", feature_shift=(), decision="last")
     if config.windows.window_mode == "touch":
         return with_network(plain, cell=cell, hidden=hidden, steps=steps), RECIPES["thesis"]
     hop = config.last_frame // (steps + 1)
@@ -72,9 +79,10 @@ def main() -> None:
     parser.add_argument("--methods", help="some of them, A,B,...; default: all")
     parser.add_argument("--folds", type=int, default=5)
     parser.add_argument("--seeds", type=int, default=3, help="the thesis has 10")
-    parser.add_argument("--weights", type=Path, help="torchvision's mobilenet_v2, a state dictionary")
+    parser.add_argument("--dcnn", type=Path, help="also the DCNN: a network that torch.export.save wrote")
     asked = parser.parse_args()
-    methods = {m.name: m for m in (*RECURRENT, *TENSOR, *OVER_TIME, Transfer(weights=asked.weights))}
+    transfer = [Transfer(asked.dcnn)] if asked.dcnn else []
+    methods = {method.name: method for method in (*RECURRENT, *TENSOR, *OVER_TIME, *transfer)}
     names = asked.methods.split(",") if asked.methods else list(methods)
     if unknown := [name for name in names if name not in methods]:
         parser.error(f"--methods {unknown[0]}: is none of {', '.join(methods)}")

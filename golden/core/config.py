@@ -187,22 +187,11 @@ class AcceleratorConfig:
                 f"is {features.activity_block} with hops of {hop} and windows of "
                 f"{', '.join(map(str, lengths))} frames; blocks must fill both: use {works}",
             )
-        of_bits = (("integral", "integral_knee", self.integral_bits), ("log", "compand_knee", bits))
-        for companded, field, width in of_bits:
-            knee = getattr(features, field)
-            # 2**knee is added to a magnitude before its logarithm; half of the largest one is the most at
-            # which that sum still fits the word
-            if companded in (*kinds, features.compand) and knee > width - 2:
-                values = "integrals" if companded == "integral" else "sums"
-                yield field, f"is {knee} for {values} of {width} bits; give at most {width - 2}"
-        if (
-            features.compand == "log"
-            and (bits - features.compand_knee) << features.compand_frac > 1 << bits - 1
-        ):
-            yield (
-                "compand_frac",
-                f"is {features.compand_frac}, and companded sums would need more than {bits} bits; lower it",
-            )
+        knee, width = features.integral_knee, self.integral_bits
+        # 2**knee is added to a magnitude before its logarithm; half of the largest one is the most at which
+        # that sum still fits the word
+        if "integral" in kinds and knee > width - 2:
+            yield "integral_knee", f"is {knee} for integrals of {width} bits; give at most {width - 2}"
         if len(shifts) not in (0, len(self.feature_units)):
             of_kinds = f" of {self.kinds} kinds of feature" if self.kinds > 1 else ""
             yield (
@@ -509,7 +498,7 @@ class AcceleratorConfig:
 
     @cached_property
     def input_constants(self) -> tuple[int, ...]:
-        """For each input the index of its normaliser constants, of ``constants``."""
+        """Index of each input's normaliser constants in ``constants``."""
         return tuple(range(self.inputs)) if self.features.feature_scale == "taxel" else self.input_kinds
 
     @cached_property
@@ -570,13 +559,11 @@ class AcceleratorConfig:
     def feature_unit(self, length: int, kind: str) -> float:
         """Divisor from a window's value to the feature before scaling.
 
-        For a mean: frames of a window of ``length``; for an activity: its blocks; for companded values: two to
-        the power of their fraction bits.
+        For a mean: frames of a window of ``length``; for an activity: its blocks; for an integral: two to the
+        power of its fraction bits.
         """
         if kind == "integral":
             return 2.0**self.features.integral_frac
-        if self.features.compand == "log":
-            return 2.0**self.features.compand_frac
         return float(length) if kind == "mean" else length / self.features.activity_block
 
     @property
@@ -977,21 +964,19 @@ class AcceleratorConfig:
             raise InputError(
                 f"{source}: holds no configuration; it must be a JSON object of groups of fields"
             )
-        parts: dict[str, Any] = {}
-        for key, value in values.items():
-            if key != "name" and key not in GROUPS:
+        parts = {key: value for key, value in values.items() if key != "name"}
+        for key, value in parts.items():
+            if key not in GROUPS:
                 raise InputError(f"{source}: unknown group {key}; known groups are {', '.join(GROUPS)}")
-            if key != "name" and not isinstance(value, dict):
+            if not isinstance(value, dict):
                 raise InputError(f"{source}, group {key}: must be a JSON object of fields")
-            if key != "name" and (unknown := sorted(field for field in value if GROUP_OF.get(field) != key)):
+            if unknown := sorted(field for field in value if GROUP_OF.get(field) != key):
                 fields = ", ".join(field for field, group in GROUP_OF.items() if group == key)
                 raise InputError(
                     f"{source}, group {key}: unknown field {unknown[0]}; known fields are {fields}"
                 )
         try:
-            for key, value in values.items():
-                parts[key] = value if key == "name" else GROUPS[key](**value)
-            return cls(**parts)
+            return cls(**values | {key: GROUPS[key](**value) for key, value in parts.items()})
         except InputError as error:
             raise InputError(f"{source}: {error}") from None
 

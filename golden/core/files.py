@@ -10,7 +10,7 @@ import secrets
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -81,12 +81,11 @@ def _parents(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def replacing_folder(folder: str | Path, check: Callable[[], None] = lambda: None) -> Iterator[Path]:
+def replacing_folder(folder: str | Path) -> Iterator[Path]:
     """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends
     without an error; who may read it is as for any new folder of the process (its umask).
 
-    The caller decides whether it may be replaced. ``check`` is called right before, while no other process
-    replaces a folder beside it; if it raises, ``folder`` stays as it is.
+    The caller decides whether it may be replaced.
 
     Raises
     ------
@@ -100,14 +99,14 @@ def replacing_folder(folder: str | Path, check: Callable[[], None] = lambda: Non
         try:
             fresh.mkdir()
             yield fresh
-            exchange(fresh, folder, old, check)
+            exchange(fresh, folder, old)
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
 
-def exchange(fresh: Path, folder: Path, old: Path, check: Callable[[], None] = lambda: None) -> None:
+def exchange(fresh: Path, folder: Path, old: Path) -> None:
     """Rename ``fresh`` to ``folder``; the earlier ``folder`` becomes ``old``. All three are on one file
-    system. ``check``: as of `replacing_folder`.
+    system.
 
     Raises
     ------
@@ -119,7 +118,6 @@ def exchange(fresh: Path, folder: Path, old: Path, check: Callable[[], None] = l
     parent = os.open(folder.absolute().parent, os.O_RDONLY)
     try:
         fcntl.flock(parent, fcntl.LOCK_EX)
-        check()
         if folder.exists():
             os.replace(folder, old)
         try:
@@ -237,7 +235,7 @@ PREFIX = "eskin"
 
 
 def prefixed(text: str, prefix: str) -> str:
-    """C text whose names begin with ``prefix`` in place of `PREFIX`, macros in capitals."""
+    """C text with ``prefix`` in place of `PREFIX` in every name; macros in capitals."""
     return re.sub(rf"\b{PREFIX}_", f"{prefix}_", text).replace(f"{PREFIX.upper()}_", f"{prefix.upper()}_")
 
 

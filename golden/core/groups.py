@@ -1,6 +1,6 @@
 """The groups of a configuration's fields. Each checks itself; config.py checks conditions between groups.
 
-Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
+The annotations hold types, ranges and permitted words; pydantic checks them.
 """
 
 import dataclasses
@@ -19,7 +19,6 @@ from eskin.golden.core.images import Stage, layer_stages, parse_layer
 Rest = Literal["none", "tracked", "initial"]
 OnsetRule = Literal["band", "baseline", "immediate"]
 WindowMode = Literal["touch", "free"]
-Compand = Literal["none", "log"]
 FeatureKind = Literal["mean", "activity", "integral"]
 ActivityRule = Literal["sum", "change"]
 FeatureScale = Literal["array", "taxel"]
@@ -236,23 +235,18 @@ class Windows(Group):
 class Features(Group):
     """The features that the network reads.
 
-    - compand: ``none``, or ``log``: sums are companded before the normaliser to log2(1 + |sum| / 2**compand_knee) with their
-      sign, linear between powers of two, with compand_frac fraction bits.
     - feature_kinds: the values of each taxel in a window, any of ``mean`` (sum of its deviations), ``activity`` (how much they
       move in the window) and ``integral`` (their sum since the start of the touch's first window, companded), in this order.
     - activity_rule: activity is the sum over blocks of activity_block frames of the absolute block ``sum``, or of the absolute
       ``change`` from the block before.
-    - integral_knee, integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with integral_frac fraction
-      bits.
+    - integral_knee, integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with its sign, linear between
+      powers of two, with integral_frac fraction bits.
     - feature_scale: one mean and scale per kind for the whole ``array``, or for each ``taxel``.
     - feature_shift: bits dropped from (sum - mean), for each distinct window length and, within it, each kind. A negative
       shift gives the means that many fraction bits and drops nothing.
     - aligned_means: these bits are 0 in every mean, so the hardware needs no cells for them; all lengths then share one shift.
     """
 
-    compand: Compand = "none"
-    compand_knee: Annotated[StrictInt, Interval(ge=0, le=30)] = 11
-    compand_frac: Annotated[StrictInt, Interval(ge=1, le=12)] = 8
     feature_kinds: tuple[FeatureKind, ...] = ("mean",)
     activity_rule: ActivityRule = "sum"
     activity_block: Annotated[StrictInt, Interval(ge=1, le=64)] = 1
@@ -270,11 +264,6 @@ class Features(Group):
                 "feature_kinds",
                 f"is {', '.join(self.feature_kinds)}; name each kind once, in the order "
                 f"{', '.join(FEATURE_KINDS)}",
-            )
-        if self.compand == "log" and self.feature_kinds == ("integral",):
-            yield (
-                "compand",
-                "is 'log', but feature_kinds has only integrals, which are companded anyway; use 'none'",
             )
         if self.aligned_means and (len(self.feature_kinds) > 1 or self.feature_scale == "taxel"):
             yield (
@@ -324,7 +313,7 @@ class Network(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class ReadoutRule(Group):
-    """The rule that makes a step's decision. ``eskin quantise --readout`` sets it; training does not use it.
+    """The decision rule of a step. ``eskin quantise --readout`` sets it; training does not use it.
 
     - readout: ``dense`` (the logits) or ``prototypes`` (the nearest stored trajectory of the hidden state; of a linear cell, of
       the logits). The other fields belong to ``prototypes``.

@@ -1,4 +1,4 @@
-"""Samples as codes: whole numbers stay, real ones are scaled, and the scale is reported and kept."""
+"""Samples as codes: integers are kept, real samples are scaled, and the scale is reported and stored."""
 
 import math
 from collections.abc import Sequence

@@ -441,13 +441,12 @@ def _samples(
 
 def check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
     """Refuse offsets that do not divide the frames into recordings."""
-    if offsets.dtype.kind not in "iu" or offsets.ndim != 1:
+    if offsets.dtype.kind not in "iu" or offsets.ndim != 1 or len(offsets) < 2:
         refuse(
             "offsets",
-            f"is {offsets.dtype} of shape {offsets.shape}; it must be integers of shape (recordings + 1,)",
+            f"is {offsets.dtype} of shape {offsets.shape}; it must be integers of shape (recordings + 1,), of one "
+            "recording at least",
         )
-    if len(offsets) < 2:
-        refuse("offsets", f"has {len(offsets)} value(s), so no recording; it needs recordings + 1 values")
     if offsets[0] != 0:
         refuse("offsets", f"starts at {offsets[0]}; it must start at 0")
     if offsets[-1] != frames:
@@ -456,16 +455,9 @@ def check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
             f"ends at {offsets[-1]} but samples has {frames} frames; the last value must be the number of "
             "frames",
         )
-    if (offsets[1:] < offsets[:-1]).any():
-        refuse(
-            "offsets", f"falls after entry {int(np.argmax(offsets[1:] < offsets[:-1]))}; it must not decrease"
-        )
-    if (offsets[1:] == offsets[:-1]).any():
-        refuse(
-            "offsets",
-            f"makes recording {int(np.argmax(offsets[1:] == offsets[:-1]))} empty (0 frames); leave that "
-            "recording out",
-        )
+    still = np.flatnonzero(offsets[1:] <= offsets[:-1])
+    if len(still):
+        refuse("offsets", f"does not rise after entry {still[0]}; each recording needs a frame at least")
 
 
 def _channel_names(arrays: Arrays, taxels: int) -> tuple[str, ...]:
@@ -609,9 +601,7 @@ def _images(
     elif images.min() < 0 or images.max() > 255:
         refuse("images", f"runs from {images.min()} to {images.max()}; a pixel has 8 bits, 0..255")
     class_names, labels = _classes(arrays, count, refuse)
-    rate: float | None = IMAGE_ROWS_HZ
-    if "sample_rate_hz" in arrays:
-        rate = _positive_number(arrays["sample_rate_hz"])
+    rate = _positive_number(arrays.get("sample_rate_hz", np.array(IMAGE_ROWS_HZ)))
     if rate is None:
         refuse(
             "sample_rate_hz",

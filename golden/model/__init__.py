@@ -10,7 +10,6 @@ from eskin.golden.model.model import (
     constants_shape,
     load_config,
     load_training,
-    model_files,
     network_formats,
     network_shapes,
     real_by_input,

@@ -178,7 +178,7 @@ class Fixed:
 
 
 def _with_gradient(exact: Array, smooth: Callable[[], Array], with_gradient: bool) -> Array:
-    """The tensor ``exact``, where it is wanted with the gradient of ``smooth()``."""
+    """The values of ``exact``; if a gradient is needed, with the gradient of ``smooth()``."""
     if not with_gradient:
         return exact
     from eskin.golden.model.straight_through import straight_through

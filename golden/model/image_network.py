@@ -70,7 +70,7 @@ def images_of(recordings: Recordings) -> np.ndarray:
 
 
 def image_seconds(config: AcceleratorConfig) -> float:
-    """Seconds that the rows of an image take on their way in."""
+    """Seconds that the input of an image's rows takes."""
     return config.image.height / config.sensor.sample_rate_hz
 
 

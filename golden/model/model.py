@@ -36,9 +36,6 @@ INTEGER_FILE = "weights.npz"
 TRAINING_FILE = "training.json"
 MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
 
-Files = Mapping[str, bytes]
-"""Files of a model folder, name -> content."""
-
 
 # ---------------------------------------------------------------------- names, shapes, formats
 def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[int, ...]]:
@@ -103,8 +100,19 @@ def real_by_input(config: AcceleratorConfig, constants: np.ndarray) -> np.ndarra
 
 
 # ---------------------------------------------------------------------- the two models
+class _Model:
+    config: AcceleratorConfig
+    arrays: Arrays
+
+    @property
+    def content(self) -> str:
+        """Hash of everything that a result can depend on."""
+        named = (part for name in sorted(self.arrays) for part in (name, self.arrays[name]))
+        return content_key(self.config.to_dict(), *named)
+
+
 @dataclass(frozen=True)
-class FloatModel:
+class FloatModel(_Model):
     """A trained float network with its normalisation: feature = (d / unit - mu) / sigma
     (``AcceleratorConfig.feature_unit``), the same for all steps.
 
@@ -141,11 +149,6 @@ class FloatModel:
             )
         object.__setattr__(self, "arrays", checked)
 
-    @property
-    def content(self) -> str:
-        """Hash of everything that a result can depend on."""
-        return _content(self)
-
     def features(self, means: np.ndarray) -> np.ndarray:
         """Features (..., steps, inputs) from the result of `eskin.golden.model.preprocess.real_features`; 0
         for masked taxels."""
@@ -159,23 +162,16 @@ class FloatModel:
         return _run(Float(self.config), self.config, self.arrays, features)
 
     def save(
-        self,
-        folder: str | Path,
-        training: Mapping[str, Any],
-        integer: IntegerModel | None = None,
-        unchanged: Files | None = None,
+        self, folder: str | Path, training: Mapping[str, Any], integer: IntegerModel | None = None
     ) -> None:
         """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz, training.json
-        and, of its integer model, weights.npz, in one exchange.
-
-        unchanged: refuse where the folder's files are no longer these (`model_files`).
-        """
+        and, of its integer model, weights.npz, in one exchange."""
 
         def write(temporary: Path) -> None:
             np.savez(temporary / FLOAT_FILE, allow_pickle=False, **self.arrays)
             _write(temporary, self.config, integer, training)
 
-        replace_folder(folder, write, unchanged)
+        replace_folder(folder, write)
 
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> FloatModel:
@@ -186,7 +182,7 @@ class FloatModel:
 
 
 @dataclass(frozen=True)
-class IntegerModel:
+class IntegerModel(_Model):
     """The integer network, with which the hardware computes.
 
     config: with every format and ``feature_shift`` filled. arrays: int64 codes by the names of
@@ -243,11 +239,6 @@ class IntegerModel:
             )
         object.__setattr__(self, "arrays", checked)
 
-    @property
-    def content(self) -> str:
-        """Hash of everything that a result can depend on."""
-        return _content(self)
-
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> IntegerModel:
         """The same network with other lanes; None keeps the current value."""
         return IntegerModel(self.config.with_lanes(lanes, lane_type), self.arrays, self.source)
@@ -268,15 +259,9 @@ class IntegerModel:
         config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it", images)
         return cls(config, arrays, source)
 
-    def save(
-        self, folder: str | Path, *, training: Mapping[str, Any] | None = None, unchanged: Files | None = None
-    ) -> None:
+    def save(self, folder: str | Path, *, training: Mapping[str, Any] | None = None) -> None:
         """Write config.json, weights.npz and, when given, a new training record into ``folder``, new or a
-        model folder, in one exchange.
-
-        The folder's other files are kept. unchanged: refuse where its files are no longer these
-        (`model_files`).
-        """
+        model folder, in one exchange. The folder's other files are kept."""
 
         def write(temporary: Path) -> None:
             for name in (FLOAT_FILE, TRAINING_FILE):
@@ -284,7 +269,7 @@ class IntegerModel:
                     shutil.copyfile(Path(folder) / name, temporary / name)
             _write(temporary, self.config, self, training)
 
-        replace_folder(folder, write, unchanged)
+        replace_folder(folder, write)
 
 
 def _write(
@@ -304,13 +289,6 @@ def _run(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Arrays, f
     return run_cell(arithmetic, config, parameters, np.asarray(features, dtype=np.float64))
 
 
-def _content(model: FloatModel | IntegerModel) -> str:
-    return content_key(
-        model.config.to_dict(),
-        *(part for name in sorted(model.arrays) for part in (name, model.arrays[name])),
-    )
-
-
 def _frozen(array: np.ndarray) -> np.ndarray:
     array.flags.writeable = False
     return array
@@ -318,14 +296,7 @@ def _frozen(array: np.ndarray) -> np.ndarray:
 
 def _take(arrays: Arrays, shapes: dict[str, tuple[int, ...]], source: str, config: AcceleratorConfig):
     """``arrays`` with exactly the names and shapes of ``shapes``, in that order."""
-    cell = (
-        f"{config.network.cell} {config.network.hidden}"
-        if config.recurrent
-        else f"linear, weights of {config.sets} windows"
-    )
-    if config.is_image:
-        cell = ", ".join(config.image.layers)
-    needed_by = f"configuration '{config.name}' ({cell}, {config.inputs} inputs, {config.classes} classes)"
+    needed_by = f"configuration '{config.name}' ({config.inputs} inputs, {config.classes} classes)"
     fix = "use weights and config.json of one model"
     for name in [*shapes, *arrays]:
         if name not in arrays:
@@ -415,45 +386,26 @@ def check_model_target(folder: str | Path) -> None:
     if not folder.is_dir():
         raise InputError(f"model '{folder}': is a file; name a new folder")
     names = {entry.name for entry in folder.iterdir()}
-    foreign = sorted(names - set(MODEL_FILES))
+    foreign = names - set(MODEL_FILES) or (names if CONFIG_FILE not in names else None)
     if foreign:
         raise InputError(
-            f"model '{folder}': holds '{foreign[0]}', which is no part of a model; name a new folder or "
-            "move that away"
-        )
-    if names and CONFIG_FILE not in names:
-        raise InputError(
-            f"model '{folder}': is not empty and has no {CONFIG_FILE}, so it is no model folder; name a new "
-            "folder"
+            f"model '{folder}': holds '{min(foreign)}' and is no model folder; name a new folder or move that away"
         )
 
 
-def model_files(folder: str | Path) -> Files:
-    """Content of a model folder, name -> content."""
-    paths = (Path(folder) / name for name in MODEL_FILES)
-    return {path.name: path.read_bytes() for path in paths if path.is_file()}
-
-
-def replace_folder(folder: str | Path, write: Callable[[Path], None], unchanged: Files | None = None) -> None:
+def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
     """Make a model folder in one exchange: ``write`` fills a temporary folder beside it, which then takes the
-    name. ``unchanged``: only where the folder's files are still these (`model_files`).
+    name.
 
     Raises
     ------
     InputError
-        When ``folder`` may not be replaced (``check_model_target``) or cannot be written, or was changed.
+        When ``folder`` may not be replaced (``check_model_target``) or cannot be written.
     """
     folder = Path(folder)
     check_model_target(folder)
-
-    def check() -> None:
-        if unchanged is not None and model_files(folder) != unchanged:
-            raise InputError(
-                f"model '{folder}': was changed by another program in the meantime and was not overwritten; run the command again"
-            )
-
     try:
-        with replacing_folder(folder, check) as fresh:
+        with replacing_folder(folder) as fresh:
             write(fresh)
     except OSError as error:
         raise InputError(

@@ -40,7 +40,7 @@ class Decisions:
         return float(np.mean(self.decision == labels))
 
     def agreement(self, other: Decisions) -> float:
-        """Share with the same decision in both; none in both is the same."""
+        """Share of recordings with the same decision in both; no decision in both counts as the same."""
         return float(np.mean(self.decision == other.decision))
 
 

@@ -8,15 +8,13 @@ from eskin.golden.core import AcceleratorConfig
 
 FRACTION = 4
 """Fraction bits of a position: sixteenths of a cell."""
-DIRECTIONS = ("none", "right", "left", "down", "up")
-"""Directions of a slide: x grows, x falls, y grows, y falls."""
 
 
 @dataclass(frozen=True)
 class Position:
     """Position of the touch in a frame. frame: its index. x, y: centre, sixteenths of a cell, 0 = middle of
     column or row 0. peak: index of the largest cell. ended: the frame after a touch's last; the others are
-    then those of its last. direction: of `DIRECTIONS`, with ``ended``."""
+    then those of its last. direction: as of `direction`, with ``ended``."""
 
     frame: int
     x: int
@@ -67,19 +65,14 @@ class PositionStream:
         return positions
 
 
-def positions(samples: np.ndarray, config: AcceleratorConfig) -> list[Position]:
-    """Positions of frames (frames, taxels), no touch before."""
-    return PositionStream(config).push(samples)
-
-
 def _rounded(moment: int, total: int) -> int:
     """RND(2**FRACTION * moment / total): twice the quotient plus 1, halved, so that no half is lost."""
     return (2 * (moment << FRACTION) + total) // (2 * total)
 
 
 def direction(across: int, down: int, least: int) -> int:
-    """Index of `DIRECTIONS`: of the longer axis, across where they are equal; none where that is shorter than
-    ``least``."""
+    """1 right (x grows), 2 left, 3 down (y grows), 4 up: of the longer axis, across where they are equal; 0 where
+    that is shorter than ``least``."""
     if max(abs(across), abs(down)) < least:
         return 0
     if abs(across) >= abs(down):

@@ -162,7 +162,7 @@ def find_touches(
 
 
 def companded(values: np.ndarray, knee: int, frac: int) -> np.ndarray:
-    """Integers companded as section 3 says, int64, shape of ``values``.
+    """Integers companded as section 2 says, int64, shape of ``values``.
 
     With ``b = |d| + 2**knee`` and ``2**e`` the largest power of two in b: ``sign(d) * ((e - knee) * 2**F +
     floor(2**F b / 2**e) - 2**F)``, which is log2(1 + |d| / 2**knee) on straight lines between powers of two.
@@ -175,22 +175,9 @@ def companded(values: np.ndarray, knee: int, frac: int) -> np.ndarray:
     return np.sign(values) * (((exponent - knee - 1) << frac) + ((biased << frac) >> exponent))
 
 
-def compand(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
-    """Window values (..., D) as the normaliser takes them, int64: with ``compand`` log the sums and
-    activities are companded here; integrals are already."""
-    if config.features.compand == "none":
-        return sums
-    logarithms = companded(sums, config.features.compand_knee, config.features.compand_frac)
-    return (
-        np.where(inputs_of(config, "integral"), sums, logarithms)
-        if "integral" in config.features.feature_kinds
-        else logarithms
-    )
-
-
 def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
     """Features before mu and sigma, from which the network learns, float64, shape of ``sums`` (..., K, D):
-    means and mean activities of a block in codes; companded ones as logarithms. Masked taxels are
+    means and mean activities of a block in codes; integrals as logarithms. Masked taxels are
     included."""
     spans = window_spans(config, sums.shape[-2])
     units = np.array(
@@ -199,7 +186,7 @@ def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
             for first, last in spans
         ]
     )
-    return compand(config, sums) / (units[:, list(config.input_kinds)] if config.kinds > 1 else units)
+    return sums / (units[:, list(config.input_kinds)] if config.kinds > 1 else units)
 
 
 def normalise(
@@ -210,7 +197,7 @@ def normalise(
     scale: np.ndarray,
     faults: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Feature codes of windowed sums (section 3): ``narrow(SAT((compand(d) - mean) >> shift) * scale,
+    """Feature codes of windowed sums (section 3): ``narrow(SAT((d - mean) >> shift) * scale,
     gate_frac, feature_format)``, d with as many fraction bits as the means have.
 
     Parameters
@@ -234,7 +221,7 @@ def normalise(
     mean, scale = (by_input(config, values)[lengths_of_steps] for values in (mean, scale))
     shift, frac = shifts_by_input(config)[lengths_of_steps], config.mean_frac
     # a floor, not a rounding: the half is in the mean already (normaliser_constants)
-    centred = clamp(((compand(config, sums) << frac) - mean) >> shift + frac, config.centred_format)
+    centred = clamp(((sums << frac) - mean) >> shift + frac, config.centred_format)
     centred[..., list(config.input_mask)] = 0
     if faults is not None:
         centred[faults] = 0
@@ -269,11 +256,6 @@ def shifts_by_input(config: AcceleratorConfig) -> np.ndarray:
     """feature_shift as (lengths, inputs), or (lengths, 1) where they are the same, int64."""
     table = np.array(config.features.feature_shift, dtype=np.int64).reshape(-1, config.kinds)
     return table[:, list(config.input_kinds)] if config.kinds > 1 else table
-
-
-def inputs_of(config: AcceleratorConfig, kind: str) -> np.ndarray:
-    """(D) bool: the inputs of this kind."""
-    return np.array([config.features.feature_kinds[index] == kind for index in config.input_kinds])
 
 
 def window_values(

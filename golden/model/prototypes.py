@@ -1,8 +1,7 @@
-"""The readout by prototypes: a touch is of the class of the nearest stored trajectory, and is taught by
-storing its own (docs/specification.md, section 18).
+"""The prototype readout: a touch gets the class of the nearest stored trajectory, and is taught by storing
+its trajectory (docs/specification.md, section 18).
 
-A trajectory is what the hidden state (of a linear cell: the logits) is after each step of a touch, in few
-bits.
+A trajectory is the hidden state (linear cell: the logits) after each step of a touch, rounded to a few bits.
 """
 
 import numpy as np
@@ -78,7 +77,7 @@ def taught_in_use(model: IntegerModel) -> np.ndarray:
 
 
 def check_teachable(config: AcceleratorConfig) -> None:
-    """Refuse a model that cannot be taught.
+    """Raise InputError for a model that cannot be taught.
 
     Raises
     ------

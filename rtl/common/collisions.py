@@ -12,7 +12,7 @@ NO_COLLISION = {"no_rw_check": 1}
 
 
 def open_collisions(rtlil: str) -> str:
-    """``rtlil`` in which reads that collide with a write are undefined for the memories with
+    """``rtlil``, changed so that a read that collides with a write is undefined in memories marked
     `NO_COLLISION`."""
     marked: set[str] = set()
     lines, attribute, cell = [], False, None

@@ -105,8 +105,8 @@ def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 def decision_layout(config: AcceleratorConfig) -> data.StructLayout:
     """A decision, 32 bits: class index, margin (logit LSBs; votes for a global vote), step (0-based), global
-    or local, partial touch, global with a margin below ``margin_threshold``. Of more than 32 classes the
-    margin is `margin_units`, and the whole is the decision word."""
+    or local, partial touch, global with a margin below ``margin_threshold``. With more than 32 classes the
+    margin is in `margin_units`; the layout is that of the decision word."""
     flags = {"is_global": 1, "partial": 1, "unsure": 1}
     if config.wide_decisions:
         return data.StructLayout({"class": 7, "step": 8, "margin": 16 - MARGIN_SHIFT} | flags)

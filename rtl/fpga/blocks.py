@@ -17,7 +17,6 @@ BLOCKS = {
     "pretrigger_ring": "ring",
     "feature_expander": "features",
     "window_averager": "windows",
-    "compander": "normaliser",
     "normaliser": "normaliser",
     "engine": "cell",
     "receiver": "receiver",

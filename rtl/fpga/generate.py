@@ -1,8 +1,8 @@
 """Everything that leaves the project for one integer model: Verilog, memory images, register map, C header,
 cocotb bench.
 
-No file here is read back by the generator; co-simulation reads accelerator.sv, config.json, registers.json
-and load.hex.
+The generator reads none of these files; co-simulation reads accelerator.sv, config.json, registers.json and
+load.hex.
 """
 
 import json

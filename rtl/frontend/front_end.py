@@ -12,7 +12,6 @@ from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import centred_layout, expands, sample_layout, touch_layout
 from eskin.rtl.common.load_port import load_signature
 from eskin.rtl.common.status import detector_status
-from eskin.rtl.frontend.compander import Compander
 from eskin.rtl.frontend.feature_expander import FeatureExpander
 from eskin.rtl.frontend.frame_marks import TouchMarks
 from eskin.rtl.frontend.normaliser import Normaliser
@@ -23,7 +22,7 @@ from eskin.rtl.frontend.window_averager import WindowAverager
 
 class FrontEnd(wiring.Component):
     """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> FeatureExpander (``feature_kinds`` beyond
-    the mean) -> WindowAverager -> Compander (``compand`` log) -> Normaliser.
+    the mean) -> WindowAverager -> Normaliser.
 
     A synchronous reset (``ResetInserter``) begins a recording. Memories keep their contents, but no later
     recording sees them.
@@ -46,14 +45,14 @@ class FrontEnd(wiring.Component):
         As of ``Normaliser``.
 
     The parts are attributes (``detector``, ``ring`` or None, ``expander`` or None, ``averager``,
-    ``compander`` or None, ``normaliser``) for benches that watch a stage's stream.
+    ``normaliser``) for benches that watch a stage's stream.
 
     Timing
     ------
     Free: from the first sample of the frame that ends a window to its first centred sum, detector's latency +
     3 cycles (windows 1, the read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more
-    where a window of 2 hop + 1 ends, and the frames that the ring is behind. Companding takes 1 cycle more,
-    the expander 1 (``mean``), 2 or 3 (``integral`` alone). An input takes 2 cycles, in a frame that ends a
+    where a window of 2 hop + 1 ends, and the frames that the ring is behind. The expander takes 1 more
+    (``mean``), 2 or 3 (``integral`` alone). An input takes 2 cycles, in a frame that ends a
     window 3, or 4 where windows have 2 hop + 1 frames, and one more where means differ from input to input;
     see also the waits that the parts name.
     """
@@ -63,7 +62,6 @@ class FrontEnd(wiring.Component):
         self.ring = PreTriggerRing(config) if config.windows.window_mode == "touch" else None
         self.expander = FeatureExpander(config) if expands(config) else None
         self.averager = WindowAverager(config)
-        self.compander = Compander(config) if config.features.compand == "log" else None
         self.normaliser = Normaliser(config, means)
         super().__init__(
             {
@@ -100,12 +98,7 @@ class FrontEnd(wiring.Component):
                 marks.taken.eq(windows.i.valid & windows.i.ready & windows.frame_last),
                 self.ring.touch_last.eq(marks.end & windows.frame_last),
             ]
-        if self.compander is None:
-            connect(m, self.averager.o, self.normaliser.i)
-        else:
-            m.submodules.compander = self.compander
-            connect(m, self.averager.o, self.compander.i)
-            connect(m, self.compander.o, self.normaliser.i)
+        connect(m, self.averager.o, self.normaliser.i)
         forward(m, self, self.normaliser, "o", "load", "mask", "wrong", "blank")
         forward(m, self, self.detector, "i", "mask", "status")
         return m

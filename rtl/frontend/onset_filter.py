@@ -1,4 +1,5 @@
-"""M of K: the onset rule of the last judged frames (docs/specification.md, section 2)."""
+"""M of K: the onset rule holds in M of the last K frames that it was applied to (docs/specification.md,
+section 2)."""
 
 from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import data, wiring

@@ -32,8 +32,9 @@ class PreTriggerRing(wiring.Component):
     -----
     i : In(stream of ``frame_layout``)
         Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held, and while frames
-        are dropped for a touch. Of fewer than 4 taxels a frame's first beat comes 3 cycles after the beat
-        before it, or later, as the detector gives them: a beat more would be counted as a frame too many.
+        are dropped for a touch. With fewer than 4 taxels, a frame's first beat arrives at least 3 cycles
+        after the previous beat, as the detector sends them; an earlier beat would be counted as an extra
+        frame.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
         Its reader's ``ready`` does not depend on ``valid``.

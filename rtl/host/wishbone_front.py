@@ -10,7 +10,7 @@ from eskin.rtl.host.bus_shell import ADDRESS_BITS, request_signature
 class WishboneFront(wiring.Component):
     """Each classic cycle is one access. ``wb_adr`` is a byte address; ``wb_ack`` comes from a register.
 
-    Latency: an access takes two cycles, and as many more as the shell waits.
+    Latency: two cycles per access, plus the wait cycles of the shell.
     """
 
     def __init__(self) -> None:

@@ -18,8 +18,8 @@ def matrix_pins(plan: MatrixPlan) -> wiring.Signature:
 
 
 class MatrixConverter(wiring.Component):
-    """All cells, row by row, one frame a ``start``. The address changes when the converter's transfer is
-    over, and select falls, which takes the sample, ``plan.settle`` cycles later at the earliest.
+    """All cells, row by row, one frame a ``start``. The address changes when the converter's transfer ends.
+    At least ``plan.settle`` cycles later, select falls and the converter samples.
 
     Checked are the bits that are 0 by the data sheet (ORDER), and whether all cells are at the same end of
     the range (STUCK): the amplifier's rest level must lie inside it.

@@ -21,7 +21,7 @@ class SampleClock(wiring.Component):
     tick : Out(1)
         One cycle; combinational from ``run`` only in the first.
 
-    Jitter: none where p is 1, else under one cycle; it never adds up.
+    Jitter: none if p is 1, otherwise below one cycle; it does not accumulate.
     """
 
     def __init__(self, p: int, q: int) -> None:

@@ -385,7 +385,7 @@ def taught_arrays(
     config: AcceleratorConfig, read: Callable[[int, int], Sequence[int]]
 ) -> dict[str, np.ndarray]:
     """``taught`` and ``taught_count`` out of the memory PROTOTYPES, the opposite of `prototype_image`; places
-    not in use are 0. ``read(first, count)`` gives words of it."""
+    not in use are 0. ``read(first, count)`` returns ``count`` words of it."""
     rule, width, steps = config.readout_rule, config.trajectory_width, config.windows.steps
     places, words = rule.prototypes + rule.taught, prototype_words(config)
     counts = np.array(read(words, config.classes), dtype=np.int64)

@@ -225,7 +225,7 @@ class Microcode:
         self._always_minus_t()
 
     def _always_minus_t(self) -> None:
-        """If every T that is read is both subtracted and added, do so in every slot: the others read a
+        """If every T that is read is both subtracted and added, every slot does so; the other slots read a
         zero."""
         asks = [slot for slot in self.slots if slot.get("element_operand")]
         if any(slot.get("t_operand") for slot in asks) or any(

@@ -46,9 +46,9 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
 
     A frame that ends a window takes three cycles an input, four for windows of 2 hop + 1, and one more if
     means differ from input to input. Any other takes one a taxel, two where a block of activity ends with it,
-    or where a ring of one port takes a beat and gives one. The verdict on the onset adds FRAME_EXTRA_CYCLES,
-    companding one, features beyond the mean three: more than frames of fewer than 4 taxels wait for each
-    other. A row of an image takes one a pixel.
+    or where a ring of one port takes a beat and gives one. The onset rule adds FRAME_EXTRA_CYCLES, features
+    beyond the mean three. With fewer than 4 taxels this is more than the spacing of frames. A row of an image
+    takes one a pixel.
     """
     if config.is_image:
         return config.sensor.taxels
@@ -59,7 +59,7 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
         one_port = config.hardware.one_port and windows.window_mode == "touch" and not config.opens_at_once
         per_taxel = 1 + (one_port or (ends_block and "activity" in features.feature_kinds))
     beyond = features.feature_kinds != ("mean",)
-    return per_taxel * config.sensor.taxels + FRAME_EXTRA_CYCLES + (features.compand != "none") + 3 * beyond
+    return per_taxel * config.sensor.taxels + FRAME_EXTRA_CYCLES + 3 * beyond
 
 
 def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:

@@ -22,7 +22,7 @@ Read = tuple[str | int, int]
 
 
 def advance(signature: int) -> int:
-    """The signature one slot later, before the constants of that slot are added."""
+    """The signature after one more slot, before the constants of that slot are added."""
     signature <<= 1
     return signature ^ (TAPS | 1 << WIDTH) if signature >> WIDTH else signature
 

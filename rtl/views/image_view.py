@@ -81,7 +81,7 @@ def drawing(plan: ImagePlan):
 
 
 def drawing_files(plan: ImagePlan) -> dict[str, Callable[[Path], None]]:
-    """Files of a drawing by name, each as a function that writes it to a path."""
+    """Output files of a drawing: name -> function that writes the file."""
     values = {"lanes": plan.lanes, "passes": rows(plan)}
     return {
         "schedule.svg": partial(save_figure, drawing(plan)),

@@ -276,7 +276,7 @@ def save_figure(figure, path: Path, kind: str = "svg") -> None:
 
 
 def drawing_files(plan: Schedule) -> dict[str, Callable[[Path], None]]:
-    """Files of a drawing by name, each as a function that writes it to a path."""
+    """Output files of a drawing: name -> function that writes the file."""
     values = {"summary": summary(plan), "spans": [asdict(span) for span in spans(plan)]}
     return {
         "schedule.svg": partial(save_figure, timeline(plan)),

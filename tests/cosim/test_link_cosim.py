@@ -9,7 +9,7 @@ import pytest
 
 from eskin.cosim import link
 from eskin.golden.model import run, write_vectors
-from eskin.golden.model.position import positions
+from eskin.golden.model.position import PositionStream
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.top.board import Board
@@ -156,7 +156,7 @@ def test_positions_of_the_hosts_frames_are_read_over_the_link(tmp_path):
     assert not result["wrong"]
     told = 0
     for number, played in enumerate(result["played"]):
-        golden = positions(recordings.recording(number), model.config)
+        golden = PositionStream(model.config).push(recordings.recording(number))
         told += len(golden)
         assert played["where"][2] == len(golden)
         if golden:

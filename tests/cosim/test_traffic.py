@@ -103,7 +103,6 @@ VARIANTS = {
         onset_mean_frames=4,
         onset_check_frames=2,
         onset_threshold=300,
-        compand="log",
     ),
     "immediate": dict(
         onset="immediate", rest="initial", rest_frames=3, pretrigger_frames=0, decision="early"

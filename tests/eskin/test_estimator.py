@@ -66,13 +66,13 @@ def test_labels_by_name_and_of_a_table(lists):
     assert model.classes_.tolist() == ["hold", "tap"] and model.score(lists[0], names) > 0.7
     with pytest.raises(eskin.InputError, match="label 'push' is no class; there are hold, tap"):
         eskin.Model(config, folds=0).fit(lists[0], np.where(names == "tap", "push", names))
-    parts = [
-        pd.DataFrame(array, columns=list("abcd"[: array.shape[1]])).assign(
-            recording=number, label=names[number]
+    parts = {
+        number: pd.DataFrame(array, columns=list("abcd")).assign(
+            label=names[number], time=np.arange(len(array)) / 500.0
         )
         for number, array in enumerate(lists[0][:20])
-    ]
-    table = pd.concat([part.assign(time=np.arange(len(part)) / 500.0) for part in parts])
+    }
+    table = pd.concat(parts, names=["recording"]).reset_index("recording")
     of_table = eskin.Model(cell="linear", folds=0).fit(table)
     assert sorted(of_table.classes_.tolist()) == ["hold", "tap"]
     assert of_table.predict(table).shape == (20,) and of_table.score(table) > 0.7

@@ -14,6 +14,7 @@ import pytest
 from eskin.golden.core import InputError
 from eskin.jobs import Jobs
 from eskin.memo import Memo
+from tests.support.table import each_row
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -50,12 +51,11 @@ WANTED = {key: {"product": 7 * n} for key, n in PIECES.items()}
 
 
 # ---------------------------------------------------------------------- results
-@pytest.mark.parametrize("workers", [1, 2])
+@each_row("workers", [1, 2])
 def test_results_come_in_order_and_progress_is_told(workers):
     moves = []
-    results = Jobs(workers=workers, progress=lambda *move: moves.append(move)).results(
-        times, PIECES, 7, what="sevens"
-    )
+    jobs = Jobs(workers=workers, progress=lambda *move: moves.append(move))
+    results = jobs.results(times, PIECES, 7, what="sevens")
     assert results == WANTED and list(results) == list(PIECES)
     assert moves == [("sevens", n, 6) for n in range(7)]
 
@@ -72,8 +72,9 @@ def test_what_is_kept_is_not_done_again(tmp_path):
         jobs.results(noted, {"a": 1, "b": "bad", "c": 3}, 7, keep=keep)
     assert keep.read("a") == {"product": 7} and keep.read("c") is None
     (tmp_path / "kept" / "a.json").write_text('{"product": ')  # half of it, as after a full disk
-    assert jobs.results(noted, {"a": 1, "c": 3}, 7, keep=keep) == {"a": {"product": 7}, "c": {"product": 21}}
-    assert jobs.results(noted, {"c": 3, "a": 1}, 7, keep=keep) == {"c": {"product": 21}, "a": {"product": 7}}
+    for pieces in ({"a": 1, "c": 3}, {"c": 3, "a": 1}):
+        results = jobs.results(noted, pieces, 7, keep=keep)
+        assert [*results.items()] == [(key, {"product": 7 * n}) for key, n in pieces.items()]
     assert done == [1, "bad", 1, 3]
     keep.forget(["a", "nothing"])
     assert keep.read("a") is None and keep.remembered("a", lambda: 5) == 5 == keep.remembered("a", lambda: 6)

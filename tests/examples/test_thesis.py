@@ -1,5 +1,6 @@
 """examples/thesis: every method of it learns the scene, and one run writes the rows that eskin baselines has."""
 
+import dataclasses
 import importlib
 import json
 import os
@@ -7,7 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
+from eskin.training import recipe
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import archived, scene
 
@@ -23,13 +26,26 @@ def thesis(monkeypatch):
         sys.modules.pop(name, None)
 
 
+def exported(path):
+    """A network for the DCNN: a random convolution with a step of 4, averages of its maps over 4 x 4 places."""
+    torch.manual_seed(1)
+    layers = torch.nn.Conv2d(3, 16, 5, stride=4), torch.nn.ReLU(), torch.nn.AdaptiveAvgPool2d(4)
+    sides = {2: torch.export.Dim.AUTO, 3: torch.export.Dim.AUTO}
+    network = torch.nn.Sequential(*layers, torch.nn.Flatten()).eval()
+    example = (torch.zeros(1, 3, 96, 96),)
+    torch.export.save(torch.export.export(network, example, dynamic_shapes=(sides,)), path)
+
+
 def test_the_methods_write_the_rows_of_baselines(thesis, tmp_path, monkeypatch, capsys):
     archived(scene(45, seed=3), tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # no processes, each of which would import torch
-    monkeypatch.setattr(sys.modules["images"], "UPDATES", 60)
+    monkeypatch.setattr(sys.modules["images"], "UPDATES", 40)
+    few = {name: dataclasses.replace(one, updates=100) for name, one in recipe.RECIPES.items()}
+    monkeypatch.setattr(recipe, "RECIPES", few)
     names = "tensor-svm,tensor-rls,cnn-lstm,convlstm,dcnn,gru12-n20,gru12-n256"
-    words = f"--data data.npz --config c.json --group person --seeds 1 --folds 2 --methods {names} --out out"
+    exported("seen.pt2")
+    words = f"--dcnn seen.pt2 --data data.npz --config c.json --group person --seeds 1 --folds 2 --methods {names} --out out"
     monkeypatch.setattr(sys, "argv", ["run.py", *words.split()])
     thesis.main()
     result = json.loads(Path("out/baselines.json").read_text())

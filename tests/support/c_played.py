@@ -24,7 +24,7 @@ MODELS: dict[str, Record] = {
         "activity_rule": "change", "feature_scale": "taxel",
     },
     "GRU, reset before": {"cell": "gru", "reset": "before"},
-    "GRU, reset after": {"cell": "gru", "reset": "after", "compand": "log", "feature_kinds": ("mean", "activity"), **WIDE},
+    "GRU, reset after": {"cell": "gru", "reset": "after", "feature_kinds": ("mean", "activity"), **WIDE},
     "LSTM": {"cell": "lstm", "decision": "vote", **WIDE},
     "GRU, early": {"cell": "gru", "decision": "early", "early_steps": 2, "early_margin": 64},
     "GRU, taxels fail": {"cell": "gru", "fault_frames": 8},

@@ -1,12 +1,11 @@
-"""What the front end must do, read off docs/specification.md section 2 frame by frame, and small cases that
-exercise each rule."""
+"""What the golden model makes of a stream, as beats of the front end, and small cases that exercise each rule."""
 
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model.preprocess import TouchFinder
 
 REST = 500
 """Rest level of the made streams, codes."""
@@ -100,105 +99,33 @@ def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=No
     return np.clip(np.where(extremes, rng.choice([low, high], stream.shape), stream), low, high)
 
 
-def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNamespace:
-    """Section 2 read frame by frame: ``values`` (T, D), per-frame flags ``onset, touch, end, hop_last,
-    emit``, ``armed`` after each frame, ``touches`` as (f, s, e), ``masked`` (T, D): out of use in this frame,
-    by mask or by flag, ``flagged`` (D)."""
-    frames = len(stream)
-    masked = {*masked, *config.sensor.masked_taxels}
-    out_of_use = np.zeros(stream.shape, dtype=int)
-    out_of_use[:, list(masked)] = 1
-    flagged = failing(config, stream)
-    for taxel, frame in enumerate(flagged):
-        out_of_use[frame - 1 if frame else frames :, taxel] = 1
-    hits = []
-    settle = config.rest_level.rest_frames
-    values = np.zeros(stream.shape, dtype=np.int64)
-    flags = {name: [0] * frames for name in ("onset", "touch", "end", "hop_last", "emit", "armed")}
-    baseline = None
-    state, quiet, end_frame, previous_end, touches = "armed", 0, 0, 0, []
-
-    def open_touch(f: int) -> tuple[int, int]:
-        if config.windows.window_mode == "touch":
-            s = 1 if f == 0 else max(1, f - config.windows.pretrigger_frames, previous_end + 1)
-            return s, s + config.last_frame - 1
-        j0 = max(f // config.windows.hop, 1)
-        return config.windows.hop * (j0 - 1) + 1, config.windows.hop * (j0 + config.windows.steps)
-
-    if config.opens_at_once:
-        state = "touch"
-        start, end_frame = open_touch(0)
-        touches.append((0, start, end_frame))
-    for t in range(1, frames + 1):
-        frame = stream[t - 1].astype(np.int64)
-        flags["touch"][t - 1] = int(state == "touch")
-        flags["hop_last"][t - 1] = int(t % config.windows.hop == 0)
-        if t > settle:
-            rest = (baseline + 8) >> 4 if settle else 0
-            e = frame - rest
-            values[t - 1] = (
-                np.clip(e, -config.rest_level.clip, config.rest_level.clip) if config.rest_level.clip else e
-            )
-            if config.rest_level.rest == "tracked" and state == "armed":
-                baseline = baseline + np.sign(16 * frame - baseline)
-        elif t == settle:
-            baseline = (32 * stream[:settle].astype(np.int64).sum(axis=0) + settle) // (2 * settle)
-        judged, met = t > settle and not config.opens_at_once, False
-        live = np.flatnonzero(out_of_use[t - 1] == 0)
-        if config.onset_rule.onset == "band":
-            met = judged and bool(
-                (
-                    (frame[live] < config.onset_rule.band_low) | (frame[live] > config.onset_rule.band_high)
-                ).any()
-            )
-        elif config.onset_rule.onset == "baseline":
-            judged = judged and t % config.onset_rule.onset_check_frames == 0
-            sums = values[max(0, t - config.onset_rule.onset_mean_frames) : t][:, live].sum(axis=0)
-            met = judged and bool(
-                (abs(sums) > config.onset_rule.onset_threshold * config.onset_rule.onset_mean_frames).any()
-            )
-        if judged:
-            hits.append(met)
-            met = sum(hits[-config.onset_rule.onset_span :]) >= config.onset_rule.onset_hits
-        if state == "touch":
-            if (
-                config.windows.window_mode == "free"
-                and t % config.windows.hop == 0
-                and t > config.windows.hop
-            ):
-                flags["emit"][t - 1] = 1
-            if t == end_frame:
-                flags["end"][t - 1] = 1
-                state, quiet, previous_end = "rearm", 0, t
-        elif state == "armed" and met:
-            flags["onset"][t - 1] = 1
-            start, end_frame = open_touch(t)
-            touches.append((t, start, end_frame))
-            state = "touch"
-        elif state == "rearm" and judged:
-            quiet = (
-                0
-                if met
-                else quiet
-                + (config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1)
-            )
-            if quiet >= config.onset_rule.rearm_frames:
-                state = "armed"
-        flags["armed"][t - 1] = int(state == "armed")
-    return SimpleNamespace(values=values, touches=touches, masked=out_of_use, flagged=flagged, **flags)
-
-
-def failing(config: AcceleratorConfig, stream: np.ndarray) -> list[int]:
-    """Section 10: the frame that raises each taxel's flag, 0 none."""
-    block, span = config.faults.fault_frames, 1 << config.fault_bits
-    found = [0] * config.sensor.taxels
-    for last in range(block, len(stream) + 1, block) if block else ():
-        for taxel in range(config.sensor.taxels):
-            codes = [int(code) % span for code in stream[last - block : last, taxel]]
-            changes = [min((b - a) % span, (a - b) % span) for a, b in pairwise(codes) if 0 < b < span - 1]
-            if last - block >= config.rest_level.rest_frames and sum(changes) <= config.faults.fault_activity:
-                found[taxel] = found[taxel] or last
-    return found
+def detect(config: AcceleratorConfig, stream: np.ndarray) -> SimpleNamespace:
+    """What the golden model sees of a stream: ``values`` (T, D), ``touches`` as (f, s, e), per-frame flags
+    ``onset, touch, end, hop_last, emit``, ``armed`` after each frame, ``masked`` (T, D): out of use in this
+    frame, by mask or by flag."""
+    finder, frames, hop = TouchFinder(config), len(stream), config.windows.hop
+    values, touches, armed = [], [], []
+    for frame in stream:
+        deviations, begun = finder.push(frame[None, None].astype(np.int32))
+        values.append(deviations[0, 0])
+        touches += [(onset, start, start - 1 + config.last_frame) for _, onset, start in begun]
+        armed.append(int(finder.armed[0]))
+    numbers, flagged = np.arange(1, frames + 1), finder.flagged[0]
+    free = config.windows.window_mode == "free"
+    of_touch = np.isin(numbers, [frame for f, _, e in touches for frame in range(f + 1, e + 1)]).astype(int)
+    hop_last = (numbers % hop == 0).astype(int)
+    dead = ~np.isin(np.arange(config.sensor.taxels), config.sensor.live)
+    return SimpleNamespace(
+        values=np.array(values),
+        touches=touches,
+        armed=armed,
+        masked=((flagged > 0) & (flagged <= numbers[:, None])) | dead,
+        onset=np.isin(numbers, [f for f, *_ in touches if f]).astype(int),
+        touch=of_touch,
+        end=np.isin(numbers, [e for *_, e in touches]).astype(int),
+        hop_last=hop_last,
+        emit=of_touch * hop_last * (numbers > hop) * free,
+    )
 
 
 def sample_beats(stream: np.ndarray) -> list[dict]:
@@ -250,17 +177,20 @@ def window_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]
     if config.windows.window_mode == "free":
         return frame_beats(config, seen)
     taxels, last = config.sensor.taxels, config.last_frame
-    emits = {end for _, end in config.window_spans}
-    frames = [number // taxels % last + 1 for number in range(len(touch_beats(config, seen)))]
     return [
-        beat
-        | {
-            "hop_last": int(frame % config.windows.hop == 0 or frame == last),
-            "emit": int(frame in emits),
-            "end": int(frame == last),
-        }
-        for frame, beat in zip(frames, touch_beats(config, seen), strict=True)
+        beat | touch_marks(config, number // taxels % last + 1)
+        for number, beat in enumerate(touch_beats(config, seen))
     ]
+
+
+def touch_marks(config: AcceleratorConfig, frame: int) -> dict[str, int]:
+    """The marks of a touch's frame, from 1."""
+    last = config.last_frame
+    return {
+        "hop_last": int(frame % config.windows.hop == 0 or frame == last),
+        "emit": int(frame in {end for _, end in config.window_spans}),
+        "end": int(frame == last),
+    }
 
 
 def sum_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:

@@ -166,9 +166,7 @@ def make_corpus(folder: Path) -> Path:
         person=np.arange(12) // 3,
     )
     (folder / "image.json").write_text(image.to_json())
-    (folder / "image_grid.json").write_text(
-        '{"size": ["12x14", "6x7"], "layers": ["four", ["conv 3 4", "pool"]]}'
-    )
+    (folder / "image_grid.json").write_text('{"layers": ["four", ["conv 3 4", "pool"]]}')
     layers = torch.nn.Sequential(
         torch.nn.Conv2d(1, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.Linear(6 * 7 * 4, 2)
     )
@@ -422,8 +420,7 @@ def damage(path: Path, rng: random.Random) -> None:
 
 # ---------------------------------------------------------------------- who reads it
 RECORDED = """inspect @ --json look.json
-inspect @ --config ../in/config.json
-inspect @ --config pvdf
+inspect @
 train --data @ --out made
 train --data @ --out made --config ../in/config.json
 train --data @ --out made --config thesis
@@ -431,7 +428,7 @@ train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @
 cosim ../in/model --data @
-sweep --data @ --seeds 1
+sweep --data @
 baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
@@ -479,16 +476,14 @@ quantise model
 quantise model --data ../in/recordings.npz
 quantise model --weight-bits #
 """
-CONFIGURED = """inspect ../in/recordings.npz --config @
-train --data ../in/recordings.npz --out made --config @
+CONFIGURED = """train --data ../in/recordings.npz --out made --config @
 sweep --data ../in/recordings.npz --config @
 import ../in/linear.npz --cell linear --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
-inspect synthetic --config @
+train --data synthetic --out made --config @
 """
 IMAGES = """inspect @ --json look.json
-convert @ --size 6x7 --out small.npz
-convert @ --size # --out small.npz
+convert @ --out small.npz
 train --data @ --out made
 train --data @ --out made --cell tactnet
 sweep --data @ --out swept

@@ -26,19 +26,18 @@ class Stage:
         once: bool = True,
         speed: float = math.inf,
         shape: Sequence[int] | None = None,
-        apart_s: float = 0.0,
     ) -> None:
         config = source.config
         numbers = range(len(recordings) if recordings else 0) if numbers is None else numbers
         told = hello(
             config, recordings, numbers, source=source.kind, shape=list(shape or (1, config.sensor.taxels))
         )
-        self.hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
+        self.hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels)
         self.controls = Controls(speed=speed)
         self.messages: list[dict] = []
         self._texts: list[str] = []
         self.viewer = self.hub.attach(self._take)
-        self.player = Player(source, recordings, numbers, self.hub, self.controls, once=once, apart_s=apart_s)
+        self.player = Player(source, recordings, numbers, self.hub, self.controls, once=once)
         self.thread = threading.Thread(target=self.player.run, daemon=True)
         self.viewer.take()
 

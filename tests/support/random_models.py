@@ -25,9 +25,6 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     mu: Any = level + spread * rng.uniform(-0.2, 0.2)
     few_levels = config.sensor.sample_bits <= 2
     sigma: Any = max(spread, 0.5 if few_levels else 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
-    if features.compand == "log":  # of a whole window
-        knee, frac = features.compand_knee, features.compand_frac
-        mu, sigma = (_logarithm(value * config.windows.window, knee, frac) for value in (mu, sigma))
     if config.constants > 1 or features.feature_kinds != ("mean",) or few_levels:
         mu, sigma = _random_scaling(config, rng, mu, sigma)
     filled, mean, scale = normaliser_constants(config, mu, sigma)
@@ -66,7 +63,7 @@ def _random_scaling(
     moved = sigma * features.activity_block**0.5
     of_kind = {
         "mean": (mu, sigma),
-        "activity": (mu, sigma) if features.compand == "log" else (moved, moved),
+        "activity": (moved, moved),
         "integral": tuple(
             _logarithm(abs(value) * config.last_frame / 2, features.integral_knee, features.integral_frac)
             for value in (mu, sigma)

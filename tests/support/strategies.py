@@ -58,9 +58,6 @@ FIELDS: dict[str, tuple[Any, ...]] = {
     "hidden": (4, 5, 6, 7, 8, 9, 11),
     "clock_hz": (12e6,),
     "fault_activity": (0, 3),
-    "compand": ("none", "log"),
-    "compand_knee": (2, 0, 5),
-    "compand_frac": (4, 1, 8),
     "gate_activation": ("sigmoid", "hard_sigmoid"),
     "decision": ("last", "vote", "early"),
     "early_margin": (0, 9),
@@ -153,11 +150,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         config = AcceleratorConfig.of(**fields)
         block = max(1, math.gcd(hop, *config.window_lengths) // pick(1, 2, 3, 64))
         kinds = pick(*KINDS)
-        return config.replace(
-            feature_kinds=kinds,
-            activity_block=block,
-            **({"compand": "none"} if kinds == ("integral",) else {}),
-        )
+        return config.replace(feature_kinds=kinds, activity_block=block)
     except InputError:
         reject()
 

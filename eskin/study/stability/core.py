@@ -4,7 +4,7 @@ its reason, and a curve.
 An experiment is a function of a ``Bench`` (a model on a ``Scene``: recordings, and the parts of the golden
 model under test): an ``Experiment`` (``eskin.study.stability.shapes``) with a disturbance, or a function of its
 own. ``eskin.study.stability.table`` has a row for each. A broken variant changes the bench:
-the same experiment must then report a failure. The tests see to it for every mode
+the same experiment must then report a failure. The tests check this for every mode
 (tests/support/broken_variants.py). A property that no weight and no recording can change, a width or a
 table's entry, is no mode but a test.
 """
@@ -60,8 +60,8 @@ class Parts:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Recordings to disturb under a front end. What there is to disturb depends on the front end alone: where
-    the touches are, how far features spread, how loud the taxels are at rest.
+    """Recordings to disturb under a front end. The inputs of a disturbance depend on the front end only:
+    positions of the touches, spread of the features, noise of the taxels at rest.
 
     config: the front end's. few: recordings (spread evenly) that the points of a curve take; the figure itself
     takes all. points: of a curve at most; 0 = all. turns: taxels that are disturbed in turn at most; 0 = all.

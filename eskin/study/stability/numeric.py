@@ -6,7 +6,7 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import FloatModel, constants_shape, network_formats, network_shapes
-from eskin.golden.model.preprocess import companded, inputs_of
+from eskin.golden.model.preprocess import companded
 from eskin.study.stability.core import Bench, Curve, Outcome
 from eskin.study.stability.shapes import float_decisions
 
@@ -30,7 +30,8 @@ def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.nd
         - 2.0**features.integral_knee
     )
     after = companded(np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac)
-    return np.where(inputs_of(config, "integral"), after, scaled)
+    integral = [features.feature_kinds[kind] == "integral" for kind in config.input_kinds]
+    return np.where(integral, after, scaled)
 
 
 def _ideal(bench: Bench, codes: np.ndarray) -> np.ndarray:

@@ -1,9 +1,8 @@
 """The DDC232 of Texas Instruments, 32 current inputs of 20 bits: figures of its data sheet (SBAS331), and the
 plan for one configuration.
 
-Where the sheet's copies differ or say nothing, a field of the configuration tells it, or the slower figure is
-taken: DVALID at most ``dvalid_clocks`` clocks after CONV, either order of channels, milliseconds
-after reset.
+If copies of the data sheet differ or are silent, a configuration field decides or the slower figure is used:
+DVALID at most ``dvalid_clocks`` clocks after CONV, either order of channels, milliseconds after reset.
 """
 
 from __future__ import annotations
@@ -182,5 +181,5 @@ class Ddc232(Converter):
             f"is 'ddc232', which cannot keep up: DVALID comes up to {plan.dvalid * us:.0f} us after CONV "
             f"(version {self.version} at {clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of "
             f"{plan.bits} bits at {clock / plan.half / 2e6:.3g} MHz take {plan.read_cycles * us:.0f} us, of "
-            f"{1e6 / rate:.0f} us a frame at {rate:g} Hz; at most {most} Hz works; version CK, more hz, 16 bits help",
+            f"{1e6 / rate:.0f} us a frame at {rate:g} Hz; a rate of at most {most} Hz works as it is",
         )

@@ -4,6 +4,7 @@ import numpy as np
 
 from eskin.choose import doubts
 from eskin.golden.data import Recordings
+from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.table import each_row
 
 NAMES = ("smooth", "rough", "edge")
@@ -37,12 +38,9 @@ def baseline(
 
 
 VECTORS, WHOLE = "RBF-SVM on the same features", "linear classifier on whole recordings"
-
-
 LINEAR = {"cell": "linear", "hidden": 0, "accuracy": 0.9}
-SMALL, LARGE = ({"cell": "gru", "hidden": hidden} for hidden in (8, 12))
-BEST_IS_LARGEST = [LINEAR, SMALL | {"accuracy": 0.91}, LARGE | {"accuracy": 0.92}]
-BEST_IS_SMALLER = [LINEAR, SMALL | {"accuracy": 0.91}, LARGE | {"accuracy": 0.85}]
+SMALL, LARGE = ({"cell": "gru", "hidden": hidden, "accuracy": 0.91} for hidden in (8, 12))
+BEST_IS_LARGEST = [LINEAR, SMALL, LARGE | {"accuracy": 0.92}]
 NONE_BETTER = "no other candidate does better"
 
 
@@ -53,7 +51,7 @@ NONE_BETTER = "no other candidate does better"
         ([baseline(0.915), baseline(0.99, groups=("speed",))], None, None),
         ([baseline(0.925), baseline(0.91)], None, ["92.5 %", "90.0 %", "2.5 points", "--cell auto"]),
         ([baseline(0.93)], BEST_IS_LARGEST, ["try --cell gru --hidden 16"]),
-        ([baseline(0.93)], BEST_IS_SMALLER, [NONE_BETTER]),
+        ([baseline(0.93)], [LINEAR, SMALL, LARGE | {"accuracy": 0.85}], [NONE_BETTER]),
         ([baseline(0.93)], [LINEAR], [NONE_BETTER]),
         ([baseline(0.939, VECTORS, False)], None, None),  # within two standard errors
         (
@@ -91,37 +89,50 @@ def test_a_choice_that_is_too_optimistic():
     ]
 
 
-def test_a_lost_class():
-    assert doubts.lost_classes(split(), NAMES) == []
-    (one,) = doubts.lost_classes(split(confusion=((9, 1, 0, 0), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
-    assert "rough is recognised no more often" in one["text"] and "classified as smooth" in one["text"]
-    (one,) = doubts.lost_classes(split(confusion=((0, 1, 0, 9), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
-    assert (
-        "smooth, rough are recognised" in one["text"]
-        and "smooth is mostly classified as nothing" in one["text"]
-    )
-    # no recording of it
-    assert doubts.lost_classes(split(confusion=((9, 1, 0, 0), (0, 0, 0, 0), (1, 0, 9, 0))), NAMES) == []
+@each_row(
+    ("on_smooth", "on_rough", "said"),
+    [
+        ((9, 1, 0, 0), (0, 9, 1, 0), []),
+        ((9, 1, 0, 0), (0, 0, 0, 0), []),  # no recording of it
+        ((9, 1, 0, 0), (6, 3, 1, 0), ["rough is recognised no more often", "classified as smooth"]),
+        (
+            (0, 1, 0, 9),
+            (6, 3, 1, 0),
+            ["smooth, rough are recognised", "smooth is mostly classified as nothing"],
+        ),
+    ],
+)
+def test_a_lost_class(on_smooth, on_rough, said):
+    found = doubts.lost_classes(split(confusion=(on_smooth, on_rough, (1, 0, 9, 0))), NAMES)
+    assert len(found) == bool(said) and all(words in one["text"] for one in found for words in said)
 
 
-def sessions(shift: float, groups: dict | None = None, each: int = 30, seed: int = 4) -> Recordings:
+@each_row(
+    ("steps", "right", "brief", "doubted"),
+    [
+        (6, 80, 60, True),
+        (6, 80, 77, False),  # two standard errors at least
+        (6, 96, 60, False),  # enough is right
+        (2, 80, 60, False),  # the best is short
+    ],
+)
+def test_accuracy_that_climbs_to_the_end_is_doubted(steps, right, brief, doubted):
+    rows = [(CONFIG.replace(steps=k), np.arange(100) < n) for k, n in ((steps, right), (2, brief), (6, 50))]
+    found = doubts.still_climbing(rows)
+    assert [one["code"] for one in found] == ["still_climbing"] * doubted
+    assert all("record longer touches" in one["text"] for one in found)
+    # what scans less often may begin later
+    seldom = CONFIG.replace(steps=1, scan_every=2), rows[1][1]
+    assert doubts.still_climbing([rows[0], seldom]) == []
+
+
+def sessions(shift: float, groups: dict | None = None, each: int = 30) -> Recordings:
     """Three classes that hardly differ, recorded in sessions of six in a row; every session has a pattern of
     its own, ``shift`` high."""
-    rng = np.random.default_rng(seed)
-    labels = np.repeat(np.arange(3), each)
+    rng, labels = np.random.default_rng(4), np.repeat(np.arange(3), each)
     patterns = rng.normal(0, shift, (len(labels), 20, 4))[np.arange(len(labels)) // 6]
-    samples = np.rint(patterns + rng.normal(0, 10, (len(labels), 20, 4)) + labels[:, None, None]).astype(
-        np.int32
-    )
-    return Recordings(
-        samples.reshape(-1, 4),
-        20 * np.arange(len(labels) + 1),
-        labels,
-        NAMES,
-        100.0,
-        groups or {},
-        source="sessions",
-    )
+    samples = np.rint(patterns + rng.normal(0, 10, patterns.shape) + labels[:, None, None])
+    return Recordings.of(samples, labels, sample_rate_hz=100, class_names=NAMES, groups=groups)
 
 
 def test_neighbours_that_look_alike():

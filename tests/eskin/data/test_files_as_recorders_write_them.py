@@ -45,10 +45,17 @@ def check(recordings, taxels=3, signals=SIGNALS, tolerance=1e-3):
 # ---------------------------------------------------------------------- .lvm
 
 
-@each_row(("clocks", "runs_on"), [("One", True), ("One", False), ("No", True), ("No", False)])
-def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path, clocks, runs_on):
-    form = {"clocks": clocks, "runs_on": runs_on}
-    write = lambda path, number: path.write_text(doors.lvm(np.split(SIGNALS[number], 2), **form))
+@each_row(
+    ("clocks", "runs_on", "separator"),
+    [("One", True, ","), ("One", False, "\t"), ("No", True, "\t"), ("No", False, ","), ("No", False, ";")],
+)
+def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path, clocks, runs_on, separator):
+    word = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}[separator]
+
+    def write(path, number):
+        text = doors.lvm(np.split(SIGNALS[number], 2), clocks=clocks, runs_on=runs_on)
+        path.write_text(text.replace("Separator\tTab", f"Separator\t{word}").replace("\t", separator))
+
     recordings = load_recordings(files(tmp_path, ".lvm", write))
     assert len(recordings) == (4 if runs_on and clocks == "One" else 8) and recordings.frames == 4 * FRAMES
     assert recordings.sample_rate_hz == 100
@@ -268,6 +275,7 @@ def test_blank_lines_and_rows_of_separators_part_recordings(tmp_path):
     [
         ("sep=;\ntime;a;b;c", lambda row: row.replace(",", ";"), []),
         ('"sep=,"\ntime,a,b,c', lambda row: row, []),
+        ("sep=|\ntime|a|b|c", lambda row: row.replace(",", "|"), []),
         ("time,a,b,c,sampling_hz", lambda row: f"{row},100", ["'sampling_hz' is called like a rate"]),
         ("time,a,b,c,heart_rate", lambda row: f"{row},61.5", ["'heart_rate' is called like a rate"]),
         ("a,b,c,Fs", lambda row: f"{row.partition(',')[2]},100", ["'Fs' is called like a rate"]),

@@ -87,7 +87,7 @@ BROKEN = [
     ({"samples": cells([PARTS[0], PARTS[1][:, :3], *PARTS[2:]])}, "recording 2: has 3 columns where"),
     ({"samples": cells(["a", "b", "c", "d"])}, "recording 1 is"),
     ({"samples": PARTS[0]}, "or one table and an array offsets"),
-    ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "falls after entry 1"),
+    ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "does not rise after entry 1"),
     ({"fs": -3.0}, "must be one number above 0"),
     ({"samples": cells([part[:20].T for part in PARTS])}, "more taxels than frames (4 x 20 in recording 1)"),
 ]

@@ -37,7 +37,7 @@ def test_the_archives_own_durations_are_believed(name, unit):
 
 def test_inspect_says_it_first():
     odd = recordings(30_000)
-    figures = inspect(odd, None)
+    figures = inspect(odd)
     assert (
         "check sample_rate_hz" in words("advice", **figures, **in_rows(odd, figures, "x.npz")).splitlines()[0]
     )

@@ -48,6 +48,8 @@ def first(tmp_path, call, monkeypatch):
     folder(tmp_path / "a", 1.0)
     status, out, err = call("convert", "a", "--out", "a.npz")
     assert status == 0 and "taxel middle: fewer than 16 codes" in out + err, (out, err)
+    for said in ("2 folders are classes, 8 files recordings", "1000 Hz", "eskin inspect a.npz"):
+        assert said in out
     return load_archive(tmp_path / "a.npz")
 
 

@@ -1,11 +1,11 @@
 """ONNX in and out: what torch, eskin and files made by hand hold is taken as it is, or refused with the node's
 name."""
 
-import io
 import os
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -13,9 +13,7 @@ import onnxruntime
 import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
-from typer.testing import CliRunner
 
-from eskin.cli.main import app
 from eskin.data import load_recordings
 from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
@@ -85,38 +83,46 @@ def test_a_hundred_recordings_through_onnxruntime(name, kind, shared_data, tmp_p
     assert result["difference"] < (1e-5 if config.recurrent else 1e-4)
 
 
-def from_torch(layer: str, opset: int, tmp_path, last: bool = True, dynamic: bool = False, **options):
-    """(file, logits of features (5, 4)) of a network as torch writes it, with open sizes of batch and time where
-    ``dynamic``."""
-    torch.manual_seed(3)
+class Net(torch.nn.Module):
+    """A layer with a readout behind the last or every step, steps or batch first."""
 
-    class Net(torch.nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.cell = getattr(torch.nn, layer)(4, 6, batch_first=True, **options)
-            self.head = torch.nn.Linear(6 * (1 + options.get("bidirectional", False)), 3)
+    def __init__(self, layer: str, last: bool, batch_first: bool = True) -> None:
+        super().__init__()
+        torch.manual_seed(3)
+        self.cell = getattr(torch.nn, layer)(4, 6, batch_first=batch_first)
+        self.head, self.last, self.batch_first = torch.nn.Linear(6, 3), last, batch_first
 
-        def forward(self, x):
-            states = self.cell(x)[0]
-            return self.head(states[:, -1] if last else states)
+    def forward(self, x):
+        states = self.cell(x)[0]
+        if self.last:
+            states = states[:, -1] if self.batch_first else states[-1]
+        return self.head(states)
 
-    net, file = Net().eval(), io.BytesIO()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        names = {"input_names": ["x"], "dynamic_axes": {"x": {0: "batch", 1: "steps"}} if dynamic else None}
-        torch.onnx.export(net, (torch.zeros(1, 5, 4),), file, dynamo=False, opset_version=opset, **names)
-    (tmp_path / "net.onnx").write_bytes(file.getvalue())
-    return tmp_path / "net.onnx", lambda x: net(torch.from_numpy(x.astype(np.float32))).detach().numpy()
+    def logits(self, x: np.ndarray) -> np.ndarray:
+        """Of features (touches, steps, 4)."""
+        x = x if self.batch_first else x.swapaxes(0, 1)
+        return self(torch.from_numpy(x.astype("f4"))).detach().numpy()
+
+    def saved(self, folder, shape=(1, 5, 4), opset=17, dynamic=False):
+        """As torch writes it, with open sizes of batch and time where ``dynamic``."""
+        axes = {"x": {0: "batch", 1: "steps"}} if dynamic else None
+        names = {"input_names": ["x"], "output_names": ["y"], "dynamic_axes": axes}
+        given = self.eval(), (torch.zeros(shape),), folder / "net.onnx"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            torch.onnx.export(*given, dynamo=False, opset_version=opset, **names)
+        return folder / "net.onnx"
 
 
-@pytest.mark.parametrize("opset", [9, 13, 17])
-@pytest.mark.parametrize("layer", ["GRU", "LSTM"])
-@pytest.mark.parametrize("dynamic", [False, True], ids=["fixed", "dynamic"])
+@each_row("opset", [9, 13, 17])
+@each_row("layer", ["GRU", "LSTM"])
+@each_row("dynamic", [False, True])
 def test_torch_to_onnx_to_eskin_to_onnx(layer, opset, dynamic, tmp_path):
-    file, logits = from_torch(layer, opset, tmp_path, last=opset != 13, dynamic=dynamic)
-    model = taken(file, tmp_path)
+    net = Net(layer, last=opset != 13)
+    model = taken(net.saved(tmp_path, opset=opset, dynamic=dynamic), tmp_path)
     features = np.random.default_rng(2).normal(size=(3, 5, 4))
-    assert np.abs(model.forward(features)[1][:, -1] - logits(features).reshape(3, -1, 3)[:, -1]).max() < 1e-5
+    last = net.logits(features).reshape(3, -1, 3)[:, -1]
+    assert np.abs(model.forward(features)[1][:, -1] - last).max() < 1e-5
     assert model.config.network.reset == ("after" if layer == "GRU" else "before")
     assert largest_difference(model, write_onnx(model, tmp_path / "again.onnx"), features) < 1e-5
 
@@ -212,39 +218,13 @@ def test_what_is_something_else_is_refused_by_name(change, said, tmp_path):
     assert len(str(refusal.value)) < 400 and not (tmp_path / "made").exists()
 
 
-def converted(tmp_path, kind: str, opset: int, *nodes: tuple, **constants):
-    """(file, random features) of a graph as converters of Keras write it: ``nodes`` are operator, inputs, outputs and
-    attributes."""
-    rng, rows = np.random.default_rng(7), 18 if kind == "GRU" else 24
-    sizes = {"W": (1, rows, 4), "R": (1, rows, 6), "B": (1, 2 * rows), "D": (6, 3), "d": (3,)}
-    arrays = {name: rng.normal(0, 0.5, size).astype("f4") for name, size in sizes.items()} | constants
-    info = helper.make_tensor_value_info
-    graph = helper.make_graph(
-        [
-            helper.make_node(operator, inputs.split(), output.split(), output, **more)
-            for operator, inputs, output, more in nodes
-        ],
-        "k",
-        [info("x", 1, ["N", 5, 4])],
-        [info("out", 1, ["N", 3])],
-        [numpy_helper.from_array(np.array(array), name) for name, array in arrays.items()],
-    )
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
-    (tmp_path / "net.onnx").write_bytes(made.SerializeToString())
-    return tmp_path / "net.onnx", rng.normal(size=(3, 5, 4))
-
-
-def decided_alike(file, features, logits, tmp_path):
-    model = taken(file, tmp_path)
-    assert np.abs(model.forward(features)[1][:, -1] - logits).max() < 1e-5
-    return model.config.network
-
-
 @each_row("kind", ["GRU", "LSTM"])
 def test_layouts_of_a_converter_of_keras(kind, tmp_path):
     """Batch first by a Transpose, the last of all states by Squeeze and a Gather of -1, an Identity behind all."""
-    file, features = converted(
-        tmp_path, kind, 12,
+    rng, rows = np.random.default_rng(7), 18 if kind == "GRU" else 24
+    sizes = {"W": (1, rows, 4), "R": (1, rows, 6), "B": (1, 2 * rows), "D": (6, 3), "d": (3,)}
+    arrays = {name: rng.normal(0, 0.5, size).astype("f4") for name, size in sizes.items()}
+    nodes = [
         ("Transpose", "x", "by_step", dict(perm=[1, 0, 2])),
         (kind, "by_step W R B", "y", dict(hidden_size=6)),
         ("Squeeze", "y", "states", dict(axes=[1])),
@@ -252,66 +232,47 @@ def test_layouts_of_a_converter_of_keras(kind, tmp_path):
         ("MatMul", "state D", "product", {}),
         ("Add", "product d", "sum", {}),
         ("Identity", "sum", "out", {}),
-        last=-1,
-    )  # fmt: skip
+    ]
+    info = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        [helper.make_node(kind, given.split(), [made], made, **more) for kind, given, made, more in nodes],
+        "k",
+        [info("x", 1, ["N", 5, 4])],
+        [info("out", 1, ["N", 3])],
+        [numpy_helper.from_array(np.array(array), name) for name, array in (arrays | {"last": -1}).items()],
+    )
+    file, features = tmp_path / "net.onnx", rng.normal(size=(3, 5, 4))
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 12)], ir_version=8), file)
     session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
     (logits,) = session.run(None, {"x": features.astype("f4")})
-    decided_alike(file, features, logits, tmp_path)
+    assert np.abs(taken(file, tmp_path).forward(features)[1][:, -1] - logits).max() < 1e-5
 
 
 # ---------------------------------------------------------------------- what the file shows, and a reference
-class Batched(torch.nn.Module):
-    """A GRU whose readout stands behind the last or every step, steps or batch first."""
-
-    def __init__(self, last: bool, batch_first: bool, layer: str = "GRU") -> None:
-        super().__init__()
-        self.cell = getattr(torch.nn, layer)(4, 6, batch_first=batch_first)
-        self.head, self.last, self.batch_first = torch.nn.Linear(6, 3), last, batch_first
-
-    def forward(self, x):
-        states = self.cell(x)[0]
-        if self.last:
-            states = states[:, -1] if self.batch_first else states[-1]
-        return self.head(states)
-
-
-def saved(net: torch.nn.Module, shape: tuple[int, ...], file):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        torch.onnx.export(
-            net.eval(), (torch.zeros(shape),), file, dynamo=False, input_names=["x"], output_names=["y"]
-        )
-    return file
-
-
 @each_row("last, batch_first, layer", [(True, True, "LSTM"), (True, False, "GRU"), (False, True, "GRU")])
 def test_a_fixed_batch_is_no_number_of_steps_and_the_decision_is_the_files(
     last, batch_first, layer, tmp_path
 ):
-    torch.manual_seed(5)
-    net = Batched(last, batch_first, layer)
+    net = Net(layer, last, batch_first)
     # eight touches of five steps: CONFIG has five
-    file = saved(net, (8, 5, 4) if batch_first else (5, 8, 4), tmp_path / "net.onnx")
+    file = net.saved(tmp_path, (8, 5, 4) if batch_first else (5, 8, 4))
     assert CONFIG.network.decision == "vote"
     record = import_network(file, CONFIG, out=tmp_path / "made", mean=0.0, std=1.0)
     model = FloatModel.load(tmp_path / "made")
     assert model.config.network.decision == ("last" if last else "vote")
     assert not any("is for touches of" in note for note in record["imported"]["notes"])
-    x = np.random.default_rng(4).normal(size=(7, 5, 4)).astype("f4")
-    own = net(torch.from_numpy(x if batch_first else x.swapaxes(0, 1))).detach().numpy()
+    x = np.random.default_rng(4).normal(size=(7, 5, 4))
     made = model.forward(x)[1]
-    expected = made[:, -1] if last else made
-    assert np.abs(expected - own).max() < 1e-5
+    assert np.abs((made[:, -1] if last else made) - net.logits(x)).max() < 1e-5
     early = CONFIG.replace(decision="early", early_steps=2)  # nobody has that by default: it is a wish
     assert taken(file, tmp_path, early).config.network.decision == "early"
 
 
-def test_a_reset_that_torchs_exporter_dropped_is_told_and_found_by_the_reference(tmp_path):
-    torch.manual_seed(6)
-    net = Batched(False, True)
-    made = onnx.load_model(str(saved(net, (1, 5, 4), tmp_path / "net.onnx")))
-    x = np.random.default_rng(4).normal(size=(9, 5, 4)).astype("f4")
-    logits = net(torch.from_numpy(x)).detach().numpy()
+def test_a_reset_that_torchs_exporter_dropped_is_told_and_found_by_the_reference(tmp_path, monkeypatch, call):
+    net = Net("GRU", last=False)
+    made = onnx.load_model(net.saved(tmp_path))
+    x = np.random.default_rng(4).normal(size=(9, 5, 4))
+    logits = net.logits(x)
     np.savez(tmp_path / "last.npz", inputs=x, outputs=logits[:, -1])
     np.savez(tmp_path / "own.npz", x=x, y=logits)
     options = {"mean": 0.0, "std": 1.0}
@@ -323,19 +284,16 @@ def test_a_reset_that_torchs_exporter_dropped_is_told_and_found_by_the_reference
         assert record["passed"] and record["check"]["touches"] == 9
         assert FloatModel.load(out).config.network.decision == decision
         assert not any("newer exporter" in note for note in record["imported"]["notes"])
-    gru = next(node for node in made.graph.node if node.op_type == "GRU")
+    (gru,) = (one for one in made.graph.node if one.op_type == "GRU")
     gru.attribute.remove(next(entry for entry in gru.attribute if entry.name == "linear_before_reset"))
-    (tmp_path / "dropped.onnx").write_bytes(made.SerializeToString())
-    run = lambda *more: CliRunner().invoke(
-        app, ["import", str(tmp_path / "dropped.onnx"), "--out", str(tmp_path / "dropped"), *map(str, more)]
-    )
+    onnx.save(made, tmp_path / "dropped.onnx")
     (tmp_path / "c.json").write_text(CONFIG.to_json())
-    asked = ("--config", tmp_path / "c.json", "--mean", 0, "--std", 1)
-    outcome = run(*asked, "--check", tmp_path / "last.npz")
-    assert outcome.exit_code == 1 and not (tmp_path / "dropped").exists(), outcome.output
-    assert "linear_before_reset is 0" in outcome.output and "none written" in outcome.output
-    assert "newer exporter" in outcome.output
-    assert run(*asked).exit_code == 0
+    monkeypatch.chdir(tmp_path)
+    asked = "import dropped.onnx --out dropped --config c.json --mean 0 --std 1".split()
+    status, out, err = call(*asked, "--check", "last.npz")
+    assert status == 1 and not Path("dropped").exists(), out + err
+    assert all(said in out + err for said in ("linear_before_reset is 0", "none written", "newer exporter"))
+    assert call(*asked)[0] == 0
 
 
 def test_nothing_is_reported_of_a_users_model(tmp_path):

@@ -1,7 +1,6 @@
 """The report: every figure comes from the files, the page stands alone, a damaged result is one sentence."""
 
 import base64
-import io
 import json
 import re
 import shutil
@@ -95,23 +94,21 @@ def test_the_page_holds_the_figures_of_the_files(result):
         assert figure in words, figure
     for stage, values in STAGE_COUNTS.items():
         assert f" {stage} {count(values)} 0 " in words, stage
-    assert "All 1 checks held, and there is no doubt" in words and "bit-exact" in words
+    assert "All 1 checks held: hardware and model agree. There is no doubt" in words and "bit-exact" in words
     assert f"{97 / CONFIG.step_ideal:.3f}".rstrip("0") in words
 
 
 def test_the_banner_is_green_only_without_a_doubt(result):
-    page = write_report(result).read_text()
-    assert 'class="verdict good"' in page and 'class="verdict warn"' not in page
-    edit(result / "run.json", warnings=["a class is lost"])
-    page = write_report(result).read_text()
-    assert 'class="verdict good"' not in page and 'class="verdict warn"' in page and "a class is lost" in page
-    edit(result / "run.json", checks=[{"name": "one", "held": False, "detail": "why"}])
-    page = write_report(result).read_text()
-    assert (
-        'class="verdict bad"' in page
-        and 'class="verdict warn"' in page
-        and "hardware and model agree" not in page
-    )
+    def verdicts(**changes):
+        edit(result / "run.json", **changes)
+        page = write_report(result).read_text()
+        return {kind for kind in ("good", "warn", "bad") if f'class="verdict {kind}"' in page}, page
+
+    assert verdicts()[0] == {"good"}
+    kinds, page = verdicts(warnings=["a class is lost"])
+    assert kinds == {"warn"} and "a class is lost" in page
+    kinds, page = verdicts(checks=[{"name": "one", "held": False, "detail": "why"}])
+    assert kinds == {"bad", "warn"} and "hardware and model agree" not in page
 
 
 def under_stress(held: bool) -> list[dict]:
@@ -120,29 +117,13 @@ def under_stress(held: bool) -> list[dict]:
         {"mode": "spikes", "figure": 0.99 if held else 0.5, "bound": 0.9, "held": held},
         {"mode": "slow ramp", "figure": 0.0, "bound": 0.0, "held": True},
     ]
-    costs = {"energy_touch_j": 1e-6, "average_w": 1e-6, "cells": 900, "block_memories": 9, "latency_s": 4e-6}
-    row = {
-        **{
-            "cell": "gru",
-            "hidden": 4,
-            "recipe": "onset",
-            "accuracy": 0.97,
-            "standard_error": 0.01,
-            "seeds": 1,
-        },
-        **{"float_accuracy": 0.97, "score": 0.9, "stressed_accuracy": 0.83, "robust": False, "stress": modes},
-        **costs,
-        **{
-            "fits": None,
-            "decision_time_s": 0.5,
-            "front_end": front_end_fields(CONFIG),
-            "front_end_words": "made",
-        },
-    }
-    return [
-        row | {"chosen": True, "calm": False},
-        row | {"chosen": False, "calm": True, "energy_touch_j": 9e-7},
-    ]
+    row = dict(
+        cell="gru", hidden=4, recipe="onset", accuracy=0.97, standard_error=0.01, seeds=1, float_accuracy=0.97,
+        score=0.9, stressed_accuracy=0.83, robust=False, stress=modes, fits=None, decision_time_s=0.5,
+        energy_touch_j=1e-6, average_w=1e-6, cells=900, block_memories=9, latency_s=4e-6,
+        front_end=front_end_fields(CONFIG), front_end_words="made",
+    )  # fmt: skip
+    return [row | {"chosen": taken, "calm": not taken} for taken in (True, False)]
 
 
 @pytest.mark.parametrize("held", [True, False])
@@ -150,41 +131,35 @@ def test_the_verdict_counts_the_disturbances_that_it_held(result, held):
     edit(result / "run.json", candidates=under_stress(held))
     words = plain(Page(write_report(result)).text)
     count = 2 if held else 1
-    assert f"nder disturbance it held {count} of 2" in words and f"It held {count} of 2 disturbances" in words
-    assert ("All 1 checks held" in words) is held
-    assert f"it held {count} of 2 disturbances" in summary(result)
+    assert f"It withstands {count} of 2 disturbances" in words
+    assert ('class="verdict good"' in (result / "report.html").read_text()) is held
+    assert f"it withstands {count} of 2 disturbances" in summary(result)
 
 
 def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothing(result):
     training = json.loads((result / "model/training.json").read_text())
-    nested = {
-        "groups": ["person"],
-        "folds": 3,
-        "seeds": [0],
-        "integer_accuracy": 0.8712,
-        "float_accuracy": 0.8823,
-        "agreement": 0.99,
-    }
     folds = [{"integer_accuracy": share} for share in (0.801, 0.95, 0.84)]
-    nested |= {"standard_error": 0.0345, "wall_s": 12.0, "per_fold": folds}
+    nested = dict(
+        groups=["person"], folds=3, seeds=[0], integer_accuracy=0.8712, float_accuracy=0.8823, agreement=0.99,
+        standard_error=0.0345, wall_s=12.0, per_fold=folds,
+    )  # fmt: skip
     first, *others = training["cross_validation"]
     known = {"integer_accuracy": 0.975, "float_accuracy": 0.98, "folds": 5}
-    edit(
-        result / "model/training.json",
-        cross_validation=[first | {"nested": nested}, *others],
-        same_groups=known,
-    )
+    splits = [first | {"nested": nested}, *others]
+    edit(result / "model/training.json", cross_validation=splits, same_groups=known)
     words = plain(Page(write_report(result)).text)
-    assert (
-        "accuracy, unseen person 87.1 %" in words and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 %" in words
-    )
-    assert "expect this for a new person; " in words and "80.1 % to 95.0 %; integer" in words
-    assert "single recordings left out 97.5 % expect this for new recordings of a person that is in" in words
-    assert "person left out 3 96.4 %" in words and "unseen person 3 96.4 %" not in words
-    assert "the chosen network on the folds that chose it: 96.4 %" in words
-    out = io.StringIO()
-    out.write(summary(result))
-    assert "nested cross-validation" in out.getvalue() and "unseen person" in out.getvalue()
+    for figure in (
+        "accuracy, unseen person 87.1 %",
+        "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 %",
+        "expect this for a new person; ",
+        "80.1 % to 95.0 %; integer",
+        "single recordings left out 97.5 % expect this for new recordings of a person that is in",
+        "person left out 3 96.4 %",
+        "the chosen network on the folds that chose it: 96.4 %",
+    ):
+        assert figure in words, figure
+    assert "unseen person 3 96.4 %" not in words
+    assert "nested cross-validation" in summary(result) and "unseen person" in summary(result)
 
 
 @each_row(
@@ -197,10 +172,6 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
             "at recording 7, frame 3, so the bench ended the run",
         ),
         ("cosim.json", {"verdict": "no decision"}, "the network was not compared"),
-        ("cosim.json", {"compared_values": 987654}, f"987{SPACE}654 values"),
-        ("cosim_declared.json", {"clock_hz": 6e6}, "12.2 µs"),
-        ("cosim_lowest.json", {"clock_hz": 1.25e6}, "1.25 MHz"),
-        ("evaluate.json", {"integer_accuracy": 0.4321}, "43.2 %"),
         (
             "run.json",
             {"checks": [{"name": "one", "held": False, "detail": "why it fell"}]},
@@ -253,27 +224,20 @@ def test_the_drawing_shows_the_codes_of_the_trace(made):
     figure = draw_trace(result.trace, CONFIG)
     raw, features, hidden, logits, decisions = figure.axes[:5]
     done = int(result.trace["completed"])
-    assert (
-        len([line for line in raw.lines if len(line.get_xdata()) == len(result.trace["samples"])])
-        == CONFIG.sensor.taxels
-    )
-    np.testing.assert_array_equal(
-        features.images[0].get_array(),
-        result.trace["features"][:done].T / 2.0**CONFIG.formats.feature_format.frac_bits,
-    )
-    np.testing.assert_array_equal(
-        hidden.images[0].get_array(),
-        result.trace["hidden"][:done].T / 2.0**CONFIG.formats.state_format.frac_bits,
-    )
-    for index, line in enumerate(logits.lines):
-        np.testing.assert_array_equal(
-            line.get_ydata(),
-            result.trace["logits"][:done, index] / 2.0**CONFIG.formats.logit_format.frac_bits,
-        )
+    frames = len(result.trace["samples"])
+    assert sum(len(line.get_xdata()) == frames for line in raw.lines) == CONFIG.sensor.taxels
+
+    def real(name, fmt):
+        return result.trace[name][:done].T / 2.0**fmt.frac_bits
+
+    formats = CONFIG.formats
+    shown = features.images[0].get_array(), hidden.images[0].get_array()
+    np.testing.assert_array_equal(shown[0], real("features", formats.feature_format))
+    np.testing.assert_array_equal(shown[1], real("hidden", formats.state_format))
+    for line, values in zip(logits.lines, real("logits", formats.logit_format), strict=False):
+        np.testing.assert_array_equal(line.get_ydata(), values)
     heights = [bar.get_height() for bars in decisions.containers for bar in bars]
-    np.testing.assert_allclose(
-        sorted(heights), sorted(result.trace["margin"][:done] / 2.0**CONFIG.formats.logit_format.frac_bits)
-    )
+    np.testing.assert_allclose(sorted(heights), sorted(real("margin", formats.logit_format)))
     assert CONFIG.network.class_names[int(result.trace["global_decision"])] in decisions.get_title()
 
 
@@ -282,18 +246,13 @@ def test_the_drawing_shows_the_codes_of_the_trace(made):
     [
         (percent(1.0), "100.0 %"),
         (percent(0.99999), "99.9 %"),
-        (percent(0), "0.0 %"),
         (percent(1e-5), "below 0.1 %"),
-        (percent(0.5), "50.0 %"),
         (percent(0.98765, 2), "98.77 %"),
         (seconds(1.98e-5), "19.8 µs"),
-        (seconds(0.35), "350 ms"),
         (seconds(0), "0 s"),
-        (seconds(83.4e-9), "83.4 ns"),
         (seconds(-2e-3), "-2.00 ms"),
         (seconds(129.4), "129 s"),
         (hertz(711000), "711 kHz"),
-        (hertz(35.6), "35.6 Hz"),
         (hertz(12e6), "12 MHz"),
         (count(1234567), f"1{SPACE}234{SPACE}567"),
     ],

@@ -41,15 +41,16 @@ def test_failures_are_what_they_say():
 
 def test_the_margin_record_is_counted_over_the_confident():
     labels = np.array([0, 1, 0, 1])
-    outcome = [(np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 6, 0]), np.array([4, 6, 8, 9]))]
+    decided = np.array([0, 1, 1, -1])
+
+    def record(margins, learnt, coverage):
+        outcome = [(np.arange(4), decided, np.array(margins), np.array(learnt))]
+        found = defences.margin_record(["trial"], labels, outcome, coverage)
+        return [found[key] for key in ("threshold", "coverage", "accuracy", "without")]
+
     # a margin of the threshold itself is confident
-    record = defences.margin_record(["trial"], labels, outcome, 0.75)
-    figures = [record[key] for key in ("threshold", "coverage", "accuracy", "without")]
-    assert figures == [6, 0.5, 0.5, 0.5]
-    outcome = [(np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 5, 0]), np.array([0, 0, 0, 5]))]
-    record = defences.margin_record(["trial"], labels, outcome, 1.0)
-    assert (record["threshold"], record["coverage"]) == (0, 0.75)
-    assert record["accuracy"] == pytest.approx(2 / 3)
+    assert record([9, 3, 6, 0], [4, 6, 8, 9], 0.75) == [6, 0.5, 0.5, 0.5]
+    assert record([9, 3, 5, 0], [0, 0, 0, 5], 1.0) == [0, 0.75, pytest.approx(2 / 3), 0.5]
 
 
 def test_the_comparison_counts_what_unseen_recordings_get():

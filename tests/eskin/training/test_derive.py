@@ -79,22 +79,16 @@ def test_another_rate_or_code_is_no_preset(pvdf, change):
 def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
     recordings = cut(pvdf, **change)
     config, reasons = derive_config(recordings)
-    assert config.onset_rule.onset == "baseline"
-    assert config.rest_level.rest == "tracked"
+    assert (config.onset_rule.onset, config.rest_level.rest) == ("baseline", "tracked")
     assert config.network.class_names == pvdf.class_names
-    assert (config.sensor.taxels, config.sensor.sample_bits, config.sensor.sample_rate_hz) == (
-        recordings.taxels,
-        recordings.sample_bits,
-        recordings.sample_rate_hz,
-    )
+    for field in ("taxels", "sample_bits", "sample_rate_hz"):
+        assert getattr(config.sensor, field) == getattr(recordings, field)
     touching, full = touched(config, recordings)
     assert touching >= 0.9 and full >= 0.75, reasons
     # The axis touches down 0.4 s to 2.8 s into the recording: an onset in the lead-in would be noise.
-    onsets = find_touches(config, recordings, steps=0)
-    early = (
-        onsets.onset_frame[onsets.first_touch()[onsets.first_touch() >= 0]] < 0.3 * recordings.sample_rate_hz
-    )
-    assert early.mean() <= 0.05
+    touches = find_touches(config, recordings, steps=0)
+    onsets = touches.onset_frame[touches.first_touch()[touches.first_touch() >= 0]]
+    assert (onsets < 0.3 * recordings.sample_rate_hz).mean() <= 0.05
     assert any("onset when a taxel's mean" in reason for reason in reasons) or config.name == "pvdf"
 
 
@@ -102,8 +96,7 @@ def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
 def test_recordings_that_start_in_contact_open_at_once(fabric, change):
     recordings = cut(fabric, **change)
     config, reasons = derive_config(recordings)
-    assert config.onset_rule.onset == "immediate"
-    assert config.rest_level.rest == "initial"
+    assert (config.onset_rule.onset, config.rest_level.rest) == ("immediate", "initial")
     assert config.name == "derived"
     assert any("start in contact" in reason for reason in reasons)
     assert touched(config, recordings)[1] >= 0.6  # three quarters, of a sample
@@ -123,16 +116,14 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
 
 
 def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
-    rng = np.random.default_rng(5)
     recordings = make_recordings(lengths=[1500] * 20, taxels=5, sample_bits=8)
-    samples = rng.integers(120, 123, recordings.samples.shape)
+    samples = np.random.default_rng(5).integers(120, 123, (20, 1500, 5))
     for i in range(20):
-        samples[recordings.offsets[i] + 500 : recordings.offsets[i + 1], i % 5] += 60
-    samples[:, 4] = 7
-    recordings = replace(recordings, samples=samples.astype(np.int32))
+        samples[i, 500:, i % 5] += 60
+    samples[..., 4] = 7
+    recordings = replace(recordings, samples=samples.reshape(-1, 5).astype(np.int32))
     config, reasons = derive_config(recordings)
-    assert str(config.sample_format) == "UQ(8,0)"
-    assert config.sensor.taxels == 5
+    assert str(config.sample_format) == "UQ(8,0)" and config.sensor.taxels == 5
     assert config.sensor.masked_taxels == (4,)
     assert any("taxel 4 never changes and is masked" in reason for reason in reasons)
     touching, full = touched(config, recordings)

@@ -1,5 +1,7 @@
 """A sensor of events, whose codes are 0 and 1: integers decide as floats do."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from eskin.golden.data import Recordings
@@ -14,25 +16,16 @@ TAXELS, CLASSES, FRAMES = 24, 6, 160
 
 def events(count: int = 120, seed: int = 0) -> Recordings:
     """Classes differ in the rate of events of each taxel, which rises and falls; persons in all rates."""
-    rng = np.random.default_rng(seed)
-    rates, depth = rng.uniform(0.01, 0.04, (CLASSES, TAXELS)), rng.uniform(0, 0.5, (CLASSES, TAXELS))
-    phase, time = (
-        rng.uniform(0, 2 * np.pi, (CLASSES, TAXELS)),
-        2 * np.pi * np.arange(FRAMES)[:, None] / FRAMES,
-    )
+    rng, size = np.random.default_rng(seed), (CLASSES, TAXELS)
+    rates, depth, phase = (rng.uniform(0, most, size) for most in (0.03, 0.5, 2 * np.pi))
+    time = 2 * np.pi * np.arange(FRAMES)[:, None] / FRAMES
     labels, persons = np.arange(count) % CLASSES, np.arange(count) // CLASSES % 4
-    rising = [rates[k] * (1 + depth[k] * np.sin(time + phase[k])) for k in labels]
+    rising = [(0.01 + rates[k]) * (1 + depth[k] * np.sin(time + phase[k])) for k in labels]
     codes = [rng.random(rate.shape) < rate * (0.8 + 0.1 * p) for rate, p in zip(rising, persons, strict=True)]
-    return Recordings(
-        samples=np.concatenate(codes).astype(np.uint8),
-        offsets=FRAMES * np.arange(count + 1),
-        labels=labels,
-        class_names=tuple(f"c{k}" for k in range(CLASSES)),
-        sample_rate_hz=200.0,
-        sample_bits=8,
-        sample_signed=False,
-        groups={"person": persons},
+    made = Recordings.of(
+        np.array(codes).astype(np.uint8), labels, sample_rate_hz=200, groups={"person": persons}
     )
+    return replace(made, sample_bits=8)
 
 
 def test_two_code_levels_lose_nothing_in_integers(tmp_path):

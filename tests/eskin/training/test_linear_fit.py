@@ -28,6 +28,10 @@ CONFIG = AcceleratorConfig.of(
 )
 
 
+def logits(arrays, features):
+    return np.einsum("nkd,kcd->nc", features, arrays["V"]) + arrays["b_y"]
+
+
 def test_inputs_of_noise_alone_do_not_take_the_bits_of_the_weights():
     rng = np.random.default_rng(3)
     labels = np.arange(60) % 2
@@ -36,10 +40,9 @@ def test_inputs_of_noise_alone_do_not_take_the_bits_of_the_weights():
     arrays = fit_linear(CONFIG, features, labels, 1.0)
     noise, signal = np.abs(arrays["V"][:3]).max(), np.abs(arrays["V"][3:]).max()
     assert noise < signal / QUIETEST
-    logits = np.einsum("nkd,kcd->nc", features, arrays["V"]) + arrays["b_y"]
-    assert (logits.argmax(axis=1) == labels).all()
+    assert (logits(arrays, features).argmax(axis=1) == labels).all()
     step = np.abs(arrays["V"]).max() / 127  # as weights of 8 bits
-    coarse = np.einsum("nkd,kcd->nc", features, np.rint(arrays["V"] / step) * step) + arrays["b_y"]
+    coarse = logits(arrays | {"V": np.rint(arrays["V"] / step) * step}, features)
     assert (coarse.argmax(axis=1) == labels).mean() > 0.95
 
 
@@ -76,11 +79,8 @@ def test_the_average_weighs_both_fits_alike():
     labels = np.arange(90) % 3
     features = rng.normal(0, 1, (90, 6, 4)) + rng.normal(0, 1, (3, 6, 4))[labels]
 
-    def logits(arrays):
-        return np.einsum("nkd,kcd->nc", features, arrays["V"]) + arrays["b_y"]
-
     def centred(arrays):
-        values = logits(arrays)[:, :3]
+        values = logits(arrays, features)[:, :3]
         return values - values.mean(axis=1, keepdims=True)
 
     odds = centred(fit_linear(config, features, labels, 1.0))
@@ -89,7 +89,7 @@ def test_the_average_weighs_both_fits_alike():
     expected = (odds + squares / squares.std() * odds.std()) / 2
     assert np.allclose(centred(average), expected, atol=1e-9)
     assert not np.allclose(expected, odds, atol=0.1)
-    assert (logits(average).argmax(axis=1) < 3).all()  # a class without a touch loses
+    assert (logits(average, features).argmax(axis=1) < 3).all()  # a class without a touch loses
 
 
 def test_touches_that_end_early_are_decided_on_what_they_have():
@@ -110,8 +110,7 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
     for extra in (0, len(again)):
         learnt = np.r_[features[known], cut[:extra]], np.r_[labels[known], labels[again][:extra]]
         arrays = fit_least_squares(CONFIG, *learnt, extra)
-        logits = np.einsum("nkd,kcd->nc", features, arrays["V"]) + arrays["b_y"]
-        right = logits.argmax(axis=1) == labels
+        right = logits(arrays, features).argmax(axis=1) == labels
         shares.append((right[held_out & (held == 2)].mean(), right[held_out & (held == 6)].mean()))
     (before, whole_before), (after, whole_after) = shares
     assert after > before + 0.05 and whole_after > whole_before - 0.05, shares
@@ -155,6 +154,5 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     weights = np.linalg.solve(gram, (x - mean).T @ (weight[:, None] * (indicators - share)))
     fitted = (x - mean) @ weights + share
     turn, bias = linear_fit.discriminants_of((weight[:, None] * indicators).T @ fitted, np.array([25, 25]))
-    logits = (features.reshape(50, -1) - mean) @ weights + share
-    mine = np.einsum("nkd,kcd->nc", features, arrays["V"]) + arrays["b_y"]
-    assert np.allclose(mine, logits @ turn + bias, rtol=1e-6, atol=1e-9)
+    due = ((features.reshape(50, -1) - mean) @ weights + share) @ turn + bias
+    assert np.allclose(logits(arrays, features), due, rtol=1e-6, atol=1e-9)

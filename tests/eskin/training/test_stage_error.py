@@ -75,12 +75,12 @@ same rounding."""
 
 @each_row(("cell", "reset", "stage"), COARSENED)
 def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, stage):
-    real, integer, touches = models(cell, reset, **COARSE[stage])
-    fine = {error.stage: error for error in stage_errors(*models(cell, reset))}
-    coarse = {error.stage: error for error in stage_errors(real, integer, touches)}
+    fine, coarse = (
+        {error.stage: error for error in stage_errors(*models(cell, reset, **formats))}
+        for formats in ({}, COARSE[stage])
+    )
     assert list(coarse) == list(STAGES) and logit_error(list(coarse.values()))["stage"] == stage
-    assert coarse[stage].logit_max > 4 * fine[stage].logit_max
-    assert coarse[stage].logit_mean > 4 * fine[stage].logit_mean
-    assert coarse[stage].mean > 1.5 * fine[stage].mean
+    for figure, least in (("logit_max", 4), ("logit_mean", 4), ("mean", 1.5)):
+        assert getattr(coarse[stage], figure) > least * getattr(fine[stage], figure)
     for other in set(STAGES) - {stage}:
         assert coarse[other].logit_max < 2.5 * fine[other].logit_max + 1e-9

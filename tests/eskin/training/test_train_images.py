@@ -56,13 +56,13 @@ def test_batch_norm_is_folded_into_what_hardware_computes():
     torch.manual_seed(0)
     network = ImageNetwork(config(), 0.0)
     for norm in network.norms.values():
-        with torch.no_grad():
-            (
-                norm.running_mean.uniform_(-1, 1),
-                norm.running_var.uniform_(0.5, 2),
-                norm.weight.uniform_(-1, 1),
-                norm.bias.uniform_(-1, 1),
-            )
+        for values, least, most in (
+            (norm.running_mean, -1, 1),
+            (norm.running_var, 0.5, 2),
+            (norm.weight, -1, 1),
+            (norm.bias, -1, 1),
+        ):
+            torch.nn.init.uniform_(values, least, most)
     network.eval()
     images = images_of(shapes(4, 2))
     folded = float_images(FloatModel(config(), network.folded()), images).logits
@@ -90,10 +90,8 @@ def test_a_turned_bar_keeps_its_length():
     )
     lengths = []
     for each in augmented(bar, still, generator)[:, 0]:
-        row, column = torch.nonzero(each > 0.3, as_tuple=True)
-        lengths.append(
-            float(torch.hypot((row.max() - row.min()).float(), (column.max() - column.min()).float()))
-        )
+        ends = [places.max() - places.min() for places in torch.nonzero(each > 0.3, as_tuple=True)]
+        lengths.append(float(torch.hypot(*(end.float() for end in ends))))
     assert min(lengths) > 26 and max(lengths) < 33
 
 
@@ -111,9 +109,8 @@ def test_other_scales_inside_leave_the_function_and_lose_less(trained):
 
     def error(model):
         whole = quantised(model, images)
-        return np.square(
-            whole.config.formats.logit_format.to_real(run_images(whole, images).logits) - ideal
-        ).mean()
+        logits = whole.config.formats.logit_format.to_real(run_images(whole, images).logits)
+        return np.square(logits - ideal).mean()
 
     assert error(even) < 0.2 * error(uneven)
 
@@ -145,7 +142,6 @@ def test_auto_takes_the_smallest_that_is_level():
         ((0.96, 0.9, 0.9), "tactnet"),
     ]:
         correct = [(np.arange(400) < 400 * share).astype(float) for share in shares]
-        rows = _candidate_rows(
-            candidates, [{"float_accuracy": share, "agreement": 1.0} for share in shares], correct, 1
-        )
+        said = [{"float_accuracy": share, "agreement": 1.0} for share in shares]
+        rows = _candidate_rows(candidates, said, correct, 1)
         assert [each["cell"] for each in rows if each["chosen"]] == [taken]

@@ -5,11 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.pages.energy_page import draw_power, render
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles
-from eskin.study.energy import compare, estimate, scheduled_activity
 from eskin.training.made_up import image_recordings, random_images
 from eskin.verbs.energy_job import job
 from tests.support.image_scenes import random_image_model
@@ -50,15 +48,5 @@ def test_the_activity_of_images_is_counted_in_the_netlist(case, tmp_path):
         + activity["step_toggles"] * 0.2e-12
         + activity["step_multiplies"] * 24e-12
     )
-    assert "Energy of an image" in (tmp_path / "out/energy.html").read_text()
     assert json.loads((tmp_path / "out/energy.json").read_text())["what"] == "image"
     assert np.isclose(row["touch_s"], 6e-3)
-
-
-def test_axes_of_powers_have_plain_numbers():
-    config = PRESETS["thesis"].replace(feature_shift=(10, 9))
-    activity = scheduled_activity(config, 199, 23.2, 19, 7)
-    row = {"name": "a", "bit_exact": True, **estimate(config, "iCE40UP5K", activity, 612e3)}
-    axis = draw_power([row], "touch").axes[0].xaxis
-    assert axis.get_major_formatter()(1) == "1"  # 10^0 is drawn as its source
-    assert "Power" in render(compare([row]))

@@ -4,21 +4,9 @@ import numpy as np
 
 from eskin.golden.core import PRESETS
 from eskin.golden.model import find_touches
-from eskin.golden.model.pipeline import Decisions, decide, global_steps
+from eskin.golden.model.pipeline import Decisions, decide
 from eskin.training.times import step_times
-from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
-
-
-def plain_early(config, locals_):
-    """Step after which the global decision of these local (class, margin) is given early; None: never."""
-    streak, before = 0, None
-    for step, (best, margin) in enumerate(locals_):
-        streak = 0 if margin < config.network.early_margin else streak + 1 if streak and best == before else 1
-        before = best
-        if config.network.decision == "early" and streak == config.network.early_steps:
-            return step
-    return None
 
 
 def test_votes_tie_to_the_lowest_class_and_uncompleted_steps_do_not_vote():
@@ -31,25 +19,6 @@ def test_votes_tie_to_the_lowest_class_and_uncompleted_steps_do_not_vote():
     assert local[1].tolist() == [2, -1, -1, -1] and margin[1].tolist() == [9, 0, 0, 0]
     local, margin, overall, lead = decide(config.replace(decision="last"), logits, np.array([4, 0]))
     assert overall.tolist() == [1, -1] and lead.tolist() == [9, 0]
-
-
-@each_row("steps", [1, 2, 3])
-def test_an_early_decision_is_the_first_that_held_in_codes_as_in_real_logits(steps):
-    rng = np.random.default_rng(steps)
-    logits, completed = rng.integers(-9, 10, (400, 6, 3)), rng.integers(0, 7, 400)
-    config = SMALL.replace(decision="early", early_margin=4, early_steps=steps, steps=6)
-    local, margin, overall, lead = decide(config, logits, completed)
-    given = global_steps(config, local, margin, completed)
-    when = []
-    for row, done in enumerate(completed):
-        steps_of = zip(local[row, :done].tolist(), margin[row, :done].tolist(), strict=True)
-        early = plain_early(config, list(steps_of))
-        when.append(done - 1 if early is None else early)
-        decided = (local[row, when[-1]], margin[row, when[-1]]) if done else (-1, 0)
-        assert (overall[row], lead[row]) == decided
-    assert given.tolist() == when and set(when) == set(range(-1, 6))
-    real = decide(config, config.formats.logit_format.to_real(logits), completed)
-    np.testing.assert_array_equal(real[2], overall)
 
 
 def test_step_times_count_from_the_onset():

@@ -1,16 +1,13 @@
 """golden/model/prototypes.py: distances against a plain walk through the specification; what teaching and
 forgetting leave, in a model and in the middle of a stream."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import IntegerModel, Stream, decide_touches, find_touches, run
+from eskin.golden.model import IntegerModel, Stream, decide_touches, find_touches
 from eskin.golden.model.prototypes import forget, taught_in_use, teach, trajectory_codes
 from eskin.training.formats import with_network
-from tests.golden.model.test_stream import check_same
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -23,33 +20,6 @@ def taught_model(cell: str, decision: str = "last", seed: int = 3, **rule: int) 
     """Random weights and prototypes, some places in use."""
     config = with_network(SMALL, cell=cell).replace(decision=decision)
     return random_integer_model(config.with_readout(**RULE, state_code_shift=SHIFTS[cell], **rule), seed)
-
-
-@each_row("decision", ["last", "vote", "early"])
-@each_row(("cell", "taught_shift"), [("gru", 0), ("gru", 1), ("lstm", 0), ("linear", 2)])
-def test_the_nearest_prototype_decides(cell, taught_shift, decision):
-    model, limit = taught_model(cell, decision, taught_shift=taught_shift), 0
-    if decision != "vote":
-        limit = (
-            int(np.median(-run(model, scene(20, seed=6)).scores.max(axis=-1)[:, -1])) // SMALL.windows.steps
-        )
-        rule = dataclasses.replace(model.config.readout_rule, unknown_above=limit)
-        model = dataclasses.replace(model, config=dataclasses.replace(model.config, readout_rule=rule))
-    trace = run(model, scene(20, seed=6))
-    seen = set()
-    for touch, done in enumerate(trace.touches.completed):
-        scores = trace.scores[touch, :done].tolist()
-        for k, row in enumerate(scores):
-            best = max(range(len(row)), key=lambda c: (row[c], -c))
-            assert trace.local[touch, k] == best
-            assert trace.margin[touch, k] == row[best] - max(row[c] for c in range(len(row)) if c != best)
-        if done:
-            k = trace.global_step[touch]
-            far = bool(limit) and -max(scores[k]) > limit * (k + 1)
-            assert trace.unsure[touch] == far
-            seen.add(far)
-    assert decision != "last" or seen == {False, True}
-    check_same(Stream(model), trace, scene(20, seed=6), seed=1)
 
 
 def test_the_oldest_taught_touch_goes_and_a_class_is_forgotten_alone():

@@ -2,18 +2,14 @@
 
 import random
 
+import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS, QFormat
+from eskin.golden.model.pipeline import DECISION_FIELDS, decide, early_steps, global_steps
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.program.timing import logit_to_decision
 from tests.support.stream_bench import Bench, values
-
-
-def top_two(numbers):
-    """(index of the largest, lowest on ties; largest minus second)."""
-    best = max(range(len(numbers)), key=lambda k: (numbers[k], -k))
-    return best, numbers[best] - max(value for k, value in enumerate(numbers) if k != best)
 
 
 def play(config, touches, *, stall=0.0, seed=0):
@@ -57,47 +53,20 @@ def play(config, touches, *, stall=0.0, seed=0):
 
 
 def expected(config, touches):
-    """Decisions, and how many there are when each touch ends."""
+    """The golden model's decisions, and how many there are when each touch ends."""
     rows, ends = [], []
-    unsure = lambda margin: int(margin < config.network.margin_threshold)
-    early = config.network.decision == "early"
-    for steps in touches:
-        votes, streak, before, given = [0] * config.classes, 0, None, False
-        for step, logits in enumerate(steps):
-            best, margin = top_two(logits)
-            votes[best] += 1
-            rows.append(
-                {"class": best, "margin": margin, "step": step, "is_global": 0, "partial": 0, "unsure": 0}
-            )
-            streak = (
-                (streak + 1 if streak and best == before else 1)
-                if margin >= config.network.early_margin
-                else 0
-            )
-            before = best
-            if early and not given and streak >= config.network.early_steps:
-                rows.append(rows[-1] | {"is_global": 1, "unsure": unsure(margin)})
-                given = True
-        open_touch = len(steps) < config.windows.steps
-        if steps and not given:
-            best, margin = (
-                top_two(votes)
-                if config.network.decision == "vote"
-                else (rows[-1]["class"], rows[-1]["margin"])
-            )
-            rows.append(
-                {
-                    "class": best,
-                    "margin": margin,
-                    "step": len(steps) - 1,
-                    "is_global": 1,
-                    "partial": int(open_touch),
-                    "unsure": unsure(margin),
-                }
-            )
-        if steps:
-            ends.append(len(rows))
-    return rows, ends
+    for steps in filter(None, touches):
+        logits = np.zeros((1, config.windows.steps, config.classes), dtype=int)
+        logits[0, : len(steps)], done = steps, np.array([len(steps)])
+        local, margin, (overall,), (lead,) = decide(config, logits, done)
+        (end,), early = global_steps(config, local, margin, done), early_steps(config, local, margin, done)[1]
+        for k in range(len(steps)):
+            rows.append((0, k, local[0, k], margin[0, k], 0, 0))
+            if k == end:
+                partial = len(steps) < config.windows.steps and not early
+                rows.append((1, k, overall, lead, partial, lead < config.network.margin_threshold))
+        ends.append(len(rows))
+    return [dict(zip(DECISION_FIELDS, map(int, row), strict=True)) for row in rows], ends
 
 
 RULES = (

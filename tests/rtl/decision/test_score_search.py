@@ -3,11 +3,12 @@
 import random
 from itertools import product
 
-from amaranth.sim import Simulator
+import numpy as np
 
 from eskin.golden.core import PRESETS
+from eskin.golden.model.pipeline import first_maximum
 from eskin.rtl.decision.score_search import SearchOnce, SearchTwice, make_search
-from tests.rtl.decision.test_classifier import top_two
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 
@@ -53,8 +54,5 @@ def test_class_and_margin_of_any_scores_in_their_cycle(cell, lanes, search, late
             await ctx.tick()
             found.append((ctx.get(dut.best), ctx.get(dut.margin)))
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
-    assert found == [top_two(scores) for scores in steps]
+    simulate(dut, bench)
+    assert found == list(zip(*map(np.ndarray.tolist, first_maximum(np.array(steps))), strict=True))

@@ -8,6 +8,7 @@ from amaranth.lib import wiring
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, narrow
 from eskin.golden.model import IntegerModel
+from eskin.golden.model.pipeline import decide
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.engine import Engine
 from eskin.rtl.engine.window_queue import WindowQueue
@@ -84,19 +85,11 @@ def expected(model: IntegerModel, centred: np.ndarray):
     scale = scale[None, :, list(config.input_constants)] if config.constants > 1 else scale[None, :, None]
     features = narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format)
     hidden, logits = model.forward(features)
-    rows = []
-    for touch in logits:
-        for step, logit in enumerate(touch):
-            order = np.argsort(-logit, kind="stable")
-            rows.append((0, step, int(order[0]), int(logit[order[0]] - logit[order[1]])))
-        votes = np.bincount([row[2] for row in rows[-config.windows.steps :]], minlength=config.classes)
-        order = np.argsort(-votes, kind="stable")
-        final = (
-            (int(order[0]), int(votes[order[0]] - votes[order[1]]))
-            if config.network.decision == "vote"
-            else rows[-1][2:]
-        )
-        rows.append((1, config.windows.steps - 1, *final))
+    last, rows = config.windows.steps - 1, []
+    local, margin, overall, lead = decide(config, logits, np.full(len(logits), last + 1))
+    for touch, (label, ahead) in enumerate(zip(overall.tolist(), lead.tolist(), strict=True)):
+        pairs = zip(local[touch].tolist(), margin[touch].tolist(), strict=True)
+        rows += [*((0, step, *pair) for step, pair in enumerate(pairs)), (1, last, label, ahead)]
     return features.reshape(-1).tolist(), hidden.reshape(-1).tolist(), logits.reshape(-1).tolist(), rows
 
 

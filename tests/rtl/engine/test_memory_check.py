@@ -6,7 +6,6 @@ import pytest
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.program.memory_map import (
-    Control,
     Fault,
     Memory,
     Register,
@@ -28,10 +27,8 @@ from eskin.rtl.program.signature import (
     residue,
     retreat,
 )
-from eskin.rtl.top.accelerator import Accelerator
-from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
+from tests.rtl.top.test_accelerator import CONFIGS, check, play, recordings
 from tests.support.random_models import random_integer_model
-from tests.support.stream_bench import Bench, put
 from tests.support.unseen import unseen
 
 
@@ -119,7 +116,7 @@ def touch_data(config, frames: int = 110):
 def test_a_word_that_is_not_the_image_s_is_flagged_before_the_global_decision(select, word, bit):
     config = checked("thesis", rearm_frames=60)
     model = random_integer_model(config, seed=3)
-    seen: list[tuple[bool, bool]] = []
+    failed: list[list[int]] = []
     wrong: list[tuple[int, int]] = []
     current, place = 0, 0
     for register, value in load_writes(model.config, model.arrays):
@@ -130,55 +127,19 @@ def test_a_word_that_is_not_the_image_s_is_flagged_before_the_global_decision(se
             place += 1
         wrong.append((register, value))
     assert wrong != load_writes(model.config, model.arrays)
-    flags = run_with(model, touch_data(config), wrong, seen)
-    assert flags & Fault.CHECKSUM and seen and all(flagged for is_global, flagged in seen if is_global)
-    assert any(is_global for is_global, _ in seen)
+    streams, statuses = play(
+        model,
+        touch_data(config),
+        writes=wrong,
+        prepare=lambda bench: failed.append(bench.watch(bench.dut.control.check_failed)),
+    )
+    ends = [beat.cycle for beat in streams["beats"] if beat.value["is_global"]]
+    assert statuses[0][1] & Fault.CHECKSUM and failed[0][0] < ends[0]
 
 
-def run_with(model, data, writes, seen, after=None) -> int:
-    """Play one recording on a model loaded by ``writes``; FAULTS at the end. ``seen``: (global, flagged) of
-    each decision."""
-    dut = Accelerator(model.config)
-    bench = Bench(dut, seed=1, quiet=100, max_cycles=100_000)
-
-    async def watch(ctx):
-        ctx.set(dut.o.ready, 1)
-        tick = ctx.tick().sample(dut.o.valid, dut.o.p.is_global)
-        while True:
-            _, _, valid, is_global = await tick
-            if valid:
-                seen.append((bool(is_global), bool(flags[-1] & Fault.CHECKSUM)))
-
-    flags = [0]
-
-    async def feed(ctx):
-        host = Host(dut, ctx)
-        for register, word in writes:
-            await host.write(register, word)
-        await host.write(Register.CONTROL, Control.ARM)
-        await ctx.tick()
-        for samples in data.recording(0):
-            for taxel, sample in enumerate(samples):
-                beat = {
-                    "sample": int(sample),
-                    "first": int(taxel == 0),
-                    "last": int(taxel == model.config.sensor.taxels - 1),
-                }
-                put(ctx, dut.i, payload=beat, valid=1)
-                while not (await ctx.tick().sample(dut.i.ready))[-1]:
-                    flags[0] = ctx.get(dut.bus.r_data)
-            ctx.set(dut.i.valid, 0)
-            flags[0] = await host.read(Register.FAULTS)
-        await host.write(Register.CONTROL, Control.FINISH)
-        await host.until_idle()
-        if after is not None:
-            await after(host)
-        flags[0] = await host.read(Register.FAULTS)
-
-    bench._sim.add_testbench(watch, background=True)
-    bench.process(feed)
-    bench.run()
-    return flags[0]
+def faults(model, writes) -> int:
+    """FAULTS behind a touch, on memories filled by ``writes``."""
+    return play(model, touch_data(model.config), writes=writes)[1][0][1]
 
 
 def test_a_reload_word_by_word_raises_no_flag_and_a_half_one_does():
@@ -187,17 +148,15 @@ def test_a_reload_word_by_word_raises_no_flag_and_a_half_one_does():
     config = checked("thesis", rearm_frames=60)
     model, other = random_integer_model(config, seed=3), random_integer_model(config, seed=4)
     first, second = load_writes(model.config, model.arrays), load_writes(other.config, other.arrays)
-    assert (
-        first != second and run_with(other, touch_data(config), [*first, *second], []) & Fault.CHECKSUM == 0
-    )
+    assert first != second and not faults(other, [*first, *second]) & Fault.CHECKSUM
     half = second[: len(second) // 2]
-    assert run_with(other, touch_data(config), [*first, *half], []) & Fault.CHECKSUM
+    assert faults(other, [*first, *half]) & Fault.CHECKSUM
 
 
 def test_memories_that_were_never_loaded_are_flagged():
     config = checked("thesis", rearm_frames=60)
     model = random_integer_model(config, seed=3)
-    assert run_with(model, touch_data(config), [], []) & Fault.CHECKSUM
+    assert faults(model, []) & Fault.CHECKSUM
 
 
 def test_the_register_runs_through_every_value_and_back():

@@ -7,12 +7,11 @@ import subprocess
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from eskin.cosim import flow, runner
 from eskin.cosim.activity import instrument, read_count
-from eskin.cosim.netlist import ECP5_CELLS, GOWIN_CELLS, Hardware, netlist_hardware
+from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.training.formats import with_network
@@ -231,85 +230,3 @@ def test_counters_count_what_changes(tmp_path):
     assert count.cycles == CLOCKS and count.toggles == {"engine": toggles[0], "front_end": toggles[1]}
     assert count.multiplies == changes and count.ram_reads == sum(value & 1 for value in driven[:CLOCKS])
     assert count.large_uses == sum(value >> 1 for value in driven[:CLOCKS])
-
-
-def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):
-    """Words written and read back at 36, 18 and 9 bits, against an array; read before write."""
-    bench = ECP5_CELLS.with_name("cells_ecp5.sv")
-    ports = [
-        f"{name}{p}{k}"
-        for p in "AB"
-        for name, count in (("DI", 18), ("AD", 14), ("DO", 18))
-        for k in range(count)
-    ]
-    assert all(re.search(rf"\b{port}\b", bench.read_text()) for port in ports)
-    for width in (36, 18, 9):
-        connect = [
-            f".{name}{p}{k}({name.lower()}{p.lower()}[{k}])"
-            for p in "AB"
-            for name, n in (("DI", 18), ("AD", 14), ("DO", 18))
-            for k in range(n)
-        ]
-        connect += [
-            f".CLK{p}(clk), .CE{p}(1'b1), .OCE{p}(1'b1), .RST{p}(1'b0), .CS{p}0(1'b0), .CS{p}1(1'b0), "
-            f".CS{p}2(1'b0)"
-            for p in "AB"
-        ]
-        mask = (1 << width) - 1
-        rng = np.random.default_rng(width)
-        words = [int(word) & mask for word in rng.integers(0, 1 << 36, 16)]
-        shift = {36: 5, 18: 4, 9: 3}[width]
-        low = {36: 15, 18: 3, 9: 0}[width]
-        write = "".join(
-            f"ada = {n << shift | low}; dia = 18'h{word & 0x3FFFF:x}; dib = 18'h{word >> 18:x}; wea = 1; #1 "
-            "clk = 1; #1 clk = 0;\n"
-            for n, word in enumerate(words)
-        )
-        got = {36: "{dob, doa}", 18: "dob", 9: "dob[8:0]"}[width]
-        read = "".join(
-            f'adb = {n << shift}; wea = 0; #1 clk = 1; #1 clk = 0; if ({got} !== {word}) $display("wrong '
-            f'{n}: %h", {got});\n'
-            for n, word in enumerate(words)
-        )
-        source = tmp_path / f"bench{width}.sv"
-        source.write_text(
-            "module bench; reg clk = 0, wea = 0; reg [17:0] dia, dib; wire [17:0] doa, dob; reg [13:0] ada "
-            "= 0, adb = 0;\n"
-            f"DP16KD #(.DATA_WIDTH_A({width}), .DATA_WIDTH_B({width}), .INITVAL_00(320'd0)) dut\n"
-            f"({', '.join(connect)}, .WEA(wea), .WEB(1'b0));\n"
-            f'initial begin #1;\n{write}{read}$display("done"); $finish; end endmodule\n'
-        )
-        assert simulate(source, tmp_path, ECP5_CELLS) == "done"
-
-
-def test_the_multipliers_of_gowin_take_both_signs(tmp_path):
-    source = tmp_path / "bench.sv"
-    for bits in (9, 18, 36):
-        rng, most = np.random.default_rng(bits), 1 << bits - 1
-        lines = []
-        for left, right in rng.integers(0, 2 * most, (40, 2)).tolist():
-            for signs in range(4):
-                a, b = (
-                    value - 2 * most * (value >= most and signs >> k & 1)
-                    for k, value in enumerate((left, right))
-                )
-                product = a * b % (1 << 2 * bits)
-                lines.append(
-                    f"a = {bits}'d{left}; b = {bits}'d{right}; s = {signs}; #1 "
-                    f'if (p !== {2 * bits}\'d{product}) $display("{left} {right} {signs}: %d", p);'
-                )
-        scans = ".ASEL(1'b0), .BSEL(1'b0), " if bits < 36 else ""
-        source.write_text(
-            f"module bench; reg [{bits - 1}:0] a, b; reg [1:0] s; wire [{2 * bits - 1}:0] p;\n"
-            f"MULT{bits}X{bits} dut ({scans}.A(a), .B(b), .ASIGN(s[0]), .BSIGN(s[1]), .DOUT(p));\n"
-            "initial begin\n" + "\n".join(lines) + '\n$display("done"); $finish; end endmodule\n'
-        )
-        assert simulate(source, tmp_path, GOWIN_CELLS) == "done"
-
-
-def simulate(source: Path, folder: Path, cells: Path) -> str:
-    program = folder / "bench.vvp"
-    subprocess.run(["iverilog", "-g2012", "-o", program, source, cells], check=True, timeout=600)
-    return subprocess.run(
-        ["vvp", "-n", program], check=True, capture_output=True, text=True, timeout=600
-    ).stdout.strip()

@@ -1,5 +1,5 @@
-"""rtl/fpga/readable.py: what the text says stays the same (tests/rtl/fpga/test_export.py proves it of whole
-designs), and few of its names are anonymous."""
+"""rtl/fpga/readable.py: what the text says stays the same (every co-simulation plays it), and few of its
+names are anonymous."""
 
 import re
 

@@ -118,15 +118,19 @@ def test_loading_and_a_refused_write():
         (lambda dut: (dut.detector.framing_fault,), Fault.FRAMING),
         (lambda dut: (dut.engine.overrun,), Fault.OVERRUN),
         (lambda dut: (dut.detector.raised,), Fault.TAXEL),
+        (lambda dut: (dut.hung,), Fault.WATCHDOG),
     ],
 )
 def test_faults(signals, fault):
     async def body(ctx, dut, write, read):
         await pulse(ctx, *signals(dut))
         assert await read(Register.FAULTS) == fault
-        assert not await read(Register.STATUS) & Status.FAULT, "nothing in the design is broken"
+        broken = fault == Fault.WATCHDOG
+        assert bool(await read(Register.STATUS) & Status.FAULT) == broken
+        await write(Register.CONTROL, Control.CLEAR_FAULTS)
+        assert await read(Register.FAULTS) == 0
 
-    play(body, fault_frames=16)
+    play(body, fault_frames=16, watchdog=True)
 
 
 def test_finish_waits_for_everything_in_flight_and_ends_the_touch():

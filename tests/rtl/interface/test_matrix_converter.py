@@ -1,6 +1,7 @@
 """rtl/interface/matrix_converter.py: every cell's code at its taxel after its time to settle, and each kind
 of wrong answer."""
 
+import dataclasses
 import random
 
 from eskin.golden.core import PRESETS, ConverterFault, converter_plan
@@ -47,9 +48,9 @@ class Cells:
             ctx.set(pins.miso, 1 if now or said > 15 else word >> 15 - said & 1)
 
 
-def play(word_of, count=2):
+def play(word_of, count=2, plan=PLAN):
     """The frames, and the cells."""
-    dut = MatrixConverter(PLAN)
+    dut = MatrixConverter(plan)
     cells = Cells(dut.pins, word_of)
     return play_frames(dut, cells, count), cells
 
@@ -66,6 +67,12 @@ def test_every_cell_at_its_taxel_when_it_has_settled():
         f"pins__{name}[{k}]" for name in ("row", "column") for k in range(lines.pop(name))
     ]
     assert lines == {"cs_n": 1, "sclk": 1, "miso": 1}
+
+
+def test_a_cell_that_settles_within_the_converters_pause_takes_the_transfer_alone():
+    plan = dataclasses.replace(PLAN, settle=1, port=dataclasses.replace(PLAN.port, high=9))
+    frames, _ = play(lambda cell: 700, 3, plan)
+    assert [frame.cycles for frame in frames[1:]] == [15 * plan.port.transfer_cycles - 1] * 2
 
 
 @each_row(

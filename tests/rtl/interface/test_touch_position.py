@@ -4,7 +4,7 @@ the touches were."""
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model.position import Position, direction, positions
+from eskin.golden.model.position import Position, PositionStream, direction
 from eskin.rtl.interface.touch_position import TouchPosition
 from tests.support.array_touches import REST, touches
 from tests.support.stream_bench import Bench, put
@@ -91,15 +91,17 @@ def test_bit_exact_on_random_frames_of_other_samples(fields):
     samples = np.random.default_rng(2).integers(low, high + 1, (30, config.sensor.taxels))
     samples[[3, 4, 9, 17]] = low
     samples[5] = high
-    assert hardware(samples, config) == as_told(positions(samples, config))
+    assert hardware(samples, config) == as_told(PositionStream(config).push(samples))
 
 
 @each_row(("beat", "behind"), [(None, 5), *((beat, 6) for beat in range(16))])
 def test_a_clear_forgets_the_touch_and_the_frame_that_it_comes_in(beat, behind):
     config = config_of(4, 4)
     samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
-    before = as_told(positions(samples[:5], config))
-    golden = before + [(f + behind, *rest) for f, *rest in as_told(positions(samples[behind:], config))]
+    before = as_told(PositionStream(config).push(samples[:5]))
+    golden = before + [
+        (f + behind, *rest) for f, *rest in as_told(PositionStream(config).push(samples[behind:]))
+    ]
     assert hardware(samples, config, clear_after=4, clear_at=beat) == golden
     assert not any(row[4] for row in before)
 
@@ -109,7 +111,7 @@ def test_the_centre_is_near_the_truth_and_slides_give_their_direction(size, inne
     rows, columns = SIZES[size]
     config = config_of(rows, columns)
     samples, truth, ways = touches(rows, columns, count=60, seed=9)
-    golden = positions(samples, config)
+    golden = PositionStream(config).push(samples)
     errors = []
     for p in golden:
         if not p.ended and truth[p.frame]:
@@ -138,6 +140,6 @@ def test_bit_exact_on_generated_touches(size):
     rows, columns = SIZES[size]
     config = config_of(rows, columns)
     samples, _, _ = touches(rows, columns, count=3, seed=rows, frames=6)
-    golden = positions(samples, config)
+    golden = PositionStream(config).push(samples)
     assert len(golden) > 20 and {p.direction for p in golden} - {0}
     assert hardware(samples, config) == as_told(golden)

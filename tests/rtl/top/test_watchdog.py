@@ -9,7 +9,7 @@ from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
-from tests.rtl.top.test_accelerator import CONFIGS, SEEDS, Host, recordings
+from tests.rtl.top.test_accelerator import CONFIGS, SEEDS, Host, play, recordings
 from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, give_frame, put
 
@@ -41,31 +41,6 @@ def test_it_acts_at_the_bound_and_counts_anew_after_progress():
     assert acts == [3 * limit, 4 * limit + 1], "the counter starts anew in the cycle in which it acts"
 
 
-def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
-    """Load the model and play the recordings, frames ``frame_cycles`` apart at least; FAULTS after each
-    recording."""
-    dut, flags = bench.dut, []
-
-    async def drive(ctx):
-        host = Host(dut, ctx)
-        for register, word in load_writes(model.config, model.arrays):
-            await host.write(register, word)
-        for number in range(len(data)):
-            await host.write(Register.CONTROL, Control.ARM)
-            await ctx.tick()
-            begin = bench.cycle
-            for frame, samples in enumerate(data.recording(number)):
-                while bench.cycle < begin + frame * frame_cycles:
-                    await ctx.tick()
-                await give_frame(ctx, dut.i, samples)
-            await host.write(Register.CONTROL, Control.FINISH)
-            await host.until_idle()
-            flags.append(await host.read(Register.FAULTS))
-
-    bench.process(drive)
-    return flags
-
-
 @pytest.mark.parametrize("name", ["thesis", pytest.param("two windows end together", marks=pytest.mark.slow)])
 def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
     """Full pace, random stalls on both sides, the end of the recording in a touch: the counter stays below
@@ -73,23 +48,19 @@ def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
     config = CONFIGS[name].replace(watchdog=True, checksum=True)
     model = random_integer_model(config, seed=3)
     data = recordings(config, SEEDS[name] + 40, [150, 60, 33])
-    dut = Accelerator(model.config)
-    bench = Bench(dut, seed=1, quiet=100, max_cycles=400_000)
-    bench.collect(dut.o, stall=0.3)
     longest = [0]
-    flags = feed(bench, model, data)
 
-    async def measure(ctx):
-        waited = 0
-        ticks = aiter(ctx.tick().sample(dut.watching.due, dut.watching.done))
-        while True:
-            _, _, due, done = await anext(ticks)
-            waited = waited + 1 if due and not done else 0
-            longest[0] = max(longest[0], waited)
+    def prepare(bench):
+        async def measure(ctx):
+            waited, watching = 0, bench.dut.watching
+            async for _, _, due, done in ctx.tick().sample(watching.due, watching.done):
+                waited = waited + 1 if due and not done else 0
+                longest[0] = max(longest[0], waited)
 
-    bench._sim.add_testbench(measure, background=True)
-    bench.run()
-    assert 20 < longest[0] <= longest_wait(config) and not any(flag & Fault.WATCHDOG for flag in flags)
+        bench._sim.add_testbench(measure, background=True)
+
+    _, statuses = play(model, data, stall=0.3, prepare=prepare)
+    assert 20 < longest[0] <= longest_wait(config) and not any(s[1] & Fault.WATCHDOG for s in statuses)
 
 
 def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monkeypatch):
@@ -101,25 +72,21 @@ def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monk
     model = random_integer_model(config, seed=1)
     data = recordings(config, 3, [66])
     data.samples[20:, 2] = 3000  # a touch from frame 21 on
-    dut = Accelerator(model.config)
-    bench = Bench(dut, seed=1, quiet=100, max_cycles=100_000)
-    decisions = bench.collect(dut.o)
-    feed(bench, model, data, frame_cycles=80)
     arms, rests = [], []
 
-    async def watch(ctx):
-        ticks = aiter(ctx.tick().sample(*resets))
-        while True:
-            _, _, front_end, engine, classifier = await anext(ticks)
-            if front_end:
-                arms.append(bench.cycle)
-            elif classifier:
-                assert engine
-                rests.append(bench.cycle)
+    def prepare(bench):
+        async def watch(ctx):
+            async for _, _, front_end, engine, classifier in ctx.tick().sample(*resets):
+                if front_end:
+                    arms.append(bench.cycle)
+                elif classifier:
+                    assert engine
+                    rests.append(bench.cycle)
 
-    bench._sim.add_testbench(watch, background=True)
-    bench.run()
-    steps, ends = ([beat.cycle for beat in decisions if beat.value["is_global"] == which] for which in (0, 1))
+        bench._sim.add_testbench(watch, background=True)
+
+    beats = play(model, data, frame_cycles=80, prepare=prepare)[0]["beats"]
+    steps, ends = ([beat.cycle for beat in beats if beat.value["is_global"] == which] for which in (0, 1))
     assert len(steps) == config.windows.steps and len(ends) == len(arms) == len(rests) == 1
     assert arms[0] < steps[0] and ends[0] + 1 < rests[0], "the engine was not busy: nothing had to wait"
 

@@ -124,6 +124,11 @@ def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tm
     fails = where_it_fails(heeded["candidates"])
     assert {row["mode"] for row in fails["rows"]} <= set(panel.weights) and fails["modes"] > 0
     assert where_it_fails(calm["candidates"]) is None
+    moved = [
+        "another front end than the linear classifier: tracked" in rec["reasons"][-1]
+        for rec in (calm, heeded)
+    ]
+    assert moved == [False, True]
     assert heeded["front_end"]["chosen"]["clip"] == taken["front_end"]["clip"]
     assert heeded["cross_validation"][0]["nested"]["integer_accuracy"] > 0.9
 

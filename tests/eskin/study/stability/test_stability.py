@@ -3,6 +3,7 @@ run is what was measured."""
 
 import dataclasses
 import json
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -27,13 +28,23 @@ GOLDEN = {name: mode for name, mode in MODES.items() if callable(mode.run)}
 HARDWARE = [mode for mode in MODES.values() if isinstance(mode.run, str)]
 
 
-@pytest.mark.parametrize("name", GOLDEN)
-def test_a_broken_variant_fails_and_the_sound_one_holds(name):
-    bench, mode = stability_case.bench(), MODES[name]
-    sound, _ = judge(mode, bench)
-    broken, _ = judge(mode, BROKEN[name](bench))
+NUMBERS = [
+    name for name, mode in GOLDEN.items() if mode.group in ("numeric", "memory") and "state" not in mode.needs
+]
+"""Modes that ask nothing of the network's skill: a linear cell on all kinds of feature is judged by them, too."""
+
+
+@pytest.mark.parametrize(
+    ("bench", "name"),
+    [(stability_case.bench, name) for name in GOLDEN]
+    + [(stability_case.linear_bench, name) for name in NUMBERS],
+)
+def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name):
+    mode = MODES[name]
+    sound, _ = judge(mode, bench())
+    broken, _ = judge(mode, BROKEN[name](bench()))
     assert sound["passed"], (sound["value"], sound["bound"], sound["worst_case"])
-    assert not broken["passed"], (broken["value"], broken["bound"])
+    assert not broken["passed"], (broken["value"], broken["bound"], broken["worst_case"])
     json.dumps(sound, allow_nan=False)
     assert mode.description.endswith(".") and sound["reason"] and len(sound["curve"]["x"]) >= 1
     assert all(len(line) == len(sound["curve"]["x"]) for line in sound["curve"]["lines"].values())
@@ -43,24 +54,6 @@ def in_hardware(case: Bench, folder) -> stability_job._Hardware:
     """Icarus: it builds fastest."""
     keep = stability_job._Records(folder / "cache", "content", Jobs(workers=1))
     return stability_job._Hardware(case, keep, work=folder / "work", simulator="icarus")
-
-
-NUMBERS = [
-    name for name, mode in GOLDEN.items() if mode.group in ("numeric", "memory") and "state" not in mode.needs
-]
-
-
-@pytest.mark.parametrize("name", NUMBERS)
-def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
-    """What asks nothing of the network's skill: numbers and memories; a broken variant fails and the sound
-    one holds."""
-    bench, mode = stability_case.linear_bench(), MODES[name]
-    sound = judge(mode, bench)[0]
-    broken = judge(mode, BROKEN[name](bench))[0]
-    assert sound["passed"], f"{name}: {sound['value']} against {sound['bound']}: {sound['worst_case']}"
-    assert not broken["passed"], (
-        f"{name}: {broken['value']} against {broken['bound']}: {broken['worst_case']}"
-    )
 
 
 @pytest.mark.slow
@@ -129,34 +122,30 @@ def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
             for mode in modes
         ]
 
-    def parse_names(records):
-        return [record["name"] for record in records]
+    def played(case=bench, **options) -> tuple[list[str], dict[str, str], dict]:
+        """Names of the modes that ran, reasons of those that did not, and all."""
+        result = run_modes(case, judged=judged, **options)
+        reasons = {row["name"]: row["why"] for row in result["not_run"]}
+        return [record["name"] for record in result["modes"]], reasons, result
 
-    result = run_modes(bench, judged=judged)
-    assert parse_names(result["modes"]) == [*GOLDEN]
-    reasons = {row["name"]: row["why"] for row in result["not_run"]}
-    assert reasons == {mode.name: "needs a co-simulation" for mode in HARDWARE}
-
-    result = run_modes(bench, judged=judged, hardware=True)
-    assert parse_names(result["modes"]) == [*MODES] and not result["not_run"]
-    failed = [record for record in result["modes"] if not record["passed"]]
-    assert parse_names(failed) == [HARDWARE[0].name] == result["weakest"][:1]
-    for changes, name, why in (
-        ({"loadable": False}, "weight write during a touch", "weights are in ROM: there is nothing to write"),
+    ran, reasons, _ = played()
+    assert ran == [*GOLDEN] and reasons == {mode.name: "needs a co-simulation" for mode in HARDWARE}
+    ran, reasons, result = played(hardware=True)
+    failed = [record["name"] for record in result["modes"] if not record["passed"]]
+    assert ran == [*MODES] and not reasons and failed == [HARDWARE[0].name] == result["weakest"][:1]
+    rom = bench.changed({"loadable": False})
+    at_once = bench.changed({"onset": "immediate", "rest": "initial"})
+    for case, name, why in (
+        (rom, "weight write during a touch", "weights are in ROM: there is nothing to write"),
+        (at_once, "no touch", "the gate opens at once: no onset is looked for"),
         (
-            {"onset": "immediate", "rest": "initial"},
-            "no touch",
-            "the gate opens at once: no onset is looked for",
-        ),
-        (
-            {"cell": "linear"},
+            stability_case.linear_bench(),
             "state error without reset",
             "a linear cell has no state, no gates and no tables",
         ),
     ):
-        case = stability_case.linear_bench() if "cell" in changes else bench.changed(changes)
-        result = run_modes(case, names=[name, "feature bits"], judged=judged, hardware=True)
-        assert parse_names(result["modes"]) == ["feature bits"] and result["not_run"][0]["why"] == why
+        ran, reasons, _ = played(case, names=[name, "feature bits"], hardware=True)
+        assert ran == ["feature bits"] and reasons == {name: why}
     with pytest.raises(InputError, match="mode 'tie': is unknown"):
         run_modes(bench, names=["tie"])
 
@@ -193,14 +182,12 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
     result = job(tmp_path, names=NAMES)
     written = json.loads((tmp_path / "out" / "stability.json").read_text())
     assert written == json.loads(json.dumps(result)) and result["passed"]
-    assert [mode["name"] for mode in written["modes"]] == NAMES
-    for mode in written["modes"]:
-        assert {"name", "group", "value", "bound", "unit", "passed", "worst_case"} <= set(mode)
-    page = (tmp_path / "out" / "stability.html").read_text()
-    curves = [mode["curve"]["lines"].values() for mode in written["modes"]]
+    modes, page = written["modes"], (tmp_path / "out" / "stability.html").read_text()
+    assert [mode["name"] for mode in modes] == NAMES and all(name in page for name in NAMES)
+    assert {"name", "group", "value", "bound", "unit", "passed", "worst_case"} <= set(modes[0])
+    curves = [mode["curve"]["lines"].values() for mode in modes]
     moving = sum(any(len(set(line)) > 1 for line in lines) for lines in curves)
-    assert all(name in page for name in NAMES) and "http" not in page.replace("http-equiv", "")
-    assert page.count("<img") == moving > 0
+    assert "http" not in page.replace("http-equiv", "") and page.count("<img") == moving > 0
     chosen = AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
     assert chosen.faults.fault_frames == 64 and chosen.onset_rule.onset_threshold == 5
     monkeypatch.setattr(stability, "judge", lambda *args: pytest.fail("a finished experiment was run again"))
@@ -222,14 +209,7 @@ def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypat
     assert "differ in frames lost" in (tmp_path / "out" / "stability.html").read_text()
 
 
-SPLIT = {
-    "groups": ["trial"],
-    "accuracy": 0.9,
-    "spread": 0.0,
-    "threshold": 7,
-    "coverage": 0.95,
-    "without": 0.9,
-}
+SPLIT = dict(groups=["trial"], accuracy=0.9, spread=0.0, threshold=7, coverage=0.95, without=0.9)
 FAULT = {"mean": 0.8, "worst": 0.7, "worst_taxel": 1}
 JUDGED = {"clean": [SPLIT], "margin": [SPLIT], **dict.fromkeys(("dead", "stuck", "stuck, masked"), FAULT)}
 
@@ -249,41 +229,9 @@ def test_every_set_of_defences_is_judged_and_the_recommended_one_written(tmp_pat
     assert taken.network.margin_threshold == 7 and taken.hardware.checksum and taken.hardware.watchdog
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(3600)
-def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
-    """Acceptance: the numeric modes hold at the recommended formats, and at least 35 modes run on real
-    recordings."""
-    from eskin.data import load_recordings
-    from eskin.golden.core import PRESETS
-    from eskin.study import defences
-    from eskin.training import train
-    from eskin.training.integers import quantise
-
-    data = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
-    config = defences.recommended(data, PRESETS["pvdf"])
-    train.train(data, config, train.TrainingRequest(folds=0, protocol="robust"), out=tmp_path / "model")
-    quantise(tmp_path / "model")
-    request = StabilityRequest(
-        model=tmp_path / "model", data="made", out=tmp_path / "out", few=30, **WITHOUT_COSIM
-    )
-    result = stability_job.run(request, data, cache=tmp_path / "cache", flips=400)
-    assert len(result["modes"]) >= 35
-    assert all(mode["passed"] for mode in result["modes"] if mode["group"] in ("numeric", "memory"))
-    held = {mode["name"]: mode["passed"] for mode in result["modes"]}
-    assert all(
-        held[f"one dead taxel, {which}"] and held[f"one taxel stuck at full scale, masked, {which}"]
-        for which in ("mean", "worst")
-    )
-
-
 def test_the_spread_of_the_features_is_looked_for_once(monkeypatch):
-    fresh, real, calls = (
-        dataclasses.replace(stability_case.linear_bench(), memo={}),
-        preprocess.find_touches,
-        [],
-    )
-    monkeypatch.setattr(
-        preprocess, "find_touches", lambda *given, **options: calls.append(given) or real(*given, **options)
-    )
-    assert len(sensor.disturbed(fresh, sensor.clipped(fresh, 1.0, []))) == 24 and len(calls) == 2
+    fresh = dataclasses.replace(stability_case.linear_bench(), memo={})
+    find = Mock(wraps=preprocess.find_touches)
+    monkeypatch.setattr(preprocess, "find_touches", find)
+    assert len(sensor.disturbed(fresh, sensor.clipped(fresh, 1.0, []))) == 24
+    assert find.call_count == 2
