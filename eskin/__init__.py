@@ -8,8 +8,8 @@ In Python::
     # frames: (frames, taxels) codes, a list of such, or Recordings
     classes = model.predict(frames)
 
-What this module names is public (docs/python.md) and loaded when it is first asked for, so that ``import
-eskin`` is quick and needs no torch. ``eskin.golden`` (models), ``eskin.rtl`` (hardware) and ``eskin.cosim``
+The names of this module are public (docs/python.md). Each is loaded on first use, so ``import eskin`` is
+quick and does not need torch. ``eskin.golden`` (models), ``eskin.rtl`` (hardware) and ``eskin.cosim``
 (benches) stand at the top of the checkout; links in this folder make them parts of the package.
 """
 

@@ -226,7 +226,7 @@ class Model(Estimator):
         callback : callable
             Called with (epoch, figures) while the network that is kept is trained: figures is {"loss": ...}
             at each epoch of a recurrent cell, and of every cell at the end {"accuracy": ...} on what it was
-            trained on. What it raises ends the training.
+            trained on. An exception that it raises ends the training.
 
         Returns
         -------

@@ -2,7 +2,7 @@
 content.
 
 A *piece* is a value that a function of a module's top level turns into a result that JSON can hold:
-``function(shared, piece)``. What all pieces need, recordings above all, is ``shared`` and goes to every
+``function(shared, piece)``. Data that all pieces need, such as recordings, is ``shared`` and sent to every
 worker once. A piece's key is a hash of all that its result depends on (``content_key``); with a folder to
 keep results in, interrupted work goes on where it stopped, and repeated work is not done again.
 """
@@ -42,8 +42,8 @@ class Jobs:
     progress:
         Told how many pieces are done.
     version:
-        A function of a module's top level that names the code. Workers of a cluster must give what it gives
-        here: results of other code would be kept under the name of this one's.
+        A function of a module's top level that names the code. Workers of a cluster must run the same code as
+        this machine: results of other code would be stored under the key of this code.
     """
 
     def __init__(

@@ -210,9 +210,6 @@ class ConvertRequest:
         Path | None,
         option("Take scale, columns, classes and rate from this model or archive.", metavar="MODEL|FILE"),
     ] = None
-    size: Annotated[str | None, option("Images: resize to height x width, such as 26x47.", metavar="HxW")] = (
-        None
-    )
 
 
 @dataclass(frozen=True, kw_only=True)

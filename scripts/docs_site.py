@@ -1,13 +1,12 @@
 """``make docs``: what the site has beyond the pages in docs/. mkdocs calls the functions named ``on_...``.
 
-They add the order of the pages, the tables of fields and modules in place of their markers, and an API page
+They add the order of the pages, the tables of fields in place of their markers, and an API page
 for each folder of code. A page in docs/ that `ORDER` does not name comes last; a name without a page is
 skipped.
 """
 
 import ast
 import dataclasses
-import functools
 import inspect
 import json
 import re
@@ -96,7 +95,6 @@ def fields_table(group: str) -> str:
 
 
 # ------------------------------------------------------------------ modules
-@functools.cache  # read once, not once for every module of the table
 def docstring_of(path: Path) -> str:
     """A module's docstring; the file is not imported."""
     return ast.get_docstring(ast.parse(path.read_text())) or ""
@@ -134,23 +132,10 @@ def companions(path: Path) -> dict[str, list[Path]]:
     return {kind: [path for path in files if path.exists()] for kind, files in paths.items()}
 
 
-def modules_table() -> str:
-    """Every module: its file, what it is, its test, proof and model. Markdown."""
-    lines = ["| module | what | test | proof | model |", "| --- | --- | --- | --- | --- |"]
-    for path in (path for paths in packages().values() for path in paths):
-        cells = [
-            ", ".join(f"`{file.relative_to(ROOT)}`" for file in files) for files in companions(path).values()
-        ]
-        summary = summary_of(path).replace("|", "\\|")
-        lines.append(f"| `{path.relative_to(ROOT)}` | {summary} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
 def filled(text: str) -> str:
     """A page with its tables in place of the markers, and an empty line before each list, which Python's
     Markdown needs."""
     text = re.sub(r"<!-- fields: (\w+) -->", lambda marker: fields_table(marker[1]), text)
-    text = re.sub(r"<!-- modules -->", lambda _: modules_table(), text)
     text = re.sub(r"<!-- registers -->", lambda _: register_files.markdown(), text)
     parts = re.split(r"(^```.*?^```$)", text, flags=re.MULTILINE | re.DOTALL)
     lists = r"(?m)^((?!- |\d+\. |  |#|$).*)\n(?=- |1\. )"

@@ -1,14 +1,13 @@
 """``make mutants``: breaks the code in many small ways, one at a time, and looks whether the tests of the
 broken file see it.
 
-A mutant replaces one expression, found in a file's syntax tree. Left alone are texts, type hints, ``raise``
-and the conditions that only lead to one (what a user's mistake is told), assertions, decorators and default
-arguments: none of them says what the hardware computes. Faults that somebody thought of (``named`` in
-tests/mutants.toml) are judged beside those that are drawn.
+A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``
+and conditions that only lead to one (error messages), assertions, decorators and default arguments: none of
+them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
+judged beside those that are drawn.
 
 Each mutant is tested in a copy of the project. Verdicts are kept by the content of the whole project with the
-mutant in it, so an interrupted run goes on where it stopped, and a mutant is judged anew when its tests or
-the code below them change. It is killed when its tests fail, cannot be loaded, or take too long. One that
+mutant in it, so an interrupted run goes on where it stopped. It is killed when its tests fail, cannot be loaded, or take too long. One that
 survives is a hole in the tests, or equivalent: the same function written otherwise, of which
 tests/mutants.toml says why. The score is the killed share of those that are drawn and not equivalent.
 
@@ -23,27 +22,26 @@ import ast
 import contextlib
 import hashlib
 import itertools
-import json
 import multiprocessing
 import os
-import queue
 import random
 import re
 import resource
 import shutil
 import signal
 import sys
-import tempfile
-import time
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core import Record, write_json
+import pandas as pd
+
+from eskin.golden.core import Record, content_key, write_json
+from eskin.jobs import Jobs
+from eskin.memo import Memo
 
 ROOT = Path(__file__).resolve().parents[1]
 SCOPE = Path("tests/mutants.toml")
@@ -258,7 +256,7 @@ def _is_text(node: ast.AST) -> bool:
 
 
 def _refuses(statement: ast.stmt) -> bool:
-    """Only tells the user of a mistake."""
+    """Only reports a user's mistake."""
     match statement:
         case ast.Raise():
             return True
@@ -355,32 +353,15 @@ class Scope:
             for fault in values.get("named", [])
         }
         reasons = {(entry["file"], entry["was"], entry["now"]): entry for entry in values.get("survivor", [])}
-        return cls(
-            {file: spelled(tests) for file, tests in values["files"].items()},
-            named,
-            frozenset(values.get("skip", [])),
-            reasons,
-        )
+        tests = {file: spelled(tests) for file, tests in values["files"].items()}
+        return cls(tests, named, frozenset(values.get("skip", [])), reasons)
 
 
-def sources(root: Path) -> Iterator[Path]:
-    """Files of a copy, on which a verdict depends."""
-    for folder in FOLDERS:
-        for path in sorted((root / folder).rglob("*")) if (root / folder).is_dir() else []:
-            if path.is_file() and "__pycache__" not in path.parts and path != root / SCOPE:
-                yield path
-    yield root / "pyproject.toml"
-
-
-def copy_project(root: Path, copy: Path) -> None:
-    """A copy, links included: found as ``eskin`` by whoever has ``copy`` on its path, whatever is
-    installed."""
-    for path in sources(root):
-        target = copy / path.relative_to(root)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(path, target)
-    for link in (path for path in (root / "eskin").iterdir() if path.is_symlink()):
-        (copy / "eskin" / link.name).symlink_to(link.readlink())
+def sources(root: Path) -> list[Path]:
+    """Files on which a verdict depends."""
+    paths = [path for folder in FOLDERS for path in sorted((root / folder).rglob("*"))]
+    kept = (path for path in paths if path.is_file() and "__pycache__" not in path.parts)
+    return [*(path for path in kept if path != root / SCOPE), root / "pyproject.toml"]
 
 
 class _Judges:
@@ -408,8 +389,8 @@ class _Judges:
 
 
 def _child(copy: Path, tests: list[str], limit: float) -> None:
-    """pytest on the copy, in a process of its own; its status and the processor's seconds go to a file beside
-    the copy."""
+    """pytest on the copy, in a separate process; its status and processor time go to a file beside the
+    copy."""
     os.setsid()
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
     with (copy.parent / "log.txt").open("w") as output:
@@ -429,104 +410,49 @@ def _child(copy: Path, tests: list[str], limit: float) -> None:
     finally:
         sys.stdout.flush()
         used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        (copy.parent / "seconds").write_text(
-            str(sum(process.ru_utime + process.ru_stime for process in used))
-        )
+        seconds = sum(process.ru_utime + process.ru_stime for process in used)
+        (copy.parent / "seconds").write_text(str(seconds))
     os._exit(status)
 
 
-class Bench:
-    """Copies of the project, and the verdicts that are kept in ``out``; one judgement at a time in each
-    copy."""
-
-    def __init__(self, root: Path, out: Path, jobs: int) -> None:
-        self.root, self.out, self.jobs = root, out / "verdicts", jobs
-        self.contents = {str(path.relative_to(root)): path.read_bytes() for path in sources(root)}
-        self.free: queue.Queue[Path] = queue.Queue()
-
-    def kept(self, work: Work) -> Path:
-        """Cache file of a verdict, from code, tests and fault. Only test files that are run, and helpers, count."""
-        _, tests, _, mutant = work
-        run = {test.partition("::")[0] for test in tests}
-        digest = hashlib.sha256(str(tests).encode())
-        for name, content in self.contents.items():
-            helper = name.startswith("tests/") and not Path(name).name.startswith("test_")
-            if name in run or helper or name.startswith(("golden/", "rtl/", "cosim/")):
-                digest.update(f"\n{name}\n".encode() + content)
-        if mutant:
-            digest.update(f"{mutant.file} {mutant.apply(self.contents[mutant.file].decode())}".encode())
-        return self.out / f"{digest.hexdigest()[:24]}.json"
-
-    def verdict(self, work: Work) -> Record:
-        """The one that is kept; nothing where there is none yet."""
-        path = self.kept(work)
-        return json.loads(path.read_text()) if path.exists() else {}
-
-    def judge(self, work: list[Work], title: str) -> None:
-        """Judge what has no verdict yet."""
-        work = [piece for piece in work if not self.verdict(piece)]
-        with tempfile.TemporaryDirectory(prefix="mutants-") as folder, ThreadPoolExecutor(self.jobs) as pool:
-            for number in range(min(self.jobs, len(work))):
-                self.free.put(Path(folder) / str(number) / self.root.name)
-                copy_project(self.root, Path(folder) / str(number) / self.root.name)
-            begun = [pool.submit(self._judged, piece) for piece in work]
-            try:
-                for number, (piece, future) in enumerate(zip(work, begun, strict=True), 1):
-                    write_json(self.kept(piece), future.result())
-                    print(
-                        f"\r{title}: {number} of {len(work)}",
-                        end="\n" if number == len(work) else "",
-                        file=sys.stderr,
-                        flush=True,
-                    )
-            finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-                self.free = queue.Queue()
-
-    def _judged(self, work: Work) -> Record:
-        file, tests, limit, mutant = work
-        copy = self.free.get()
-        if mutant:
-            _put(copy / file, mutant.apply(self.contents[file].decode()).encode())
-        (copy.parent / "seconds").write_text(str(limit))
-        process = CONTEXT.Process(target=_child, args=(copy, tests, limit))
-        process.start()
-        process.join(max(600, 20 * limit))  # the machine may be busy
-        status = process.exitcode
-        assert process.pid
-        with contextlib.suppress(ProcessLookupError):  # with what it left behind
-            os.killpg(process.pid, signal.SIGKILL)
-        process.join()
-        output = (copy.parent / "log.txt").read_text(errors="replace")[-20_000:]
-        seconds = float((copy.parent / "seconds").read_text())
-        if mutant:
-            _put(copy / file, self.contents[file])
-        self.free.put(copy)
-        failed = [line for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        outcome = (
-            "timeout"
-            if status in (None, -signal.SIGXCPU, -signal.SIGKILL)
-            else "survived"
-            if status == 0
-            else "killed"
-        )
+def verdict(shared: tuple[Path, Path, list[str]], work: Work) -> Record:
+    """What the tests say of a piece of work, in this process's own copy of the project: {outcome, seconds, by, compared,
+    end}. shared: the project, the folder of copies, modules to load before tests are forked."""
+    (root, folder, heavy), (file, tests, limit, mutant) = shared, work
+    copy = folder / str(os.getpid()) / root.name
+    if not copy.exists():  # links included: found as ``eskin`` by whoever has the copy on its path
+        for path in sources(root):
+            (copy / path.relative_to(root)).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(path, copy / path.relative_to(root))
+        for link in (path for path in (root / "eskin").iterdir() if path.is_symlink()):
+            (copy / "eskin" / link.name).symlink_to(link.readlink())
+    CONTEXT.set_forkserver_preload(heavy)
+    if mutant:
+        (copy / file).write_text(mutant.apply((root / file).read_text()))
+    (copy.parent / "seconds").write_text(str(limit))
+    process = CONTEXT.Process(target=_child, args=(copy, tests, limit))
+    process.start()
+    process.join(max(600, 20 * limit))  # the machine may be busy
+    status = process.exitcode
+    assert process.pid
+    with contextlib.suppress(ProcessLookupError):  # with what it left behind
+        os.killpg(process.pid, signal.SIGKILL)
+    process.join()
+    if mutant:
+        shutil.copy2(root / file, copy / file)
+    end = (copy.parent / "log.txt").read_text(errors="replace")[-6000:]
+    failed = [line[:200] for line in end.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    outcome = "survived" if status == 0 else "killed"
+    if status in (None, -signal.SIGXCPU, -signal.SIGKILL):
+        outcome = "timeout"
+    return {
+        "outcome": outcome,
+        "seconds": round(float((copy.parent / "seconds").read_text()), 1),
+        "by": (*failed, "")[0],
         # a test compared, and did not find what it asserts
-        compared = outcome == "killed" and bool(re.search(r":\d+: (AssertionError|assert )", output[-6000:]))
-        by = failed[0][:200] if failed else ""
-        return {
-            "outcome": outcome,
-            "seconds": round(seconds, 1),
-            "by": by,
-            "compared": compared,
-            "end": output[-6000:],
-        }
-
-
-def _put(path: Path, content: bytes) -> None:
-    """Write a source file so that no compiled file of the same second is taken for it."""
-    path.write_bytes(content)
-    later = time.time() + random.randrange(60, 10**6)
-    os.utime(path, (later, later))
+        "compared": outcome == "killed" and bool(re.search(r":\d+: (AssertionError|assert )", end)),
+        "end": end,
+    }
 
 
 def judge(
@@ -548,49 +474,47 @@ def judge(
     RuntimeError
         Tests fail without a mutant: nothing would be known.
     """
-    scope = Scope.load(root)
+    scope, copies, keep = Scope.load(root), out / "copies", Memo(out / "verdicts")
     texts = {file: (root / file).read_text() for file in scope.tests if re.search(only, file)}
     tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)} | (
         {} if only else scope.named
     )
-    bench = Bench(root, out, jobs)
-    CONTEXT.set_forkserver_preload(HEAVY)
-    plain: dict[str, Work] = {
-        test: ("", [test], 1200.0, None)
-        for test in sorted({test for tests in tests_of.values() for test in tests})
-    }
-    bench.judge(list(plain.values()), "tests as they are")
+    content = content_key(*(part for path in sources(root) for part in (str(path.relative_to(root)), path)))
+
+    def judged(work: dict[Any, Work], what: str) -> dict[Any, Record]:
+        keys = {
+            name: content_key(content, repr((tests, mutant))) for name, (_, tests, _, mutant) in work.items()
+        }
+        pieces = {keys[name]: piece for name, piece in work.items()}
+        runs = Jobs(workers=jobs, progress=lambda *told: print("{}: {} of {}".format(*told), file=sys.stderr))
+        try:
+            results = runs.results(verdict, pieces, (root, copies, HEAVY), keep=keep, what=what)
+        finally:
+            shutil.rmtree(copies, ignore_errors=True)
+        return {name: results[key] for name, key in keys.items()}
+
+    every = sorted({test for tests in tests_of.values() for test in tests})
     seconds = {}
-    for test, work in plain.items():
-        verdict = bench.verdict(work)
-        if verdict["outcome"] != "survived":
-            bench.kept(work).unlink()
-            raise RuntimeError(f"{test} fails without a mutant:\n{verdict['end']}")
-        seconds[test] = verdict["seconds"]
-    work_of: dict[Mutant, Work] = {
+    for test, found in judged(
+        {test: ("", [test], 1200.0, None) for test in every}, "tests as they are"
+    ).items():
+        if found["outcome"] != "survived":
+            keep.forget([path.stem for path in (out / "verdicts").glob("*.json")])
+            raise RuntimeError(f"{test} fails without a mutant:\n{found['end']}")
+        seconds[test] = found["seconds"]
+    work: dict[Any, Work] = {
         mutant: (mutant.file, tests, max(least_limit, 3 * sum(seconds[test] for test in tests)), mutant)
         for mutant, tests in tests_of.items()
     }
-    bench.judge(list(work_of.values()), "mutants")
     rows = []
-    for mutant, work in work_of.items():
+    for mutant, row in judged(work, "mutants").items():
         was, now = mutant.lines((root / mutant.file).read_text())
-        reason, row = scope.reasons.get((mutant.file, was, now), {}), bench.verdict(work)
+        reason = scope.reasons.get((mutant.file, was, now), {})
         if row["outcome"] == "survived" and reason.get("equivalent"):
             row["outcome"] = "equivalent"
-        reason_text = mutant.name or reason.get("reason", "")
         del row["end"]
-        rows.append(
-            row
-            | {
-                "file": mutant.file,
-                "line": mutant.line,
-                "kind": mutant.kind,
-                "was": was,
-                "now": now,
-                "reason": reason_text,
-            }
-        )
+        where = {"file": mutant.file, "line": mutant.line, "kind": mutant.kind, "was": was, "now": now}
+        rows.append(row | where | {"reason": mutant.name or reason.get("reason", "")})
     counts = Counter(row["outcome"] for row in rows if row["kind"] != "named")
     killed = counts["killed"] + counts["timeout"]
     score = killed / (killed + counts["survived"]) if killed else 0.0
@@ -600,24 +524,18 @@ def judge(
 
 def table(result: Record) -> str:
     """The result as Markdown: score, by kind, by file, survivors."""
-    outcomes, rows = ("killed", "timeout", "survived", "equivalent"), result["mutants"]
-    compared = sum(row["compared"] for row in rows if row["kind"] != "named")
+    rows = pd.DataFrame(result["mutants"])
+    compared = (rows["compared"] & (rows["kind"] != "named")).sum()
     lines = [
         f"# Mutants: {result['score']:.1%} killed (seed {result['seed']}), {compared} by a comparison; "
-        f"required {REQUIRED:.0%}\n"
+        f"required {REQUIRED:.0%}"
     ]
-    for title in ("kind", "file"):
-        groups = Counter((row[title], row["outcome"]) for row in rows)
-        lines += [f"| {title} | {' | '.join(outcomes)} |", "| :-- |" + " --: |" * len(outcomes)]
-        lines += [
-            f"| {name} | {' | '.join(str(groups[name, end]) for end in outcomes)} |"
-            for name in sorted({name for name, _ in groups})
-        ]
-        lines.append("")
-    for row in sorted(rows, key=lambda row: row["outcome"]):
+    lines += [f"\n```\n{pd.crosstab(rows[by], rows['outcome'])}\n```\n" for by in ("kind", "file")]
+    for row in sorted(result["mutants"], key=lambda row: row["outcome"]):
         if row["outcome"] in ("survived", "equivalent") or (row["kind"] == "named" and not row["compared"]):
-            sentence = f"{row['outcome']}: {row['file']}:{row['line']} ({row['kind']}): {row['reason'] or 'no reason given'}"
-            lines.append(f"- {sentence}\n  ```diff\n  - {row['was']}\n  + {row['now']}\n  ```")
+            where = f"{row['outcome']}: {row['file']}:{row['line']} ({row['kind']})"
+            reason = row["reason"] or "no reason given"
+            lines.append(f"- {where}: {reason}\n  ```diff\n  - {row['was']}\n  + {row['now']}\n  ```")
     return "\n".join(lines) + "\n"
 
 
@@ -632,17 +550,17 @@ def main(words: list[str] | None = None, root: Path = ROOT) -> int:
     only = "all mutants in files in whose path this regular expression is found; the result is not written"
     parser.add_argument("--only", default="", help=only)
     parser.add_argument("--out", type=Path, default=Path("build/mutants"))
-    options = parser.parse_args(words)
+    asked = parser.parse_args(words)
     try:
         result = judge(
-            root, options.out, options.count, options.seed, options.jobs, options.limit, options.only
+            root, asked.out.absolute(), asked.count, asked.seed, asked.jobs, asked.limit, asked.only
         )
     except RuntimeError as error:
         print(error, file=sys.stderr)
         return 2
-    if not options.only:
-        write_json(options.out / "mutants.json", result)
-        (options.out / "mutants.md").write_text(table(result))
+    if not asked.only:
+        write_json(asked.out / "mutants.json", result)
+        (asked.out / "mutants.md").write_text(table(result))
     print(table(result))
     return 0 if result["passed"] else 1
 

@@ -4,14 +4,11 @@ A name is a file's (``classifier``), a stage's (``feature``) or a verb's (``cosi
 is answered for each.
 """
 
-import ast
 import difflib
-import inspect
+import re
 import sys
-import textwrap
 from pathlib import Path
 
-from eskin.cli.main import app
 from scripts.docs_site import ROOT, companions, packages, summary_of
 
 ENGINES = ("engine/engine",)
@@ -24,29 +21,15 @@ STAGES = {
     "decision": ("decision/classifier",),
 }
 """The blocks of rtl/ that produce each compared stage."""
-SHARED = [ROOT / "golden" / name for name in ("core/errors.py", "core/files.py", "model/model.py")]
-"""Nearly every verb calls these, so they say nothing about one."""
 
 
 def verbs() -> dict[str, list[Path]]:
-    """Every verb of the command line: the file of its options, then the modules that its body imports."""
+    """Every verb of the command line: the file of its command, and its job."""
     files = {}
-    for command in app.registered_commands:
-        call = command.callback
-        assert call is not None
-        body = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(call))))
-        imports = [node for node in body if isinstance(node, ast.ImportFrom) and node.module]
-        names = [
-            name
-            for node in imports
-            for name in (node.module, *(f"{node.module}.{item.name}" for item in node.names))
-        ]
-        modules = [(ROOT / f"{str(name).replace('.', '/')}.py").resolve() for name in names]
-        home = Path(inspect.getsourcefile(inspect.unwrap(call)) or "").resolve()
-        files[command.name or call.__name__.strip("_").replace("_", "-")] = [
-            home,
-            *(path for path in modules if path.exists() and path not in SHARED),
-        ]
+    for path in sorted((ROOT / "eskin/cli").glob("*.py")):
+        for name in re.findall(r"^def (\w+)\(request", path.read_text(), re.MULTILINE):
+            job = "main" if name == "run" else name
+            files[name.strip("_")] = [path, *(ROOT / "eskin/verbs").glob(f"{job}_job.py")]
     return files
 
 

@@ -1,15 +1,14 @@
 """Candidates, how they were judged, and the one rule by which one of them is taken.
 
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
-by its decisions on recordings that it has not seen. **The rule** (`choose`): of those that are level with the
-most accurate, the cheapest. `eskin.training.level` defines a tie, `eskin.choose.cost.CostModel` the cost. The
-same rule chooses front ends, which are evaluated with a linear network in closed form
-(`eskin.choose.front_ends`), whole networks (`eskin.choose.networks`), and both again inside the training part
-of every fold.
+by its decisions on recordings that it has not seen. **The rule** (`choose`): the cheapest of those that tie
+with the most accurate. `eskin.training.level` defines a tie, `eskin.choose.cost.CostModel` the cost. The same
+rule chooses front ends, which are evaluated with a linear network in closed form (`eskin.choose.front_ends`),
+whole networks (`eskin.choose.networks`), and both again inside the training part of every fold.
 
 Where there is a `Stress`, networks decide disturbed recordings too; the score is the mean of both accuracies.
-Of those that lose at most CLEAN_LOSS of accuracy and cost at most DEARER times as much as the one that the rule
-takes, and are level with the best score, the cheapest is taken (`choose_stable`).
+Candidates may lose at most CLEAN_LOSS of accuracy against the choice of the rule and cost at most DEARER
+times as much. The cheapest of those that tie with the best score is chosen (`choose_stable`).
 """
 
 from __future__ import annotations
@@ -252,9 +251,9 @@ def in_reach(
 def choose_stable(
     judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel
 ) -> ScoredCandidate:
-    """The cheapest of the candidates that are level with the best score; at equal price the one with the higher
-    score. Left out are those that lose more than CLEAN_LOSS of accuracy on sound recordings, or cost more than
-    DEARER times as much, against ``calm``, which `choose` took."""
+    """The cheapest of the candidates that tie with the best score; at equal cost the one with the higher
+    score. Left out are those that lose more than CLEAN_LOSS of accuracy on sound recordings, or cost more
+    than DEARER times as much, against ``calm``, which `choose` took."""
     ranked = sorted(in_reach(judged, calm, prices), key=lambda one: -one.score)
     return _cheapest([one for one in ranked if is_level(ranked[0].scores, one.scores)], prices)
 

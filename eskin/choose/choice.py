@@ -3,7 +3,7 @@
 First front ends are searched with a linear classifier (`eskin.choose.front_ends`), then networks are tried on
 those listed (`eskin.choose.networks`); both times the rule of `eskin.choose.candidate` takes one.
 
-What is cross-validated on the folds it was chosen on looks better than it is: on pure noise of 60 recordings
+Cross-validation on the folds of the choice overstates the accuracy: on pure noise of 60 recordings
 and two classes the best of eighty front ends is 60 to 75 % correct. So the choice is made again inside the
 training part of every fold (`unseen`): the same rule after a shorter search, on fewer recordings and with
 fewer networks. The network taken is then trained on the whole training part with the full recipe, and judged on the
@@ -166,8 +166,8 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
     """The groups that stay together while front end and network are chosen, and where they come from, in
     words.
 
-    Those asked for; else the archive's first group array of which every class has two values at least
-    (``no_group``: what is none); else none: single recordings.
+    The requested groups; otherwise the archive's first group array with at least two values in every class
+    (not those in ``no_group``); otherwise none, which leaves out single recordings.
     """
     if groups is not None:
         return list(groups), "as asked for"

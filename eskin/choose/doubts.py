@@ -175,7 +175,7 @@ def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> li
 
 
 def level_tells(frames: int, share: float, without: float | None, groups: Sequence[str]) -> list[Record]:
-    """The doubt where the level of the first ``frames`` tells the class of a ``share`` of the recordings.
+    """The doubt that the level of the first ``frames`` reveals the class in a ``share`` of the recordings.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ MEASURED_ON = 64
 """Recordings from which noise, signal and clip are measured."""
 
 ENDS, LONGER = (0.05, 0.25, 0.5, 0.9), 1.1
-"""Quantiles of the touches' lengths at which windows may end, each so many times the one before at least."""
+"""Quantiles of the touches' lengths at which windows may end, and the smallest ratio of two neighbours."""
 
 LENGTH_TELLS = 0.1
 """Margin above chance by which the number of completed windows may tell the class."""
@@ -341,7 +341,7 @@ class FrontEnds:
 
     def gram(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(places in ``rows`` of recordings with a completed window, their ``gram_of``), as `Screen.features`
-        has them. What parts need of it is kept."""
+        has them. The values that parts need are cached."""
         touched, gram = self._grams.get(config, (None, None))
         if touched is None or gram is None or len(rows) > len(self.inside):
             touched, x = self.screen.features(config)

@@ -104,7 +104,7 @@ ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squar
 class Effort:
     """Amount of work for the choice.
 
-    fits, units: of linear cells and of GRUs. share: of a recurrent network's updates one part in so many.
+    fits, units: of linear cells and of GRUs. share: divisor of a recurrent network's number of updates.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
     candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
     standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: front ends that are made sturdier.

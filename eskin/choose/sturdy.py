@@ -34,7 +34,7 @@ SELDOM = 0.1
 """Disturbances open a gate seldom where the shares of recordings in which each opens it sum to this at most."""
 
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
-"""A sturdier clip is so many times what this share of a touch's samples is beyond."""
+"""A tighter clip is a factor times the level that this share of a touch's samples exceeds."""
 
 LONGER = (1.15, 1.33, 2.0)
 """Hops that are tried, over the one before."""
@@ -85,7 +85,7 @@ class Hardening:
         return [one for one in dict.fromkeys(found) if one and one != config.replace(name=one.name)]
 
     def _gates(self, level: AcceleratorConfig, clip: int, fewest: float) -> Iterator[AcceleratorConfig]:
-        """``level`` with this clip and each of two gates, of those that find so many touches."""
+        """``level`` with this clip and each of two gates, if they find enough touches."""
         assert self.screen is not None
         rule, best, least = level.onset_rule, None, np.inf
         for hits, span, over in GATES:

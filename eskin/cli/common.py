@@ -40,8 +40,8 @@ PANELS = {
 
 class Application(typer.Typer):
     """Every verb is a function of its request, whose fields are the options. It refuses an output that would
-    destroy one of its inputs, before it begins. What a verb returns is its result: written to --json, and a
-    check of it that did not hold (``passed``) is status 1."""
+    destroy one of its inputs, before it begins. A verb returns its result, which is written to --json; a
+    failed check (``passed``) gives status 1."""
 
     def command(self, *names: Any, **settings: Any) -> Callable[..., Any]:
         def add(verb: Callable[[Any], Any]) -> Any:
@@ -68,8 +68,9 @@ class Application(typer.Typer):
 
 
 def check_outputs(verb: str, options: Record) -> None:
-    """Refuse an output that is another output or an input, under whatever name, is a file of an input folder,
-    or is replaced as a whole with an input in it; and --json over a file that is no earlier result.
+    """Raise InputError for an output that is also an input or another output (by any name), lies in an input
+    folder, or is a folder to replace that holds an input; and for --json over a file that is not an earlier
+    result.
 
     Raises
     ------

@@ -11,8 +11,8 @@ from eskin.golden.data.recordings import Recordings
 def no_group(values: np.ndarray, labels: np.ndarray) -> str:
     """Why ``values``, one a recording, are no group to leave out; empty: they are one.
 
-    What lies in one class each takes the class away with it, and what differs in every recording leaves out
-    no more than a recording.
+    Groups within one class each would leave out the whole class, and groups of one recording each are no
+    better than single recordings.
     """
     _, keys = np.unique(values, return_inverse=True)
     count, classes = int(keys.max(initial=0)) + 1, len(np.unique(labels))

@@ -169,7 +169,7 @@ def _visible(folder: Path) -> list[Path]:
 
 
 def _files(folder: Path, levels: int = 8) -> list[Path]:
-    """Every file below a folder, so many levels deep; a ROS 2 bag's folder is one."""
+    """Every file below a folder, down to ``levels`` levels; the folder of a ROS 2 bag counts as a file."""
     files = []
     for entry in _visible(folder):
         inner = entry.is_dir() and not is_log(entry)

@@ -1,8 +1,8 @@
 """Logs of robots as tables of one topic: MCAP files (ROS 2 or JSON messages) and ROS bags.
 
 A frame is a message of the topic: the ``data`` of a ``std_msgs/*MultiArray``, or the ``values`` of all
-``sensors`` of a ``tactile_msgs/TactileState``. What a recording is, and its class, say a folder a class with
-a log a recording, another topic, or a table of times (docs/other_tools.md). Frames and labels go by one
+``sensors`` of a ``tactile_msgs/TactileState``. Recordings and classes come from a folder per class with a log
+per recording, from another topic, or from a table of times (docs/other_tools.md). Frames and labels go by one
 clock: the log's, unless ``Reading.clock`` is header.
 """
 
@@ -203,8 +203,8 @@ def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
 
 # ---------------------------------------------------------------------- what a log unpacks to
 def _check_unpacked(path: Path, refuse: Refuse) -> None:
-    """Refuse an MCAP file whose chunks unpack to far more than it holds, whatever they say of themselves (its
-    library unpacks them whole), and a bag that is packed."""
+    """Raise InputError for an MCAP file whose chunks unpack to far more than its size, even if their headers
+    claim less (the library unpacks them whole), and for a compressed bag."""
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         check_regular(file, refuse)
         packing = {".yaml": rb"compression_mode: *['\"]?\w", ".bag": b"compression=(bz2|lz4)"}.get(

@@ -2,8 +2,8 @@
 recording begins (docs/recordings.md).
 
 Where a name says it, or an option, it is taken as said. Any other column whose course no taxel has (one value
-in each recording, or steadily rising) is understood and said, or refused: as a taxel it would tell the
-network the class or the hour. What was understood stands in ``Recordings.notes``.
+in each recording, or steadily rising) is recognised and reported, or refused: as a taxel it would leak the
+class or the time of recording. The interpretation is recorded in ``Recordings.notes``.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from eskin.golden.data.recordings import Recordings, natural, recordings_of
 
 RATE_TOLERANCE = 0.02
 LEAST_STEPS = 16
-"""From so many frames on a column's course says something about what it is."""
+"""Fewest frames for which the course of a column shows what it holds."""
 
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 _RECORDING = "recording recording_id rec rec_id record series series_id sequence_id sample_id".split()

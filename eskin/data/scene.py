@@ -26,8 +26,8 @@ Everything is multiplied by the coupling of each taxel in this trial (an uneven 
 
 **Sensor.** `eskin.data.piezo_array`.
 
-So that per-taxel mean and deviation tell little, forces are alike over the classes and vary by person and
-trial. What tells the classes apart is the order in which a taxel is loaded: + then - (roll), - then +
+Forces are alike in all classes and vary by person and trial, so that mean and deviation of a taxel reveal
+little. The classes differ in the order in which a taxel is loaded: + then - (roll), - then +
 (slide), several times (brush).
 """
 

@@ -232,7 +232,8 @@ def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:
 
 
 def check_regular(path: Path, refuse: Refuse) -> None:
-    """Refuse what is no regular file (a pipe without a writer would wait for ever), or too large."""
+    """Raise InputError for anything but a regular file (a pipe without a writer would block for ever), or for
+    a file that is too large."""
     if not path.is_file():
         refuse(f"{path.name} is no regular file; remove it or write it again")
     if path.stat().st_size > MOST_BYTES:

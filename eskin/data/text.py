@@ -1,8 +1,8 @@
 """Tables of text as people have them, CSV and LabVIEW's ``.lvm``: pandas parses, this module finds the form
 out.
 
-What separates the cells, whether a comma is a decimal point and whether there is a header is read off the
-file; what cannot be read for certain is refused with file, line and the option that settles it.
+What separates the cells, whether a comma is a decimal point and whether there is a header is inferred from
+the file; anything ambiguous is refused with file, line and the option that decides.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ class _File:
         self.notes.append(f"line {row + 1}, the last of '{self.path.name}', is cut off and was dropped")
 
     def _cells(self, delimiter: str, rows: Sequence[int]) -> Iterator[list[str]]:
-        """The cells of rows; what stands between quotation marks is one."""
+        """The cells of rows; text in quotation marks is one cell."""
         lines = (self.lines[row].rstrip(" \r") for row in rows)
         for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=self.quoting):
             yield [cell.strip() for cell in cells]

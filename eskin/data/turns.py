@@ -6,12 +6,12 @@ array, as in `eskin.data.scene`; a stroke is a finger pad, ``N g((x - a) / w) g(
 a taxel lies along and beside its path, x from -1.2 to 1.2 at constant speed, N its pressure, which rises over
 the first and falls over the last 15 % of it.
 
-**Why networks differ on it.** What a class means depends on what came first: seen from the skin, ``left``
-after an eastward stroke ends as ``right`` after a westward one does. A linear classifier adds up evidence of
-both strokes, so the first cannot change how it reads the second, however wide it is: it serves the eastward
-touches and loses the others. Nor does it know when the second stroke begins, which varies with persons and
-touches. A recurrent network holds the first heading until the second comes; with more units it tells more
-headings, speeds and pressures apart.
+**Why networks differ on it.** The class depends on the first stroke: on the skin, ``left`` after an eastward
+stroke ends like ``right`` after a westward one. A linear classifier adds up evidence of both strokes, so the
+first cannot change how it reads the second, however wide it is: it serves the eastward touches and loses the
+others. Nor does it know when the second stroke begins, which varies with persons and touches. A recurrent
+network stores the first direction until the second stroke; with more units it separates more directions,
+speeds and pressures.
 
 **Independent of the class.** Length of a touch, shares of its strokes, the pause between them, pressure,
 place, lead-in and direction of the first stroke do not depend on the class. Recordings are equally long, and

@@ -1,9 +1,9 @@
 """A network trained elsewhere, from a file into a model folder: a torch state_dict, or for a linear cell an
 ``.npz`` with ``coef_`` and ``intercept_`` of a logistic regression. ONNX is `eskin.exchange.import_onnx`.
 
-Shapes of a state_dict tell the cell; torch's GRU has its reset gate after the recurrent product. What the user
-asks for must agree with that. Nothing in a file is ever run: torch files are read with ``weights_only``,
-archives without pickles.
+The shapes of a state_dict determine the cell; torch's GRU has its reset gate after the recurrent product.
+The user's options must agree with it. Nothing in a file is ever run: torch files are read with
+``weights_only``, archives without pickles.
 """
 
 import hashlib
@@ -438,7 +438,7 @@ def _read_network(
 
 
 def _check_scale(mean: float | None, std: float | None) -> None:
-    """Refuse one without the other, and what is no scale."""
+    """Raise InputError for one without the other, and for values that are not a valid scale."""
     if (mean is None) != (std is None):
         raise InputError(
             f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "

@@ -1,6 +1,6 @@
 """A network in an ONNX file: one GRU or LSTM in one direction and a dense layer, or a dense layer alone.
 
-What the file says of cell, sizes and reset gate is taken from its nodes. Then its graph is computed on random
+Cell, sizes and reset gate are read from the nodes of the file. Then its graph is computed on random
 inputs and compared with the network that was read: nodes that only move values are not believed, so a readout
 of another step, a transposed layout or an offset is found. Only the operators below are executed from a file.
 """

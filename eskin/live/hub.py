@@ -128,11 +128,11 @@ class Hub:
         self._gone_dropped = 0
 
     def bucket(self, speed: float) -> int:
-        """Frames of a display frame at so many times the sensor's pace."""
+        """Sensor frames per display frame at ``speed`` times the sensor's pace."""
         return max(1, round(self._rate * speed / self._display_hz))
 
     def pace(self, frames_per_s: float) -> None:
-        """Thin out for a source of so many frames a second."""
+        """Set the thinning for a source with this frame rate."""
         self._thinner.size = self.bucket(frames_per_s / self._rate)
 
     def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:

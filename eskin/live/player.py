@@ -20,7 +20,7 @@ from eskin.live.hub import Hub
 from eskin.live.sources import NO_SINCE, Listener, Source
 
 TICK_S = 1 / 30
-"""Frames are taken in pieces of so many seconds."""
+"""Seconds of frames that are taken at a time."""
 FASTEST_FRAMES = 512
 """A piece as fast as possible."""
 BEHIND_S = 0.25
@@ -130,7 +130,7 @@ class Player:
         self._ended, self._first_s = False, NO_SINCE
 
     def run(self) -> None:
-        """Play until all is played (``once``) or somebody stops it. What goes wrong is kept in ``error``."""
+        """Play until all is played (``once``) or somebody stops it. An exception is stored in ``error``."""
         try:
             self._state()
             if isinstance(self._source, Listener):

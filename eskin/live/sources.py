@@ -1,5 +1,5 @@
-"""Sources of stages: the integer model alone, the simulated hardware beside it, a board beside it, or a
-board that works by itself.
+"""Sources of stages: the integer model alone, with the simulated hardware, with a board, or a stand-alone
+board.
 
 Each takes frames as fast as they are given and returns the events that they cause (``eskin.live.feed``). The
 model always runs, frame by frame and unthinned; what hardware says is held against it value by value.
@@ -64,7 +64,7 @@ class Source(Protocol):
         """Decision of the recording: the global one of its first touch, -1 if none yet."""
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release its resources."""
 
 
 class ModelSource:
@@ -110,7 +110,7 @@ class ModelSource:
         return self._teaching("FORGET", label)
 
     def _teaching(self, register: str, label: int) -> list[Event]:
-        """TEACH or FORGET of a class, told to the model and to hardware beside it."""
+        """Teach or forget a class, in the model and in the hardware beside it."""
         try:
             (self.stream.teach if register == "TEACH" else self.stream.forget)(label)
         except InputError as error:
@@ -129,7 +129,7 @@ class ModelSource:
         return [Differs(f"{device} TAUGHT reads {said & 0xFF} touches and the model holds {held}")]
 
     def _model(self) -> IntegerModel:
-        """The model with what it has been taught."""
+        """The model, including its taught touches."""
         assert isinstance(self.stream.model, IntegerModel)
         return self.stream.model
 

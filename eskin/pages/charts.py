@@ -65,8 +65,8 @@ def share_bars(shares: Sequence[float], spreads: Sequence[float | None]) -> np.n
 
 
 def panel_row(number: int, width: float, height: float, *, sharey: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of so many inches and ``number`` panels beside each other; with one scale they have lines to
-    read it by."""
+    """A figure of ``width`` x ``height`` inches with ``number`` panels in a row; panels with a common scale
+    have grid lines."""
     figure = Figure(figsize=(width, height), layout="constrained")
     panels = figure.subplots(1, number, squeeze=False, sharey=sharey)[0]
     for axes in panels:

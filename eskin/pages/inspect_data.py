@@ -28,7 +28,8 @@ HELD_S, HELD_FRAMES = 0.02, 4
 HELD_SPAN = 16
 """Codes a taxel must span for that: a quiet sensor of few codes is at its extremes all the time."""
 MANY_TAXELS = 24
-"""From so many taxels on a picture shows a heat map over taxels and time in place of a line a taxel."""
+"""From this number of taxels on, a picture shows a heat map over taxels and time instead of a line per
+taxel."""
 LISTED = 10
 """Recordings that are listed, at most."""
 CLASSES_SHOWN = 32

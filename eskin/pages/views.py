@@ -2,7 +2,7 @@
 
 A page's template is HTML. That of a terminal is Markdown, ``NAME.txt.j2``: a heading and lines between bars
 are a table, which is left out where it has no row; any other line is a sentence, on standard error where it
-begins with ``! ``. A bar or the end of a line in a value is no bar and no end. What is None is a dash.
+begins with ``! ``. A bar or the end of a line in a value is no bar and no end. None becomes a dash.
 """
 
 import functools
@@ -183,7 +183,7 @@ class Rows(NamedTuple):
     cells: list[tuple[str, ...]]
 
     def drawn(self) -> Table:
-        """For the terminal; its cells are text, whatever they hold."""
+        """For the terminal; cells are plain text, never markup."""
         return terminal_table(self.title, self.columns, self.cells)
 
 
@@ -216,7 +216,7 @@ def tables(text: str) -> Iterator[Rows]:
 
 
 def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[Any]]) -> Table:
-    """A table for the terminal; its cells are text, whatever they hold."""
+    """A table for the terminal; cells are plain text, never markup."""
     first, *further = columns
     table = Table(Column(first, no_wrap=True), *further, title=escape(title), title_justify="left")
     for row in cells:

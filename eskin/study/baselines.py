@@ -1,5 +1,5 @@
-"""Other methods on the touches and folds of our networks: scikit-learn's classifiers, and a GRU in float; what
-each decides rightly of recordings that it has not seen, and what it costs.
+"""Other methods on the touches and folds of our networks: scikit-learn's classifiers, and a GRU in float;
+their accuracy on unseen recordings, and their cost.
 
 A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
 touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one

@@ -1,5 +1,5 @@
-"""Defences against a sensor that goes wrong: what they save, cross-validated; and the margin of a confident
-decision.
+"""Defences against a failing sensor: the accuracy that they save, cross-validated; and the margin of a
+confident decision.
 
 The defences: the fault detector and M-of-K onset of docs/specification.md, training with failing taxels
 (``robust``), a margin below which a decision is not confident. All is judged on recordings that a network has
@@ -237,7 +237,7 @@ def choose_margin(margins: np.ndarray, coverage: float = COVERAGE) -> int:
 
 
 def margin_record(groups: list[str], labels: np.ndarray, outcome: Any, coverage: float = COVERAGE) -> Record:
-    """The threshold chosen on training margins, and what it does to unseen recordings.
+    """The threshold chosen on training margins, and its effect on unseen recordings.
 
     Returns
     -------

@@ -99,8 +99,8 @@ def known_without_touch(
 
 def known_from_first_frames(model: IntegerModel, recordings: Recordings) -> Leak | None:
     """Accuracy of a model whose gate opens at once on recordings of which only the first frames are left,
-    repeated; None if all are too short. Recordings may begin in contact, so they may tell LEVEL_TELLS of
-    the way from chance to 1."""
+    repeated; None if all are too short. Recordings may begin in contact, so the level may lift accuracy by
+    LEVEL_TELLS of the way from chance to 1."""
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
     frames = max(settling_frames(recordings.sample_rate_hz), config.rest_level.rest_frames + 1)

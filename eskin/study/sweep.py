@@ -2,9 +2,9 @@
 smallest one that is enough.
 
 A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is
-counted from the configuration and, through ``cost_of``, from the program of the hardware. What is trained is
-kept by content: points that differ in lanes alone share one training, an interrupted sweep goes on where it
-stopped, and a repeated one trains nothing.
+counted from the configuration and, through ``cost_of``, from the program of the hardware. Trained networks
+are cached by content: points that differ only in lanes share one training, an interrupted sweep resumes, and
+a repeated sweep trains nothing.
 """
 
 import itertools

@@ -1,11 +1,12 @@
 """Enrolment: a trained model learns a new mounting, person or object position from a few labelled touches,
 its formats unchanged.
 
-A new mounting shifts the signal of every taxel in a way that no other mounting tells. One to five touches of
-each class do. Quantisation-aware training goes on with them: configuration and formats stay, so that the host
-loads the new weights into the bitstream of the old model. Two things keep what the network knew: the
-recordings of the first training, where they are at hand (new touches are a quarter of the draws then), and a
-penalty on the distance to the old weights. A model whose readout is prototypes is taught: touches are stored.
+A new mounting shifts the signal of every taxel in a way that other mountings do not predict. One to five
+touches of each class do. Quantisation-aware training goes on with them: configuration and formats stay, so
+that the host loads the new weights into the bitstream of the old model. Two measures preserve the old
+classes: the recordings of the first training, if available (new touches are then a quarter of the draws), and
+a penalty on the distance to the old weights. A model whose readout is prototypes is taught: touches are
+stored.
 """
 
 import dataclasses

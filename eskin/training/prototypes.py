@@ -19,7 +19,7 @@ PROTOTYPES, TAUGHT, CODE_BITS = 8, 3, 4
 COVERED = 0.999
 """Share of a linear cell's logits (by magnitude) that their codes hold; larger ones saturate."""
 PARTS = 5
-"""Groups are left out in so many parts at most."""
+"""Largest number of parts in which groups are left out."""
 HALVING_COSTS = 0.002
 """Share of the other groups' touches that halving the distances of taught ones may cost."""
 
@@ -173,7 +173,7 @@ def with_prototypes(
 
 
 def by_last_step(model: IntegerModel) -> IntegerModel:
-    """``model`` decided by its last step, whatever the margin: what the readout is judged with."""
+    """``model`` with decisions by its last step and any margin, for evaluating the readout."""
     rule: Record = {"decision": "last", "margin_threshold": 0, "early_margin": 0, "early_steps": 1}
     return IntegerModel(model.config.replace(**rule), model.arrays, model.source)
 

@@ -286,7 +286,7 @@ def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], va
 class ImageFold:
     """One network of a cross-validation: trained without the images ``left_out`` and judged on them.
 
-    tuned_bits: also train on with weights of so many bits; 0: not.
+    tuned_bits: weight bits for additional quantisation-aware training; 0: none.
     """
 
     config: AcceleratorConfig

@@ -1,5 +1,5 @@
-"""`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage, what
-its clock costs."""
+"""`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage,
+energy of its clock."""
 
 import random
 import re

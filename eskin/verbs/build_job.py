@@ -1,5 +1,5 @@
-"""`eskin build`: a model's accelerator through Yosys and nextpnr to a bitstream, the best of several seeds,
-told in one folder."""
+"""`eskin build`: a model's accelerator through Yosys and nextpnr to a bitstream; the best of several seeds,
+reported in one folder."""
 
 from __future__ import annotations
 

@@ -89,8 +89,8 @@ def measured(
     *,
     wrong: str | None = None,
 ) -> Record:
-    """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told
-    apart as ``glitches``.
+    """The energies of `asic.json`, in joule, of one recording with a whole touch; the part of the glitches is
+    listed as ``glitches``.
 
     Parameters
     ----------
@@ -111,21 +111,20 @@ def measured(
     trace, cost, blocks = run(model, chosen), costs(nets, voltage, wire), blocks_of(nets)
     library = {cell.name: cell for cell in nets.cells.values()}
     chip = Chip(nets.module, library, expression, SEED, wrong, delays=True)
-    program = chip.program
     part_of = {
         net: (kind, blocks[nets.driver[net][0]] if net in nets.driver else OTHERS)
         for net, kind in cost.kind.items()
     }
-    at_macros = [(ACCESSES, blocks[name]) for name in program.macros]
+    at_macros = [(ACCESSES, blocks[name]) for name in chip.macros]
     place = {part: number for number, part in enumerate(sorted({*part_of.values(), *at_macros}))}
-    change, of = np.zeros(program.nets), np.zeros(program.nets, np.uint8)
+    change, of = np.zeros(chip.nets), np.zeros(chip.nets, np.uint8)
     for net, part in part_of.items():
         of[net], change[net] = place[part], cost.joule[net] * (part[0] != "clock")
-    edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
+    edges = np.array([cost.joule[net] for net in chip.gates] or [0.0])
     joule = np.zeros(2 * len(place))  # what changes from cycle to cycle, and glitches
-    accesses = [nets.cells[name].access_j[kind] for name in program.macros for kind in ("read", "write")]
+    accesses = [nets.cells[name].access_j[kind] for name in chip.macros for kind in ("read", "write")]
     of_macros = np.array([place[part] for part in at_macros], np.uint8)
-    chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]], np.array(accesses), of_macros))
+    chip.count_into(joule, (change, of, edges, of[[*chip.gates, 0]], np.array(accesses), of_macros))
     device = Device(chip, config.sensor.sample_bits)
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
     device.settle()

@@ -1,4 +1,4 @@
-"""`eskin enrol --evaluate`: every seed a piece of work of its own, its rows kept by content."""
+"""`eskin enrol --evaluate`: one job per seed, its rows cached by content."""
 
 import dataclasses
 import time

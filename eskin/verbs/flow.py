@@ -10,8 +10,8 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.cosim.runner import locked
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, content_key
+from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     IntegerModel,
@@ -124,18 +124,10 @@ def cosimulate(
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
-    stopping = (
-        config.hardware.clock_gate
-        and level == "rtl"
-        and options.get("simulator", "verilator") == "verilator"
-        and not lowest
-    )
-    if stopping and config.interface.converter.name == "none":
-        options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     options = {"builds": BUILD / "simulators", **options}
     if lowest:
-        result = flow.lowest_clock(design, vectors, work=work, **options)[1]
+        result = flow.lowest_clock(design, vectors, work=work, **options)
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:

@@ -44,13 +44,13 @@ class Milestones:
             self.say(self._last)
 
     def beat(self, name: str) -> None:
-        """A line where none was said for so long: ``name`` is what is done where no count was told."""
+        """A progress line after a silence; ``name`` is the task if no count was given."""
         if self._clock() - self._said >= MILESTONE_S:
             self.say(f"{self._last or name}, {self._clock() - self._begun:.0f} s so far")
 
     @contextmanager
     def alive(self, name: str) -> Iterator[Milestones]:
-        """Beats while the block runs, whatever it does."""
+        """Prints progress while the block runs."""
         ended = threading.Event()
 
         def beats() -> None:

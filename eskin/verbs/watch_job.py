@@ -88,7 +88,7 @@ def watch(
     host_port: int = PORT,
     ready: Callable[[str, Controls], None] = lambda address, controls: None,
 ) -> Record:
-    """Show ``recordings``, the classes in turn (None: a board that works by itself), until an interrupt.
+    """Show ``recordings``, alternating between classes (None: a stand-alone board), until an interrupt.
 
     Parameters
     ----------

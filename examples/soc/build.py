@@ -1,5 +1,5 @@
-"""Files of the example: `prepare` writes firmware, system and what it is to decide, `compare` reads what it
-said, `bitstream` makes a board's. The Makefile calls them."""
+"""Files of the example: `prepare` writes firmware, system and expected decisions, `compare` checks its
+output, `bitstream` builds for a board. The Makefile calls them."""
 
 import argparse
 import dataclasses

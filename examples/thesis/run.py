@@ -5,8 +5,8 @@
 
 GRU and LSTM are trained under the thesis's protocol: N windows, each overlapping the next by half, over the
 whole touch; their means alone, one mean and one scale for all taxels; a loss on the last step, which decides;
-Adam, 96 epochs of batches of 48. Two things are not the thesis's: the resting level is removed, since it
-tells the session (docs/results.md), and mean and scale come from the training part alone.
+Adam, 96 epochs of batches of 48. Two things are not the thesis's: the rest level is removed because it
+reveals the session (docs/results.md), and mean and scale come from the training part alone.
 
 The DCNN needs a network that was trained on photographs: images (1, 3, side, side) to values (1, n), the side
 a multiple of 32. With torchvision, for one:

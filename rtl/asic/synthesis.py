@@ -51,7 +51,7 @@ class Process:
 
     @cached_property
     def cells(self) -> dict[str, Cell]:
-        """All that a netlist may hold, by name."""
+        """Everything that a netlist may contain, by name."""
         return {cell.name: cell for cell in (*self.library.cells.values(), *self.macros)}
 
 

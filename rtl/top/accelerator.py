@@ -81,7 +81,8 @@ class HostedChain(wiring.Component):
         return control
 
     def watched(self, m: Module, control: HostControl, done: Value, *due: Value) -> None:
-        """The watchdog, where there is one: ``due``, ``done`` beside what it looks at in every chain."""
+        """The watchdog, if configured: ``due`` and ``done`` beside the signals that it watches in every
+        chain."""
         if self.watching is not None:
             m.submodules.watchdog = watchdog = self.watching
             m.d.comb += [

@@ -1,5 +1,6 @@
 """examples/thesis: every method of it learns the scene, and one run writes the rows that eskin baselines has."""
 
+import dataclasses
 import importlib
 import json
 import os
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from eskin.training import recipe
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import archived, scene
 
@@ -38,7 +40,9 @@ def test_the_methods_write_the_rows_of_baselines(thesis, tmp_path, monkeypatch, 
     archived(scene(45, seed=3), tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # no processes, each of which would import torch
-    monkeypatch.setattr(sys.modules["images"], "UPDATES", 60)
+    monkeypatch.setattr(sys.modules["images"], "UPDATES", 40)
+    few = {name: dataclasses.replace(one, updates=100) for name, one in recipe.RECIPES.items()}
+    monkeypatch.setattr(recipe, "RECIPES", few)
     names = "tensor-svm,tensor-rls,cnn-lstm,convlstm,dcnn,gru12-n20,gru12-n256"
     exported("seen.pt2")
     words = f"--dcnn seen.pt2 --data data.npz --config c.json --group person --seeds 1 --folds 2 --methods {names} --out out"

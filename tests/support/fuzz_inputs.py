@@ -166,9 +166,7 @@ def make_corpus(folder: Path) -> Path:
         person=np.arange(12) // 3,
     )
     (folder / "image.json").write_text(image.to_json())
-    (folder / "image_grid.json").write_text(
-        '{"size": ["12x14", "6x7"], "layers": ["four", ["conv 3 4", "pool"]]}'
-    )
+    (folder / "image_grid.json").write_text('{"layers": ["four", ["conv 3 4", "pool"]]}')
     layers = torch.nn.Sequential(
         torch.nn.Conv2d(1, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.Linear(6 * 7 * 4, 2)
     )
@@ -485,8 +483,7 @@ run --data ../in/recordings.npz --config @
 train --data synthetic --out made --config @
 """
 IMAGES = """inspect @ --json look.json
-convert @ --size 6x7 --out small.npz
-convert @ --size # --out small.npz
+convert @ --out small.npz
 train --data @ --out made
 train --data @ --out made --cell tactnet
 sweep --data @ --out swept

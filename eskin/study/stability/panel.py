@@ -1,7 +1,7 @@
 """A short list of the suite's modes on recordings that a network has not seen: what `train` and `run` choose by,
 beside the accuracy on sound ones.
 
-What a front end makes of disturbed recordings does not depend on the network. So each front end plays the
+The features of disturbed recordings do not depend on the network. So each front end plays the
 panel once, and every network on it decides what is there.
 """
 

@@ -20,8 +20,8 @@ def rest_of(stream: np.ndarray, bench: Scene) -> np.ndarray:
 
 
 def stuck_taxels(bench: Scene, taxels: Sequence[int], level: str, since: float | None) -> Change:
-    """Taxels held at ``rest``, ``high`` or ``low`` (ends of the code range): from the first frame (None), or
-    from so many touch lengths after the onset on."""
+    """Taxels held at ``rest``, ``high`` or ``low`` (ends of the code range): from the first frame (None),
+    or from ``since`` touch lengths after the onset on."""
     fmt = bench.config.sample_format
 
     def change(stream: np.ndarray, onset: int, rng: np.random.Generator) -> np.ndarray:
@@ -70,7 +70,7 @@ def gain_off(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
 
 
 def offset(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
-    """Taxels shifted together by so many standard deviations of the features at the onset."""
+    """Taxels shifted together by ``level`` standard deviations of the features at the onset."""
 
     def add(stream, onset, rng):
         stream[max(onset - 1, 0) :, taxels] += level * bench.sigma[list(taxels)]
@@ -94,7 +94,7 @@ def exchanged(bench: Scene, count: float, taxels: Sequence[int]) -> Change:
 
 
 def gains(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
-    """Every taxel with a gain of its own, drawn within +-level."""
+    """Every taxel with its own gain, drawn within +-level."""
 
     def scale(stream, onset, rng):
         level_of = rest_of(stream, bench)
@@ -106,7 +106,7 @@ def gains(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
 
 
 def clipped(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
-    """Every taxel limited to so many standard deviations of the features around its rest level."""
+    """Every taxel limited to ``level`` standard deviations of the features around its rest level."""
 
     def limit(stream, onset, rng):
         middle = rest_of(stream, bench)

@@ -23,7 +23,7 @@ from eskin.training.quantise import profile, quantise_model
 PAIRS = 28
 """Pairs of taxels tried at most: all of an array of 8."""
 DRAWS = 4
-"""Sets of so many taxels drawn for a point of a curve."""
+"""Random sets of taxels per point of a curve."""
 AGREED = 0.98
 """Share of decisions as in float below which `eskin evaluate` refuses a quantised model."""
 
@@ -104,7 +104,7 @@ class Experiment:
 
     @property
     def averaged(self) -> Experiment:
-        """The same, the mean over the taxels. What both find is found once."""
+        """The same, the mean over the taxels. A fault that both find is reported once."""
         return replace(self, mean=True)
 
     # -- what is played

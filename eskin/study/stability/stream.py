@@ -17,7 +17,7 @@ LEFT_IN = (0.0, 0.05, 0.1, 0.25, 0.5, 1.0)
 
 # ---------------------------------------------------------------------- disturbances of whole streams
 def drift(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
-    """All taxels ramp by so many standard deviations of the features in a touch."""
+    """All taxels ramp by ``level`` standard deviations of the features during a touch."""
 
     def ramp(stream, onset, rng):
         slope = level * bench.sigma / bench.config.last_frame
@@ -27,7 +27,7 @@ def drift(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
 
 
 def hum(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
-    """50 Hz on all taxels, with so many times the amplitude of the noise at rest."""
+    """50 Hz on all taxels, at ``level`` times the amplitude of the noise at rest."""
 
     def add(stream, onset, rng):
         phase = 2 * np.pi * 50 / bench.config.sensor.scan_rate_hz * np.arange(len(stream)) + rng.uniform(
@@ -82,7 +82,7 @@ def cut_short(bench: Scene, share: float, taxels: Sequence[int]) -> Recordings:
 
 
 def without_lead(bench: Scene, quiet: float, taxels: Sequence[int]) -> Change:
-    """Streams that begin so many frames before the onset."""
+    """Streams that begin ``quiet`` frames before the onset."""
     return lambda stream, onset, rng: stream[max(onset - 1 - int(quiet), 0) :]
 
 
@@ -125,7 +125,7 @@ def glitch(bench: Scene, height: float, taxels: Sequence[int]) -> Change:
 
 
 def ramp(bench: Scene, speed: float, taxels: Sequence[int]) -> Change:
-    """All taxels ramp by so many standard deviations of the features a second."""
+    """All taxels ramp by ``speed`` standard deviations of the features a second."""
     step = speed * bench.sigma / bench.config.sensor.scan_rate_hz
     return lambda stream, place, rng: stream + (step * np.arange(len(stream))[:, None]).astype(np.float32)
 

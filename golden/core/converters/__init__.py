@@ -2,7 +2,7 @@
 and golden model read it.
 
 Facts are the data sheets'; where they leave something open, the slower or wider figure is taken. On a board
-with 3.3 V pins a converter runs at 3.3 V; one whose data sheet tells its limits for 2.7 V and 5 V only gets
+with 3.3 V pins a converter runs at 3.3 V; a converter whose data sheet has limits only for 2.7 V and 5 V gets
 those for 2.7 V.
 """
 

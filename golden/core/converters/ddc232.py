@@ -1,9 +1,8 @@
 """The DDC232 of Texas Instruments, 32 current inputs of 20 bits: figures of its data sheet (SBAS331), and the
 plan for one configuration.
 
-Where the sheet's copies differ or say nothing, a field of the configuration tells it, or the slower figure is
-taken: DVALID at most ``dvalid_clocks`` clocks after CONV, either order of channels, milliseconds
-after reset.
+If copies of the data sheet differ or are silent, a configuration field decides or the slower figure is used:
+DVALID at most ``dvalid_clocks`` clocks after CONV, either order of channels, milliseconds after reset.
 """
 
 from __future__ import annotations

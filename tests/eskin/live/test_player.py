@@ -29,20 +29,16 @@ def recordings() -> Recordings:
     return scene(9, seed=2)
 
 
-def golden_rows(model, recordings) -> list[list[int]]:
-    rows, offsets = run(model, recordings).streams["decision"]
-    return [rows[low:high].tolist() for low, high in pairwise(offsets)]
-
-
 @pytest.mark.parametrize("cell", ["gru", "linear"])
 @pytest.mark.parametrize("piece", [1, 7, 512])
 def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch):
     model = random_integer_model(with_network(SMALL, cell=cell), 4)
     monkeypatch.setattr(module, "FASTEST_FRAMES", piece)
     stage = Stage(ModelSource(model), recordings).go()
-    trace, rows = run(model, recordings), golden_rows(model, recordings)
+    trace = run(model, recordings)
+    rows, offsets = trace.streams["decision"]
     assert stage.player.decisions == dict(enumerate(trace.decision.tolist()))
-    times, shown = decision_times(trace), []
+    times, shown, of_touch = decision_times(trace), [], trace.touches
     for message in stage.messages:
         match message["k"]:
             case "begin":
@@ -50,29 +46,23 @@ def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch)
                 touches = -1
             case "onset":
                 touches += 1
-                row = np.flatnonzero(trace.touches.recording == len(shown) - 1)[touches]
+                row = np.flatnonzero(of_touch.recording == len(shown) - 1)[touches]
                 assert (message["frame"], message["start"]) == (
-                    trace.touches.onset_frame[row],
-                    trace.touches.start_frame[row],
+                    of_touch.onset_frame[row],
+                    of_touch.start_frame[row],
                 )
             case "step":
                 shown[-1].append([0, message["step"], message["label"], message["margin"], 0, 0])
-                row = np.flatnonzero(trace.touches.recording == len(shown) - 1)[touches]
-                for name, values in (
-                    ("features", trace.features),
-                    ("hidden", trace.hidden),
-                    ("logits", trace.logits),
-                ):
-                    assert message[name] == values[row, message["step"]].tolist()
+                for name in ("features", "hidden", "logits"):
+                    assert message[name] == getattr(trace, name)[row, message["step"]].tolist()
             case "decided":
                 shown[-1].append(
                     [1, *(int(message[name]) for name in ("step", "label", "margin", "partial", "unsure"))]
                 )
                 if message["touch"] == 0 and not message["partial"]:
                     assert message["since"] == pytest.approx(times[len(shown) - 1])
-    assert shown == rows and sum(map(len, rows)) > 30
-    results = [message for message in stage.messages if message["k"] == "result"]
-    assert [message["decision"] for message in results] == trace.decision.tolist()
+    assert shown == [rows[low:high].tolist() for low, high in pairwise(offsets)] and len(rows) > 30
+    assert [message["decision"] for message in stage.seen("result")] == trace.decision.tolist()
     tally = stage.player.tally
     assert (tally.frames, tally.recordings, tally.touches) == (recordings.frames, 9, len(trace.touches))
     assert tally.correct == np.sum(trace.decision == recordings.labels)
