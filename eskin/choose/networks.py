@@ -307,7 +307,7 @@ class _Choice:
 
     # -- choices
     def of_asked(self) -> Generator[Round, list[ScoredCandidate], Candidate]:
-        """The network that was asked for, on the front end that suits it."""
+        """The requested network, on the best front end for it."""
         probes = self.usable(map(self.options.possible, self.front_ends.for_recurrent))
         if not probes:
             cell = self.options.candidate(self.front_ends.taken).config.network.cell  # or says why not
@@ -522,7 +522,8 @@ def shortened(candidate: Candidate, share: int) -> Recipe:
 
 
 def check_units(cell: str | None, hidden: int | None) -> None:
-    """Refuse a number of units with a cell that has none, or that is to be chosen."""
+    """Raise InputError for a number of units with a cell that has no units, or with a cell that is still to
+    be chosen."""
     if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(
             f"--hidden {hidden}: --cell {cell} has no hidden units; leave --hidden out, or name --cell "

@@ -72,8 +72,8 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
 
 
 def _resting(recordings: Recordings, frames: int) -> Recordings:
-    """The first of ``recordings``, its last frame held for ``frames`` more: a step costs what the frames behind its
-    decision cost, too."""
+    """The first of ``recordings``, with its last frame repeated ``frames`` times, because the frames after a
+    decision belong to the energy of its step."""
     one = recordings.subset([0])
     samples = np.concatenate([one.samples, np.repeat(one.samples[-1:], frames, axis=0)])
     return dataclasses.replace(one, samples=samples, offsets=np.array([0, len(samples)]))

@@ -5,8 +5,8 @@ An experiment is a function of a ``Bench`` (a model on a ``Scene``: recordings, 
 model under test): an ``Experiment`` (``eskin.study.stability.shapes``) with a disturbance, or a function of its
 own. ``eskin.study.stability.table`` has a row for each. A broken variant changes the bench:
 the same experiment must then report a failure. The tests check this for every mode
-(tests/support/broken_variants.py). A property that no weight and no recording can change, a width or a
-table's entry, is no mode but a test.
+(tests/support/broken_variants.py). A property that depends on neither weights nor recordings (a width, a
+table entry) is not a mode; the tests check it.
 """
 
 from __future__ import annotations
