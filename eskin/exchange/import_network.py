@@ -231,8 +231,8 @@ def import_network(
     recordings: Recordings | None = None,
     check: Path | None = None,
 ) -> Record:
-    """Make a float model folder (config.json, float.npz, training.json) of a network trained elsewhere, ready
-    to quantise.
+    """Make a float model folder (config.json, float.npz, training.json) from a network that was trained
+    elsewhere, ready to quantise.
 
     Parameters
     ----------

@@ -72,8 +72,8 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
 
 
 def _resting(recordings: Recordings, frames: int) -> Recordings:
-    """The first of ``recordings``, its last frame held for ``frames`` more: a step costs what the frames behind its
-    decision cost, too."""
+    """The first of ``recordings``, with its last frame repeated ``frames`` times, because the frames after a
+    decision belong to the energy of its step."""
     one = recordings.subset([0])
     samples = np.concatenate([one.samples, np.repeat(one.samples[-1:], frames, axis=0)])
     return dataclasses.replace(one, samples=samples, offsets=np.array([0, len(samples)]))
@@ -111,16 +111,15 @@ def measured(
     trace, cost = run(model, chosen), costs(nets, voltage, wire)
     library = {cell.name: cell for cell in nets.cells.values()}
     chip = Chip(nets.module, library, expression, SEED, wrong, delays=True)
-    program = chip.program
     place = {kind: number for number, kind in enumerate(sorted({*cost.kind.values(), ACCESSES, "clock"}))}
-    change, of = np.zeros(program.nets), np.zeros(program.nets, np.uint8)
+    change, of = np.zeros(chip.nets), np.zeros(chip.nets, np.uint8)
     for net, kind in cost.kind.items():
         of[net], change[net] = place[kind], cost.joule[net] * (kind != "clock")
-    edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
+    edges = np.array([cost.joule[net] for net in chip.gates] or [0.0])
     joule = np.zeros(2 * len(place))  # what changes from cycle to cycle, and glitches
-    accesses = [nets.cells[name].access_j[kind] for name in program.macros for kind in ("read", "write")]
-    of_macros = np.full(len(program.macros), place[ACCESSES], np.uint8)
-    chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]], np.array(accesses), of_macros))
+    accesses = [nets.cells[name].access_j[kind] for name in chip.macros for kind in ("read", "write")]
+    of_macros = np.full(len(chip.macros), place[ACCESSES], np.uint8)
+    chip.count_into(joule, (change, of, edges, of[[*chip.gates, 0]], np.array(accesses), of_macros))
     device = Device(chip, config.sensor.sample_bits)
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
     device.settle()
