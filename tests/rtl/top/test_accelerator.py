@@ -323,8 +323,8 @@ def test_a_recording_that_stops_in_the_middle_of_a_frame_is_finished():
 @pytest.mark.parametrize(("name", "lanes"), [("tracked, free", 12), ("two windows end together", 1)])
 def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
     """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with
-    12 the frames, with means that differ from taxel to taxel. At full pace the short hops outrun the engine of one lane: held up, flagged, and still
-    nothing is lost.
+    12 the frames, whose means differ from taxel to taxel. At full pace the short hops outrun the engine of one
+    lane: held up, flagged, and still nothing is lost.
     """
     config = CONFIGS[name].replace(lanes=lanes, feature_kinds=("mean",), feature_scale="taxel")
     model = random_integer_model(config, seed=5)
