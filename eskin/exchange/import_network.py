@@ -135,7 +135,7 @@ def _read_npz(path: Path, names: Sequence[str], save: str) -> dict[str, np.ndarr
         if array.dtype.kind not in "fiu":
             refuse(f"holds {array.dtype}, not numbers", name)
         if not np.isfinite(array).all():
-            refuse("holds values that are no finite numbers", name)
+            refuse("holds values that are not finite numbers", name)
     return {name: array.astype(np.float64) for name, array in raw.items()}
 
 
@@ -163,7 +163,7 @@ def read_linear(
     path = Path(path)
     if path.suffix != ".npz" or not path.is_file():
         raise InputError(
-            f"network '{path}': is no .npz file, as a linear cell needs it; save it with {_SAVE_LINEAR}"
+            f"network '{path}': is not a .npz file, as a linear cell needs it; save it with {_SAVE_LINEAR}"
         )
     check_readable(path)
     raw = _read_npz(path, (COEFFICIENTS, INTERCEPTS), _SAVE_LINEAR)
@@ -206,7 +206,7 @@ def read_linear(
 
 
 def _check_shapes(layers: Layers) -> None:
-    """Refuse shapes that do not belong together, and values that are no finite numbers."""
+    """Refuse shapes that do not belong together, and values that are not finite numbers."""
     shape = layers.arrays["recurrent"].shape
     if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
         layers.refuse(
@@ -231,7 +231,7 @@ def _check_shapes(layers: Layers) -> None:
                 "one network",
             )
         if not np.isfinite(array).all():
-            layers.refuse(role, "holds values that are no finite numbers; train the network again")
+            layers.refuse(role, "holds values that are not finite numbers; train the network again")
 
 
 # ---------------------------------------------------------------------- into a model

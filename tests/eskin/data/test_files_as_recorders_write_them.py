@@ -305,7 +305,7 @@ def test_dates_in_words_name_the_option_and_columns_their_number_in_the_file(tmp
     odd = lambda path, number: path.write_text(
         "\n".join([*rows(number)[:9], "0.09,1,x,2", *rows(number)[10:]])
     )
-    with pytest.raises(InputError, match="line 10: column 3 holds 'x', which is no number"):
+    with pytest.raises(InputError, match="line 10: column 3 holds 'x', which is not a number"):
         load_recordings(files(tmp_path / "odd", ".csv", odd), reading=Reading(columns=("3-4",), rate_hz=100))
 
 
@@ -358,7 +358,8 @@ def test_an_array_of_structs(tmp_path):
         assert [recordings.class_names[label] for label in recordings.labels] == ["felt", "silk"] * 2
         assert recordings.groups["person"].tolist() == [0, 0, 1, 1] and recordings.sample_rate_hz == 100
     with pytest.raises(
-        InputError, match="--class touches: is no attribute or column; .* of a struct or group name a field"
+        InputError,
+        match="--class touches: is not an attribute or column; .* of a struct or group name a field",
     ):
         load_recordings(tmp_path / "a.mat", reading=Reading(label="touches"))
 
