@@ -345,7 +345,7 @@ class _Meaning:
             (text and not any(table.frame[column]), "left out", "is empty"),
             (TIME.match(name), "left out", "is time, too,"),
             (said and level, "group", "describes a recording"),
-            (said, "left out", "changes inside recordings, is no group"),
+            (said, "left out", "changes inside recordings, so is not a group"),
             (is_rate, "left out", "is called like a rate and has one value in each recording, so is not a taxel,"),
             (level and (in_series or same), "taxel", "is constant in each recording and was taken as a taxel"),
             (in_series, "taxel", ""),

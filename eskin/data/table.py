@@ -194,7 +194,7 @@ class Table:
             return values
         row, number = place_of(~np.isfinite(values))
         column, cell = columns[number], str(self.frame[columns[number]].iloc[row])[:30]
-        kind = "not a finite number" if NUMBER.fullmatch(cell) else "no number"
+        kind = "not a finite number" if NUMBER.fullmatch(cell) else "not a number"
         else_ = ", or choose the taxels with --columns, and the rate with --rate HZ" * self.is_text(column)
         why = f"holds {repr(cell) if cell else 'an empty cell'}, which is {kind}; repair or remove the line{else_}"
         self.refuse(f"{self.called(column)} {why}", row)

@@ -115,7 +115,7 @@ class _File:
             text = raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             if not self.lvm:
-                self.refuse(f"is no UTF-8 text (byte {error.start}); save it as CSV in UTF-8")
+                self.refuse(f"is not UTF-8 text (byte {error.start}); save it as CSV in UTF-8")
             text = raw.decode("latin-1")
         if "\0" in text:
             self.refuse("holds a zero byte, so it is not text; save it as CSV in UTF-8")

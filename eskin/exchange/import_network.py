@@ -447,7 +447,7 @@ def _check_scale(mean: float | None, std: float | None) -> None:
     for name, value in (("mean", mean), ("std", std)):
         if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
             raise InputError(
-                f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give "
+                f"--{name} {value:g}: is not a {'spread above 0' if name == 'std' else 'finite number'}; give "
                 "codes"
             )
 

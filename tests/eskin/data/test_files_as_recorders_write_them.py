@@ -368,8 +368,8 @@ def test_an_array_of_structs(tmp_path):
     ("values", "why"),
     [
         ([1, 1, 2, 2], "tells the class, too,"),
-        ([4, 7, 8, 8], "has each of its values in one class alone, so is no group,"),
-        ([3, 1, 2, 4], "has another value in each recording, so is no group,"),
+        ([4, 7, 8, 8], "has each of its values in one class alone, so is not a group,"),
+        ([3, 1, 2, 4], "has another value in each recording, so is not a group,"),
         ([0, 1, 0, 1], ""),
         ([0, 1, 1, 1], ""),
     ],

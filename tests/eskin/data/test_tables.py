@@ -237,7 +237,7 @@ BROKEN = [
     (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "differ from those of 'mat2/p0_t1.csv'"),
     (b"", "holds no row of samples"),
     (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
-    ("time,ä\n".encode("utf-16"), "no UTF-8 text"),
+    ("time,ä\n".encode("utf-16"), "not UTF-8 text"),
     (b"time,a\n0,\x001\n", "holds a zero byte"),
     (
         lambda lines: "\n".join(

@@ -181,7 +181,7 @@ def not_numbers(made):
 
         (lambda made: setattr(made.opset_import[0], "version", 3), "has opset 3"),
 
-        (lambda made: setattr(node(made, "cell"), "domain", "mine"), "node 'cell' of type GRU: is none of those"),
+        (lambda made: setattr(node(made, "cell"), "domain", "mine"), "node 'cell' of type GRU: is not supported"),
 
         (lambda made: node(made, "cell").attribute.append(helper.make_attribute("activations", ["Tanh", "Relu"])), "activations Tanh, Relu"),
 
