@@ -394,13 +394,7 @@ class CompareRequest(ModelOptions, JsonOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ImportRequest:
-    file: Annotated[
-        Path,
-        argument(
-            "A torch state_dict (.pt, .pth), or an .onnx file; "
-            "linear cell: an .npz with coef_ and intercept_, columns window by window."
-        ),
-    ]
+    file: Annotated[Path, argument("A torch state_dict (.pt, .pth), or an .onnx file.")]
     out: ModelOut
     config: Annotated[str | None, option("Configuration of the training: a preset or a JSON file.")] = None
     cell: Annotated[

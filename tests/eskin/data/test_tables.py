@@ -316,7 +316,7 @@ def test_real_samples_get_a_scale_that_is_kept(tmp_path):
     scaled = load_recordings(folder, config=config)
     assert scaled.volt_per_code == 1e-3 and np.array_equal(scaled.recording(0), np.rint(volts["0"] / 1e-3))
     check_fit(scaled, config)
-    with pytest.raises(InputError, match="a code is worth 5e-05"):
+    with pytest.raises(InputError, match="has a code worth 5e-05"):
         check_fit(recordings, config)
 
 
