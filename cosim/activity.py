@@ -13,7 +13,7 @@ steps cost.
 import re
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 CELL = re.compile(
@@ -26,7 +26,8 @@ PORT = re.compile(r"^    \.(\w+)\((.*)\),?$", re.MULTILINE)
 ADDER, ADDER_BITS = re.compile(r"TOPADDSUB_LOWERINPUT\(\d+'\w*?0+\)"), 32
 """A block that adds its operands as they are: its output is a register like others."""
 OPERANDS = {"SB_MAC16": re.compile(r"[AB]"), "MULT18X18D": re.compile(r"[AB]\d+")}
-READ_ENABLES = {"SB_RAM40_4K": (("RE", "RCLKE"),), "DP16KD": (("CEA",), ("CEB",))}
+READ_ENABLES = {"DP16KD": (("CEA",), ("CEB",))}
+"""Of others: RE and RCLKE."""
 LARGE = "SB_SPRAM256KA"
 FILE = "activity.txt"
 
@@ -53,70 +54,55 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
     block_of:
         Block of a register by its name in the flat design.
     """
-    bits: dict[str, list[tuple[str, int]]] = defaultdict(list)
+    bits: dict[str, list[tuple[int, str]]] = defaultdict(list)
     operands: list[str] = []
-    reads: list[str] = []
-    uses: list[str] = []
+    uses: dict[str, list[str]] = {"ram_reads": [], "large_uses": []}
     for cell in CELL.finditer(verilog):
-        ports = dict(PORT.findall(cell["ports"]))
-        kind = cell["type"]
+        ports, kind = dict(PORT.findall(cell["ports"])), cell["type"]
         adds = ADDER.search(cell["parameters"] or "")
         if adds or "Q" in ports:
-            bits[block_of(cell["name"].lstrip("\\"))].append(
-                (ports["O"], ADDER_BITS) if adds else (ports["Q"], 1)
-            )
+            register = (ADDER_BITS, ports["O"]) if adds else (1, ports["Q"])
+            bits[block_of(cell["name"].lstrip("\\"))].append(register)
         elif kind in OPERANDS:
-            operands.append(
-                ", ".join(value for port, value in ports.items() if OPERANDS[kind].fullmatch(port))
-            )
+            operands.append(", ".join(net for port, net in ports.items() if OPERANDS[kind].fullmatch(port)))
         elif kind == LARGE:
-            uses.append(ports["CHIPSELECT"])
+            uses["large_uses"].append(ports["CHIPSELECT"])
         else:
-            enables = READ_ENABLES["DP16KD" if kind == "DP16KD" else "SB_RAM40_4K"]
-            reads += [" && ".join(ports.get(port) or "1'h1" for port in names) for names in enables]
-    lines = [
-        "// what the netlist does while recordings are played",
-        "wire counting = wrapper.measured;",
-        "integer activity_file;",
-    ]
-    counters: dict[str, str] = {}
+            enables = READ_ENABLES.get(kind, (("RE", "RCLKE"),))
+            uses["ram_reads"] += [
+                " && ".join(ports.get(port) or "1'h1" for port in names) for names in enables
+            ]
+    lines = ["// what the netlist does while recordings are played", "integer activity_file;"]
+    counts = {"cycles": "1"}
 
-    def count(label: str, name: str, amount: str) -> None:
-        lines.append(f"reg [63:0] {name} = 0;")
-        lines.append(f"always @(posedge clk) if (counting) {name} <= {name} + {amount};")
-        counters[label] = name
+    def changes(name: str, width: int, value: str) -> str:
+        """A value and the one a cycle before."""
+        lines.append(f"wire [{width - 1}:0] {name} = {{{value}}}; reg [{width - 1}:0] before_{name};")
+        lines.append(f"always @(posedge clk) before_{name} <= {name};")
+        return f"{name} ^ before_{name}"
 
-    def held(name: str, width: int, value: str) -> None:
-        lines.append(f"wire [{width - 1}:0] {name} = {{{value}}};")
-        lines.append(f"reg [{width - 1}:0] before_{name}; always @(posedge clk) before_{name} <= {name};")
-
-    count("cycles", "activity_cycles", "1")
-    for index, (block, nets) in enumerate(sorted(bits.items())):
-        held(f"now_{index}", sum(wide for _, wide in nets), ", ".join(net for net, _ in nets))
-        count(f"toggles {block}", f"toggles_{index}", f"64'($countones(now_{index} ^ before_now_{index}))")
-    for index, pair in enumerate(operands):
-        held(f"operands_{index}", 36, pair)
-    changed = [f"operands_{index} != before_operands_{index}" for index in range(len(operands))]
-    for name, terms in (("multiplies", changed), ("ram_reads", reads), ("large_uses", uses)):
-        count(name, name, " + ".join(["64'd0", *(f"64'({term})" for term in terms)]))
-    written = "".join(f"{label} %0d\\n" for label in counters)
+    for index, (block, registers) in enumerate(sorted(bits.items())):
+        width, nets = sum(wide for wide, _ in registers), ", ".join(net for _, net in registers)
+        counts[f"toggles {block}"] = f"64'($countones({changes(f'now_{index}', width, nets)}))"
+    changed = [f"|({changes(f'operands_{index}', 36, pair)})" for index, pair in enumerate(operands)]
+    for name, terms in {"multiplies": changed, **uses}.items():
+        counts[name] = " + ".join(["64'd0", *(f"64'({term})" for term in terms)])
+    counters = [f"counter_{number}" for number in range(len(counts))]
+    for counter, amount in zip(counters, counts.values(), strict=True):
+        lines.append(f"reg [63:0] {counter} = 0;")
+        lines.append(f"always @(posedge clk) if (wrapper.measured) {counter} <= {counter} + {amount};")
+    written = "".join(f"{label} %0d\\n" for label in counts)
     lines += [
         f'final begin activity_file = $fopen("{FILE}", "w");',
-        f'$fwrite(activity_file, "{written}", {", ".join(counters.values())});',
-        "$fclose(activity_file); end",
+        f'$fwrite(activity_file, "{written}", {", ".join(counters)}); $fclose(activity_file); end',
     ]
     head, end = verilog.rsplit("endmodule", 1)
-    return head + "\n".join(lines) + "\nendmodule" + end
+    return "\n".join([head, *lines, f"endmodule{end}"])
 
 
 def read_count(work: Path) -> Count:
-    """Counters that one run wrote into its work folder."""
-    rows = [line.split() for line in (work / FILE).read_text().splitlines()]
-    single = {row[0]: int(row[1]) for row in rows if len(row) == 2}
-    return Count(
-        cycles=single["cycles"],
-        toggles={row[1]: int(row[2]) for row in rows if len(row) == 3},
-        multiplies=single["multiplies"],
-        ram_reads=single["ram_reads"],
-        large_uses=single["large_uses"],
-    )
+    """The counters of one run, from its work folder."""
+    rows = [line.rsplit(" ", 1) for line in (work / FILE).read_text().splitlines()]
+    counted = {label.removeprefix("toggles "): int(count) for label, count in rows}
+    names = [field.name for field in fields(Count) if field.name != "toggles"]
+    return Count(**{name: counted.pop(name) for name in names}, toggles=counted)

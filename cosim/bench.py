@@ -29,7 +29,7 @@ from eskin.golden.core import AcceleratorConfig
 
 CYCLE_NS = 10
 STAGES = "sum fault feature state map logit step decision".split()
-KINDS = [*STAGES, *"frame waited sent scan rested lost unstable unknown stuck".split()]
+KINDS = [*STAGES, *"frame waited sent scan lost unstable unknown stuck".split()]
 """Kinds of events, as cosim/wrapper.sv numbers them."""
 EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
 SLICE = 16  # events in one word of wrapper.events
@@ -47,13 +47,10 @@ class Values(NamedTuple):
 class StageMonitor:
     """The values of one stage: ``async for codes, cycles in monitor``."""
 
-    def __init__(self, stage: str) -> None:
+    def __init__(self, stage: str, events: "EventReader") -> None:
         self.stage = stage
         self._came: Queue[Values] = Queue()
-
-    def put(self, values: Values) -> None:
-        """They came."""
-        self._came.put_nowait(values)
+        events.take[stage] = self._came.put_nowait
 
     async def __aiter__(self) -> AsyncIterator[Values]:
         while True:
@@ -65,13 +62,11 @@ class EventReader:
 
     Attributes
     ----------
-    take: kind -> what is called with its `Values`. unknown: what is called with kind, cycle and bits of an event with
-    an X in it.
+    take: kind -> what is called with its `Values`.
     """
 
     def __init__(self, dut) -> None:
         self.take: dict[str, Callable[[Values], None]] = {}
-        self.unknown: Callable[[str, int, str], None]
         self._woken, self._count = dut.woken, dut.count
         self._slices = [dut.events[k] for k in range(len(dut.events))]
 
@@ -80,17 +75,9 @@ class EventReader:
         while True:
             await self._woken.value_change
             count = self._count.value.to_unsigned()
-            words = [part.value for part in self._slices[: -(-count // SLICE)]]
-            try:
-                rows = np.frombuffer(b"".join(word.to_bytes(byteorder="little") for word in words), EVENT)[
-                    :count
-                ]
-            except ValueError:  # of an X
-                bits = "".join(map(str, reversed(words)))[-96 * count :]
-                each = (bits[at : at + 96] for at in range(len(bits) - 96, -1, -96))
-                row = next(row for row in each if set(row) - {"0", "1"})
-                self.unknown(KINDS[int(row[:8], 2)], int(row[8:64], 2), row[64:])
-                raise
+            words = (part.value for part in self._slices[: -(-count // SLICE)])
+            data = b"".join(word.to_bytes(byteorder="little") for word in words)
+            rows = np.frombuffer(data, EVENT)[:count]
             kinds = rows["stamp"] >> np.uint64(56)
             cycles = (rows["stamp"] & np.uint64((1 << 56) - 1)).astype(np.int64)
             for kind in sorted(set(kinds.tolist())):
@@ -169,10 +156,9 @@ class FrameSource:
             return
         for pattern in (self._dut.offers, self._dut.accepts):
             # mostly short gaps, now and then a long one
-            rare = stalls.random(PATTERN) < 0.02
-            gaps = np.where(rare, stalls.integers(0, 128, PATTERN), stalls.integers(0, 3, PATTERN))
-            busy = np.concatenate([[*[0] * gap, 1] for gap in gaps.tolist()])[:PATTERN]
-            pattern.value = int("".join(map(str, busy)), 2)
+            shares = np.repeat(stalls.choice([1.0, 0.5, 0.5, 0.02], PATTERN // 64), 64)
+            open_ = np.packbits(stalls.random(PATTERN) < shares)
+            pattern.value = int.from_bytes(open_.tobytes())
 
     async def send(self, frames: np.ndarray) -> None:
         """Offer the recording's next frames (frames, numbers); returns when the last block is on its way."""
@@ -214,54 +200,30 @@ class FrameSource:
 
 
 class ScanMonitor:
-    """The frames' way from a converter's pins: when scans begin, when its port rests, when frames are through."""
+    """When scans begin at a converter's pins. jitter: largest distance of a scan's begin from the declared rate, cycles."""
 
     def __init__(self, dut, source: FrameSource, events: EventReader, fault: list[int] | None) -> None:
         self._dut, self._source, self._fault = dut, source, fault
-        self.features: list[int] = []
-        self._cycles: dict[str, list[int]] = {"scan": [], "rested": []}
-        self._found: dict[str, Any] = {"scan_cycles": 0, "jitter_cycles": 0.0, "feature_cycles": None}
+        self._begun = list[int]()
+        self.jitter = 0.0
         events.take |= {"scan": self._has_begun, "lost": events.take["frame"]}
-        events.take["rested"] = lambda values: self._cycles["rested"].extend(values.cycles.tolist())
 
     def _has_begun(self, values: Values) -> None:
-        scans = self._cycles["scan"]
-        scans += values.cycles.tolist()
-        if self._fault and len(scans) == self._fault[0] + 1:
-            cocotb.start_soon(self._misbehave())
+        self._begun += values.cycles.tolist()
+        if self._fault and len(self._begun) == self._fault[0] + 1:
+            cocotb.start_soon(self._misbehave(*self._fault[1:]))
 
-    async def _misbehave(self) -> None:
-        _, frames, kind = self._fault or (0, 0, 0)
+    async def _misbehave(self, frames: int, kind: int) -> None:
         self._dut.misbehaves.value = kind
         await Timer((int(frames * self._source.period) - 1) * CYCLE_NS, "ns")
         self._dut.misbehaves.value = 0
 
-    def end(self, recording: Recording) -> None:
+    def end(self) -> None:
         """A recording is over."""
-        through = self._source.taken
-        scans, rests = (np.array(self._cycles[name]) for name in ("scan", "rested"))
-        begins, ends = (at[np.searchsorted(at, through, side="right") - 1] for at in (scans, rests))
-        late = begins - begins[:1] - np.arange(len(begins)) * self._source.period
-        frames = recording["decision_frame"][recording["decision"][:, 0] == 0]
-        # of two windows that end with one frame the second waits for the first, not for the converter
-        first = np.concatenate([[True], frames[1:] != frames[:-1]])[: len(self.features)]
-        waits = (np.array(self.features) - ends[frames[: len(first)] - 1])[first].tolist()
-        found = self._found
-        found["scan_cycles"] = max(found["scan_cycles"], int((ends - begins).max(initial=0)))
-        found["jitter_cycles"] = max(found["jitter_cycles"], round(float(np.abs(late).max(initial=0)), 3))
-        if waits:
-            waits += found["feature_cycles"] or []
-            found["feature_cycles"] = [int(min(waits)), int(max(waits))]
-        self.features.clear()
-        for cycles in self._cycles.values():
-            cycles.clear()
-
-    @property
-    def result(self) -> dict[str, Any]:
-        """scan_cycles (from a scan's begin to its last channel, at most), jitter_cycles (largest distance of a scan's begin
-        from the declared rate), feature_cycles (from a frame's last channel to the first feature of the window that
-        it ends, at least and at most; None where no window was complete), faults (bits of ConverterFault)."""
-        return self._found | {"faults": self._dut.faults.value.to_unsigned()}
+        begun = np.array(self._begun)
+        late = begun - begun[:1] - np.arange(len(begun)) * self._source.period
+        self.jitter = max(self.jitter, round(float(np.abs(late).max(initial=0)), 3))
+        self._begun.clear()
 
 
 class Bench:
@@ -289,25 +251,19 @@ class Bench:
         self.scans = None
         if self.settings["frames"] == "codes":
             self.scans = ScanMonitor(dut, self.source, self.events, self.settings["fault"])
-        self.result: dict[str, Any] = {"probe": None, "mismatch": None}
+        self.result: dict[str, Any] = {"probe": None, "mismatch": None, "registers": dict.fromkeys(REGISTERS)}
 
     async def start(self) -> None:
         """Reset, the monitors, register ID, the model."""
-        dut, events, self.armed_at = self.dut, self.events, 0
+        dut, events = self.dut, self.events
         self.scoreboard.begin(self.recordings[0])
         for stage in (*flat_stages(self.config), "decision", "step"):
-            monitor = StageMonitor(stage)
-            events.take[stage] = monitor.put
+            monitor = StageMonitor(stage, events)
             cocotb.start_soon(self._guarded(self._follow(monitor)))
-        events.unknown = lambda kind, cycle, bits: self._differs(
-            kind, "a value with unknown bits", bits, cycle
-        )
         events.take |= {
             "unstable": lambda _: self._differs("handshake", "a decision changed before it was taken"),
-            "unknown": lambda _: self._differs("handshake", "an X on valid, ready or busy"),
-            "stuck": lambda _: self._differs(
-                "input", "no number was taken for the watchdog's time", "a standstill"
-            ),
+            "unknown": self._unknown,
+            "stuck": lambda _: self._stands_still("no number was taken for the watchdog's time"),
         }
         cocotb.start_soon(self._guarded(events.run()))
         for _ in range(4):
@@ -326,7 +282,7 @@ class Bench:
         dut, source, settings = self.dut, self.source, self.settings
         self.scoreboard.begin(recording)
         await self.bus.command("ARM")
-        self.armed_at = dut.cycle.value.to_unsigned()
+        self.scoreboard.armed = dut.cycle.value.to_unsigned()
         await self.settle()
         if "waves_from" in settings:
             cocotb.start_soon(self._dump(settings["waves_from"]))
@@ -349,7 +305,7 @@ class Bench:
         await self.settle()
         dut.measured.value = 0
         if self.scans:
-            self.scans.end(recording)
+            self.scans.end()
         words = range(-(-self.config.sensor.taxels // 16) if self.config.faults.fault_frames else 0)
         status = {name: await self.bus.read(name) for name in REGISTERS}
         flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
@@ -382,38 +338,32 @@ class Bench:
             limit = round(cycles) + self.settings["patience"]
             await with_timeout(awaited, limit * CYCLE_NS, "ns")
         except SimTimeoutError:
-            self._differs("input", "it stays busy for the watchdog's time", "a standstill")
+            self._stands_still("it stays busy for the watchdog's time")
 
     async def _follow(self, monitor: StageMonitor) -> None:
         async for codes, cycles in monitor:
-            if monitor.stage == "decision":
-                codes = codes.view(np.uint32)
-            if monitor.stage == "feature" and self.scans:
-                seen, size = self.scoreboard.seen("feature"), self.config.inputs
-                self.scans.features += cycles[-seen % size :: size].tolist()
             self.scoreboard.check(monitor.stage, codes, cycles)
 
     async def __aenter__(self) -> None:
         pass
 
     async def __aexit__(self, kind: Any, error: BaseException | None, _: Any) -> None:
-        """The result; behind a mismatch the waves go on for a while."""
+        """The result. After a mismatch the waveform continues for a short time."""
         if error is not None and not isinstance(error, Mismatch):
             return  # no answer: the log says why
         if error is not None:
-            self.result["mismatch"] = vars(error) | {"since_arm": error.cycle - self.armed_at}
+            self.result["mismatch"] = vars(error)
             if "waves_from" in self.settings:
                 await Timer(WAVES_AFTER * CYCLE_NS, "ns")
                 self.dut.dump.value = 0
                 await FallingEdge(self.dut.clk)
         dut, source = self.dut, self.source
-        counts = {name: getattr(source, name) for name in ("frames", "overruns", "waited", "longest")}
-        for name in ("cycle", "measured_cycles", "clocked_cycles", *["violations"] * bool(self.scans)):
-            counts[name] = getattr(dut, name).value.to_unsigned()
+        self.result |= {"frames": source.frames, "overruns": source.overruns, "input_stalls": source.waited}
+        self.result["simulated_cycles"] = dut.cycle.value.to_unsigned()
         if self.scans:
-            self.result["conversion"] = self.scans.result
-        self.result |= {**counts, **self.scoreboard.counts, "compared": dict(self.scoreboard.compared)}
-        Path("result.json").write_text(json.dumps(self.result))
+            found = {name: getattr(dut, name).value.to_unsigned() for name in ("faults", "violations")}
+            self.result["conversion"] = found | {"jitter_cycles": self.scans.jitter}
+        Path("result.json").write_text(json.dumps(self.result | self.scoreboard.result(source.longest)))
 
     async def _guarded(self, task: Coroutine[Any, Any, None]) -> None:
         """A difference that is found beside the test ends it."""
@@ -427,6 +377,15 @@ class Bench:
     def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1, frame: int = 0) -> None:
         found = self.scoreboard.mismatch(stage, 0, place, 0, got, cycle)
         raise replace(found, frame=frame or len(self.source.taken) + 1)
+
+    def _unknown(self, values: Values) -> None:
+        kind, cycle = int(values.codes[0]), int(values.cycles[0])
+        if kind >= len(KINDS):
+            self._differs("handshake", "an X on valid, ready or busy", "x", cycle)
+        self._differs(KINDS[kind], "a value with unknown bits", "x", cycle)
+
+    def _stands_still(self, place: str) -> None:
+        raise self.scoreboard.standstill(place, len(self.source.taken) + 1)
 
 
 @cocotb.test()

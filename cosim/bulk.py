@@ -1,50 +1,29 @@
 """Recordings in bulk into devices in this process (`eskin.cosim.device`): the same scoreboard, the same counts as under
 cocotb.
 
-A Verilated design is faster here than in a simulator that Python drives. A chip's netlist is
-compiled in seconds, and begins every recording with anything in every flip-flop, latch and macro.
+A Verilated design is faster here than in a simulator that Python drives. A chip's netlist is compiled in
+seconds. Every recording starts with random contents in every flip-flop, latch and macro.
 """
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
+from eskin.cosim.device import FRAME_END, Device, Model
+from eskin.cosim.scoreboard import REGISTERS, Mismatch, Scoreboard, flat_stages, loading, recordings_of
+from eskin.golden.core import Record, SimulationError
 
-from eskin.cosim.device import FRAME_END, Device, Model, Write
-from eskin.cosim.latency import standstill_cycles
-from eskin.cosim.scoreboard import REGISTERS, Mismatch, Recording, Scoreboard, flat_stages
-from eskin.golden.core import AcceleratorConfig, Record, SimulationError
+if TYPE_CHECKING:
+    from eskin.cosim.flow import Run
 
 SETTLE = 6
 """Cycles that are always waited for a command."""
 
 
-class Played(NamedTuple):
-    """Result of one recording. streams: stage -> codes, cycles. taken: cycle of each frame's last taxel. longest:
-    cycles of a frame. status: registers at the end; None: the device stands still. armed: cycle of ARM."""
-
-    streams: dict[str, tuple[np.ndarray, np.ndarray]]
-    taken: list[int]
-    counts: dict[str, int]
-    longest: int
-    status: dict[str, int] | None
-    armed: int
-
-
-def play(
-    config: AcceleratorConfig,
-    chip: Callable[[int], Model],
-    recordings: Sequence[Recording],
-    registers: Mapping[str, Any],
-    boot: Iterable[Write],
-    *,
-    probes: bool = True,
-    period: float = 0.0,
-    seed: int = 1,
-    threads: int = 1,
-) -> Record:
+def play(run: "Run", chip: Callable[[int], Model], *, seed: int = 1, threads: int = 1) -> Record:
     """Play recordings, up to the first value that differs, and say what `eskin.cosim.bench.Bench` says.
 
     Parameters
@@ -52,83 +31,59 @@ def play(
     chip:
         Makes what is behind a device; called with the seed of what its states begin with. The recording at place k
         begins with those of ``seed + k``, a reset and all bus writes.
-    registers:
-        eskin.rtl.fpga.generate.register_map.
-    boot:
-        Bus writes after each reset.
-    probes:
-        There are probe ports.
-    period:
-        Clock cycles from frame to frame; 0: a taxel whenever one is taken.
     threads:
         Recordings that are played at once.
     """
-    address, command = registers["registers"], registers["bits"]["CONTROL"]
-    limit, stages = standstill_cycles(config), (*flat_stages(config), "step") if probes else ()
-    boot = [*boot, (address["MEASURE"], registers["measures"]["STEP"]), (address["CONTROL"], command["ARM"])]
+    config, settings, recordings = run.config, run.settings, recordings_of(run.expected)
+    registers, boot = loading(Path(settings["design"]))
+    address, command, begun = registers["registers"], registers["bits"]["CONTROL"], time.monotonic()
+    limit, stages = settings["patience"], (*flat_stages(config), "step") if settings["probes"] else ()
+    boot += [(address["MEASURE"], registers["measures"]["STEP"]), (address["CONTROL"], command["ARM"])]
     threads = min(threads, len(recordings))
     idle = [chip(seed) for _ in range(threads)]
 
-    def played(place: int) -> Played:
-        model, recording = idle.pop(), recordings[place]
+    def played(place: int) -> tuple[Device, int, dict[str, int]]:
+        """The device, the cycle of ARM, and the registers at the end; none: it stands still."""
+        model, status = idle.pop(), dict[str, int]()
         model.begin(seed + place)
         device = Device(model, config.sensor.sample_bits, stages)
-        armed, status = 0, None
-        try:
+        armed = 0
+        with suppress(SimulationError):
             device.reset(boot)
             armed = device.state.cycle
             device.settle(limit, SETTLE)
             device.forget()  # what a chain not yet reset may have offered
-            device.frames(recording["samples"], period, limit)
+            device.frames(recordings[place]["samples"], settings["period"], limit)
             device.write(address["CONTROL"], command["FINISH"])
             device.settle(limit, SETTLE)
-            status = {name: device.read(address[name]) for name in REGISTERS}
             words = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
-            status["TAXEL_FAULTS"] = sum(device.read(address["TAXEL_FAULTS"] + k) << 16 * k for k in words)
-        except SimulationError:
-            pass
-        events, state = device.seen(), device.state
-        taken = events["cycle"][events["stage"] == FRAME_END].tolist()
-        counts = {
-            "frames": len(taken),
-            "cycle": state.cycle,
-            "overruns": state.overruns,
-            "waited": state.stalls,
-        }
-        said = Played(device.streams(), taken, counts, state.frame_cycles_max, status, armed)
-        device.close()
+            flags = sum(device.read(address["TAXEL_FAULTS"] + k) << 16 * k for k in words)
+            status = {name: device.read(address[name]) for name in REGISTERS} | {"TAXEL_FAULTS": flags}
         idle.append(model)
-        return said
+        return device, armed, status
 
-    scoreboard, total = Scoreboard(config, recordings[0].arrays, probes=probes), Counter[str]()
-    mismatch: Mismatch | None = None
-    longest = armed = 0
-    status: dict[str, int] | None = {}
-    pool = ThreadPoolExecutor(threads)
+    scoreboard = Scoreboard(config, recordings[0].arrays, probes=settings["probes"])
+    said: Record = dict.fromkeys(("frames", "simulated_cycles", "overruns", "input_stalls"), 0)
+    said |= {"mismatch": None, "probe": None}
+    longest, status, pool = 0, dict[str, int](), ThreadPoolExecutor(threads)
     try:
         for recording, came in zip(recordings, pool.map(played, range(len(recordings))), strict=True):
-            status, armed, longest = came.status, came.armed, max(longest, came.longest)
-            scoreboard.begin(recording)
-            total.update(came.counts)
-            if status is None:
-                mismatch = scoreboard.mismatch(
-                    "input", 0, "nothing moves for the watchdog's time", 0, "a standstill"
-                )
-                mismatch.frame = len(came.taken) + 1
-                break
-            for stage, values in came.streams.items():
+            device, armed, status = came
+            events, state = device.seen(), device.state
+            taken = events["cycle"][events["stage"] == FRAME_END].tolist()
+            longest = max(longest, state.frame_cycles_max)
+            counts = (len(taken), state.cycle, state.overruns, state.stalls)
+            said |= {name: said[name] + count for name, count in zip(said, counts, strict=False)}
+            scoreboard.begin(recording, armed)
+            if not status:
+                raise scoreboard.standstill("nothing moves for the watchdog's time", len(taken) + 1)
+            for stage, values in device.streams().items():
                 scoreboard.check(stage, *values)
-            scoreboard.end(status, came.taken)
+            scoreboard.end(status, taken)
+            device.close()
     except Mismatch as found:
-        mismatch = found
+        said["mismatch"] = vars(found)
     finally:
         pool.shutdown(cancel_futures=True)
-    return {
-        **total,
-        **scoreboard.counts,
-        "compared": dict(scoreboard.compared),
-        "longest": longest,
-        "mismatch": vars(mismatch) | {"since_arm": mismatch.cycle - armed} if mismatch else None,
-        "registers": {name: (status or {}).get(name) for name in REGISTERS},
-        "probe": None,
-    }
+    said["registers"] = {name: status.get(name) for name in REGISTERS}
+    return said | scoreboard.result(longest) | {"wall_s": time.monotonic() - begun}

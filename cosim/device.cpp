@@ -13,7 +13,6 @@ typedef int64_t i64;
 #include "gates.cpp"
 struct Port {
   std::vector<i32> nets;
-  int flips;  // of states: what is put inverts them
 };
 struct Model {
   Chip* chip;
@@ -21,10 +20,7 @@ struct Model {
   i32 enable;
   std::vector<Port> ports;
   void put(int port, u64 value) {
-    if (port < 0) return;
-    Port& p = ports[port];
-    if (!p.flips) ::put(chip, p.nets.data(), p.nets.size(), value);
-    else if (value) for (i32 net : p.nets) ::set(*chip, net, !chip->n[net]);
+    if (port >= 0) ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value);
   }
   u64 get(int port) { return port < 0 ? 0 : ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
   bool settle() { return ::settle(chip); }
@@ -85,13 +81,13 @@ struct Seen {
   uint32_t value, also;
   i64 cycle;
 };
-struct State {  // as in device.py
+struct State {  // as in device.py, as Seen is
   i64 cycle, edges, decisions, stalls, overruns, frame_cycles_max, frame, taxel;
   i64 stop_at;       // from this cycle on nothing waits any more
   i64 poke_at;       // the cycle in which the pokes are put, which are 0 in all others
   i64 global_after;  // frames end with the first global decision after this cycle
-  int32_t watch;     // a register that is read in every cycle without another access, or -1
-  int32_t failed;    // a netlist that did not come to rest
+  i64 watch;         // a register that is read in every cycle without another access, or -1
+  i64 failed;        // a netlist that did not come to rest
 };
 struct Stage {
   int valid, value;
@@ -146,20 +142,20 @@ struct Device {
   }
 };
 
-extern "C" {
+extern "C" {  // whole numbers are i64, as device.py gives and takes them
 #ifdef NETLIST
-Device* open_device(Chip* chip, int gated, int32_t enable) {
+Device* open_device(Chip* chip, i64 gated, i64 enable) {
   Device* d = new Device{};
-  d->model.chip = chip, d->model.gated = gated, d->model.enable = enable;
+  d->model.chip = chip, d->model.gated = gated, d->model.enable = i32(enable);
   return d;
 }
-int port_of(Device* d, const i32* nets, int count, int flips) {
-  d->model.ports.push_back({{nets, nets + count}, flips});
+i64 port_of(Device* d, const i64* nets, i64 count) {
+  d->model.ports.push_back({{nets, nets + count}});
   return d->model.ports.size() - 1;
 }
 #else
 Device* open_device() { return new Device{}; }
-int port_of(Device* d, const char* name) {
+i64 port_of(Device* d, const char* name) {
   for (size_t k = 0; k < d->model.ports.size(); k++)
     if (!strcmp(d->model.ports[k].name, name)) return k;
   return -1;
@@ -167,30 +163,30 @@ int port_of(Device* d, const char* name) {
 #endif
 void close_device(Device* d) { delete d; }
 State* state_of(Device* d) { return &d->s; }
-void put_port(Device* d, int port, u64 value) { d->model.put(port, value); }
-u64 get_port(Device* d, int port) { return d->model.get(port); }
-void set_role(Device* d, int which, int port) { d->role[which] = port; }
-void add_stage(Device* d, int valid, int value) { d->stages.push_back({valid, value}); }
-void poke(Device* d, int port, u64 value) { d->pokes.push_back({port, value}); }
+void put_port(Device* d, i64 port, u64 value) { d->model.put(port, value); }
+u64 get_port(Device* d, i64 port) { return d->model.get(port); }
+void set_role(Device* d, i64 which, i64 port) { d->role[which] = port; }
+void add_stage(Device* d, i64 valid, i64 value) { d->stages.push_back({int(valid), int(value)}); }
+void poke(Device* d, i64 port, u64 value) { d->pokes.push_back({int(port), value}); }
 void forget(Device* d) { d->events.clear(), d->globally = false; }
 void unpoke(Device* d) { d->pokes.clear(); }
 void mark_frames(Device* d) { d->marking = true; }
-int event_count(Device* d) { return d->events.size(); }
+i64 event_count(Device* d) { return d->events.size(); }
 const Seen* events_of(Device* d) { return d->events.data(); }
-int mark_count(Device* d) { return d->marks.size(); }
+i64 mark_count(Device* d) { return d->marks.size(); }
 const double* marks_of(Device* d) { return d->marks.data(); }
 
 void cycles(Device* d, i64 count) {
   while (count-- > 0 && !d->leaves()) d->tick();
 }
 
-void write_word(Device* d, int address, int word) {
+void write_word(Device* d, i64 address, i64 word) {
   d->put(ADDR, address), d->put(W_DATA, word), d->put(W_STB, 1);
   d->tick();
   d->put(W_STB, 0);
 }
 
-int read_word(Device* d, int address) {
+i64 read_word(Device* d, i64 address) {
   d->put(ADDR, address), d->put(R_STB, 1);
   d->tick();
   d->put(R_STB, 0);
@@ -200,7 +196,7 @@ int read_word(Device* d, int address) {
 
 // Until nothing is under way; a command needs a few (`quiet`) cycles before busy shows it. Whether it ever is: more
 // than `limit` cycles without a decision, or decisions without end, are a standstill.
-int settle_device(Device* d, int quiet, i64 limit) {
+i64 settle_device(Device* d, i64 quiet, i64 limit) {
   cycles(d, quiet);
   i64 waited = 0, decisions = d->s.decisions;
   while ((d->get(BUSY) || d->get(O_VALID)) && !d->leaves()) {
@@ -212,7 +208,7 @@ int settle_device(Device* d, int quiet, i64 limit) {
 }
 
 // Whether all were taken. period: cycles from frame to frame; 0: as fast as they are taken.
-int play_frames(Device* d, const int32_t* samples, int frames, int taxels, int bits, double period, i64 limit) {
+i64 play_frames(Device* d, const int32_t* samples, i64 frames, i64 taxels, i64 bits, double period, i64 limit) {
   State& s = d->s;
   i64 begun = s.cycle;
   bool hangs = false;
@@ -250,7 +246,7 @@ int play_frames(Device* d, const int32_t* samples, int frames, int taxels, int b
 
 // A serial line: `count` cycles of levels on rx, what tx says in each. With bit 1 of a level a decision is offered
 // until it is taken.
-void play_line(Device* d, int rx, int tx, int valid, int ready, const uint8_t* driven, i64 count, uint8_t* said) {
+void play_line(Device* d, i64 rx, i64 tx, i64 valid, i64 ready, const uint8_t* driven, i64 count, uint8_t* said) {
   for (i64 k = 0; k < count; k++) {
     d->offers |= driven[k] & 2;
     d->model.put(rx, driven[k] & 1);

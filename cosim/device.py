@@ -9,11 +9,10 @@ import ctypes
 import functools
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from eskin.cosim.c_source import library, structure
 from eskin.cosim.runner import build_library
 from eskin.golden.core import SimulationError
 
@@ -31,16 +30,43 @@ QUIET = 4
 FRAME_END, HUNG = -1, -2
 """Events of `Device.seen` that are no stage's: a frame's last taxel is taken; the watchdog acts (``value``
 frames and ``also`` taxels taken)."""
-State, Seen = (structure(KERNEL, name) for name in ("State", "Seen"))
-SEEN = np.dtype(Seen)
+COUNTS = "cycle edges decisions stalls overruns frame_cycles_max frame taxel stop_at poke_at global_after watch failed"
+SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
 Write = tuple[int, int]
 """Address and word of a bus write."""
+
+
+class State(ctypes.Structure):
+    """Counts and settings of a device, in the C++ program's memory."""
+
+    _fields_ = [(name, ctypes.c_int64) for name in COUNTS.split()]
+
+
+class Library:
+    """Functions of a C++ program whose whole numbers have 64 bits; an array goes in as its address."""
+
+    def __init__(self, path: Path) -> None:
+        self._functions = ctypes.CDLL(str(path))
+
+    def __getattr__(self, name: str) -> Any:
+        function = getattr(self._functions, name)
+        function.restype = ctypes.c_int64
+        setattr(self, name, lambda *given: function(*map(_passed, given)))
+        return getattr(self, name)
+
+
+def _passed(value: Any) -> Any:
+    if isinstance(value, float):
+        return ctypes.c_double(value)
+    if isinstance(value, np.ndarray):
+        value = value.ctypes.data
+    return value if isinstance(value, bytes) else ctypes.c_int64(value)
 
 
 class Model(Protocol):
     """Interface of the model behind a device."""
 
-    library: ctypes.CDLL
+    library: Library
 
     def begin(self, seed: int) -> None:
         """As after power-on. ``seed`` chooses the contents that may then be anything."""
@@ -69,7 +95,7 @@ class Design:
     """
 
     def __init__(self, verilog: str, builds: Path, purpose: str, top: str = "accelerator") -> None:
-        self.library = library(build_library(verilog, top, KERNEL, builds, purpose), KERNEL)
+        self.library = Library(build_library(verilog, top, KERNEL, builds, purpose))
 
     def begin(self, seed: int) -> None:
         """Nothing depends on ``seed``: registers begin as the Verilog says, and a reset restores that."""
@@ -104,17 +130,16 @@ class Device:
         handle = model.open()
         self._device: int | None = handle
         self.port = functools.cache(lambda name: model.port(handle, name))
-        self.state = State.from_address(self._library.state_of(self._device))
+        self.state = State.from_address(self._call("state_of"))
         self.state.stop_at = self.state.global_after = FOREVER
         self.state.watch = self.state.poke_at = -1
         for role, name in enumerate(ROLES):
-            self._library.set_role(self._device, role, self.port(name))
-        pairs = {stage: (f"probe__{stage}__valid", f"probe__{stage}__value") for stage in stages} | {
-            "decision": ("o__valid", "o__payload")
-        }
+            self._call("set_role", role, self.port(name))
+        pairs = {stage: (f"probe__{stage}__valid", f"probe__{stage}__value") for stage in stages}
+        pairs["decision"] = "o__valid", "o__payload"
         self.stages = tuple(stage for stage, (valid, _) in pairs.items() if self.port(valid) >= 0)
         for stage in self.stages:
-            self._library.add_stage(self._device, *map(self.port, pairs[stage]))
+            self._call("add_stage", *map(self.port, pairs[stage]))
 
     def __del__(self) -> None:
         self.close()
@@ -122,22 +147,25 @@ class Device:
     def close(self) -> None:
         """Give its memory back."""
         # getattr: __del__ also runs when __init__ failed before there was a device
-        device, self._device = getattr(self, "_device", None), None
-        if device:
-            self._library.close_device(device)
+        if getattr(self, "_device", None):
+            self._call("close_device")
+        self._device = None
+
+    def _call(self, name: str, *given: Any) -> int:
+        """A function of the C++ program for this device."""
+        return getattr(self._library, name)(self._device, *given)
 
     def put(self, name: str, value: int) -> None:
         """Drive an input, where there is one."""
-        self._library.put_port(self._device, self.port(name), value)
+        self._call("put_port", self.port(name), value)
 
     def get(self, name: str) -> int:
         """Value of an output; 0 if there is none."""
-        return self._library.get_port(self._device, self.port(name))
+        return self._call("get_port", self.port(name))
 
     def cycle(self, count: int = 1) -> None:
         """So many clock cycles."""
-        self._library.cycles(self._device, count)
-        self._rested()
+        self._rested("cycles", count)
 
     def reset(self, boot: Iterable[Write] = ()) -> None:
         """Reset, then bus writes."""
@@ -152,11 +180,11 @@ class Device:
 
     def write(self, address: int, word: int) -> None:
         """A bus write."""
-        self._library.write_word(self._device, address, word)
+        self._call("write_word", address, word)
 
     def read(self, address: int) -> int:
         """A bus read."""
-        return self._library.read_word(self._device, address)
+        return self._call("read_word", address)
 
     def settle(self, limit: int = STUCK, quiet: int = QUIET) -> None:
         """Cycles until the device is idle.
@@ -166,9 +194,8 @@ class Device:
         SimulationError
             It never is: more than ``limit`` cycles pass without a decision.
         """
-        if not self._library.settle_device(self._device, quiet, limit):
+        if not self._rested("settle_device", quiet, limit):
             raise SimulationError("the simulated hardware hangs: it stays busy")
-        self._rested()
 
     def frames(self, frames: np.ndarray, period: float = 0.0, limit: int = STUCK) -> None:
         """Play frames (frames, taxels).
@@ -184,11 +211,8 @@ class Device:
             A taxel is not taken within ``limit`` cycles.
         """
         samples = np.ascontiguousarray(frames, np.int32)
-        if not self._library.play_frames(
-            self._device, samples.ctypes.data, *samples.shape, self._bits, period, limit
-        ):
+        if not self._rested("play_frames", samples, *samples.shape, self._bits, float(period), limit):
             raise SimulationError("the simulated hardware hangs: it does not accept a beat")
-        self._rested()
 
     def line(self, levels: np.ndarray) -> bytes:
         """Levels of the sending serial line, a byte (0, 1) a cycle, while the receiving line has ``levels``.
@@ -197,25 +221,20 @@ class Device:
         """
         driven, sent = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
         ports = map(self.port, ("rx", "tx", "decision__valid", "decision__ready"))
-        self._library.play_line(self._device, *ports, driven.ctypes.data, len(driven), sent.ctypes.data)
+        self._call("play_line", *ports, driven, len(driven), sent)
         return sent.tobytes()
 
     def poke(self, cycle: int, **values: int) -> None:
         """Give inputs, by name, these values in one cycle and 0 in all others."""
-        self._library.unpoke(self._device)
+        self._call("unpoke")
         for name, value in values.items():
-            self._library.poke(self._device, self.port(name), value)
+            self._call("poke", self.port(name), value)
         self.state.poke_at = cycle
 
     def seen(self) -> np.ndarray:
         """Events since the last `forget`: rows of ``SEEN``. stage: its place in `stages`; also: the word on
         the bus."""
-        count, size = self._library.event_count(self._device), SEEN.itemsize
-        return (
-            np.frombuffer(ctypes.string_at(self._library.events_of(self._device), count * size), SEEN)
-            if count
-            else np.empty(0, SEEN)
-        )
+        return self._array("event", SEEN)
 
     def streams(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Values (32-bit codes with their sign) and cycles of each stage since the last `forget`."""
@@ -225,20 +244,23 @@ class Device:
 
     def forget(self) -> None:
         """Drop the events so far."""
-        self._library.forget(self._device)
+        self._call("forget")
 
     def mark_frames(self) -> None:
         """Note counts at each frame's first taxel from now on, for `marks`."""
-        self._library.mark_frames(self._device)
+        self._call("mark_frames")
 
     def marks(self, width: int) -> np.ndarray:
         """For each frame the counts (``width`` of them) in the cycle that takes its first taxel, before
         the edge."""
-        count = self._library.mark_count(self._device)
-        return np.frombuffer(ctypes.string_at(self._library.marks_of(self._device), 8 * count)).reshape(
-            -1, width
-        )
+        return self._array("mark", np.dtype(float)).reshape(-1, width)
 
-    def _rested(self) -> None:
+    def _array(self, what: str, row: np.dtype) -> np.ndarray:
+        size = self._call(f"{what}_count") * row.itemsize
+        return np.frombuffer(ctypes.string_at(self._call(f"{what}s_of"), size), row)
+
+    def _rested(self, name: str, *given: Any) -> int:
+        answer = self._call(name, *given)
         if self.state.failed:
             raise SimulationError("the netlist does not settle within a clock cycle")
+        return answer

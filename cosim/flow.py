@@ -1,13 +1,11 @@
-"""One co-simulation: a generated accelerator, a file of vectors, a simulator; the CONTRACT's result."""
+"""One co-simulation: a generated accelerator, a file of vectors, a simulator, and what came of it."""
 
 import json
 import operator
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,28 +14,17 @@ import numpy as np
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.device import Design, Model
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import REGISTERS, Mismatch, count_stages, loading, part_of, recordings_of
-from eskin.golden.core import (
-    AcceleratorConfig,
-    Arrays,
-    InputError,
-    QFormat,
-    Record,
-    SimulationError,
-    converters,
-    images,
-)
+from eskin.cosim.scoreboard import Mismatch, count_stages, part_of, recordings_of
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError, converters
 
 PACES = ("full", "declared")
 COMPILED = "compiled"
 """The simulator of a chip's netlist, in this process."""
 SLOWEST_CYCLES_PER_S = {
-    ("rtl", "verilator"): 50e3,
-    ("rtl", "icarus"): 500.0,
-    ("netlist", "verilator"): 5e3,
-    ("netlist", "icarus"): 20.0,
-    ("bitstream", "verilator"): 5e3,
-    ("bitstream", "icarus"): 20.0,
+    "rtl verilator": 50e3,
+    "rtl icarus": 500,
+    "netlist verilator": 5e3,
+    "netlist icarus": 20,
 }
 """Cycles a second that even a busy machine reaches. They only set the wall-clock limit."""
 BLOCK_BITS = 1 << 15
@@ -80,11 +67,22 @@ class Run:
         with np.load(vectors) as archive:
             expected = dict(archive)
         clock_hz = float(clock_hz or config.hardware.clock_hz)
-        check(config, expected, vectors, pace, clock_hz)
+        taxels, rate, given = config.sensor.taxels, config.sensor.scan_rate_hz, expected["samples"].shape[1]
+        if pace not in PACES:
+            raise InputError(f"--pace {pace}: is unknown; use {' or '.join(PACES)}")
+        if given != taxels:
+            raise InputError(
+                f"{vectors}: has {given} taxels and the accelerator has {taxels}; use one array for both"
+            )
+        if pace == "declared" and clock_hz < taxels * rate:
+            raise InputError(
+                f"--clock {clock_hz:.0f}: is too slow for {taxels} taxels at {rate:g} Hz, one a cycle; "
+                f"give at least {taxels * rate:.0f} Hz"
+            )
         converting = config.interface.converter.name != "none"
-        if hardware is None and converting:
-            hardware = converter_hardware(design, config)
-        hardware = hardware or Hardware((design / "accelerator.sv",))
+        sources, options = converter_model(config) if converting else ((), ())
+        top = design / ("sensing.sv" if converting else "accelerator.sv")
+        hardware = hardware or Hardware((top, *sources), options)
         frames, bits = ("codes", 32) if converting else ("samples", 16)
         hop = 32 if config.is_image else config.windows.hop
         settings = {
@@ -92,7 +90,7 @@ class Run:
             "frames": frames,
             "block": max(1, min(hop, BLOCK_BITS // (bits * expected[frames].shape[1]))),
             "bits": bits,
-            "period": clock_hz / config.sensor.scan_rate_hz if pace == "declared" else 0.0,
+            "period": clock_hz / rate if pace == "declared" else 0.0,
             "patience": latency.standstill_cycles(config),
             "probes": hardware.probes,
             "stalls": None,
@@ -120,9 +118,8 @@ class Run:
         *,
         bench: str = "eskin.cosim.bench",
         waves: bool = False,
-    ) -> tuple[Record, float]:
-        """Answers of the cocotb tests of module ``bench`` with these settings beside the run's own, and
-        the wall time in seconds."""
+    ) -> Record:
+        """Answers of the cocotb tests of module ``bench`` with these settings beside the run's own."""
         config, hardware, settings = self.config, self.hardware, {**self.settings, **settings}
         parameters = {"FRAMES": settings["block"], "PATIENCE": settings["patience"], "BITS": settings["bits"]}
         parameters |= {"BEATS": self.expected[settings["frames"]].shape[1]}
@@ -138,9 +135,9 @@ class Run:
             config.sensor.taxels * (1 if settings["stalls"] is None else 6) + settings["period"]
         )
         cycles += steps * 3 * (config.step_ideal + 500) + 20000
-        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[hardware.level, self.simulator]
+        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[f"{hardware.level} {self.simulator}"]
         wall_s = runner.run(built, work, limit_s=limit_s, bench=bench)
-        return json.loads((work / "result.json").read_text()), wall_s
+        return json.loads((work / "result.json").read_text()) | {"wall_s": wall_s}
 
 
 def cosim(
@@ -197,10 +194,12 @@ def cosim(
     -------
     dict
         recordings, cocotb_recordings, bulk_recordings, frames, steps, decisions, compared_values, mismatches (at most 1),
-        bit_exact, golden (what computed the expectation), verdict (`verdict_of`), gave_up ({recording, frame} at
-        which nothing moved any more, or None), simulator, level, lanes, clock_hz, cycles, budgets (rows of
-        ``eskin.cosim.latency``), simulated_cycles, wall_s, target (None at level rtl), stages (stage ->
-        compared_values, mismatches), pace, stalls, seed, cycles_per_s, overruns, input_stalls, registers
+        bit_exact, golden (what computed the expectation), verdict (``gave up``: the hardware stood still; ``differs``;
+        ``no decision``: no touch with a whole window; ``bit-exact``), gave_up ({recording, frame} at which nothing moved
+        any more, or None), simulator, level, lanes, clock_hz, cycles, budgets (rows of ``eskin.cosim.latency``),
+        simulated_cycles, wall_s, target (None at level rtl), stages (stage -> compared_values, mismatches), pace,
+        stalls, seed, cycles_per_s, overruns, input_stalls, conversion (behind a converter: its name, code_bits,
+        jitter_cycles, faults, the bits of ConverterFault, violations of its data sheet), registers
         (read at the end), probe, mismatch_list (sentences), waves (path or None), passed
         (bit-exact, no budget missed, probe refused).
 
@@ -214,72 +213,37 @@ def cosim(
     run = Run.of(
         design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
     )
-    config, hardware = run.config, run.hardware
     settings: Record = {"stalls": seed & 0x7FFFFFFF if stalls else None}
-    if probe and config.hardware.loadable:
-        settings["write_at"] = _open_touch(config, run.expected)
-    played: Record = {
-        "simulator": simulator,
-        "level": hardware.level,
-        "target": hardware.target,
-        "pace": pace,
-    }
-    played |= {"stalls": stalls, "seed": seed}
-    everything = range(len(run.expected["numbers"]))
+    if probe and run.config.hardware.loadable:
+        settings["write_at"] = _open_touch(run.config, run.expected)
+    played: Record = {"simulator": simulator, "level": run.hardware.level, "target": run.hardware.target}
+    played |= {"pace": pace, "stalls": stalls, "seed": seed}
     here = None if stalls or probe else run.in_process()
     if simulator == COMPILED:
         if here is None:
             reason = "takes no stalls" if stalls else "is for chips"
             raise InputError(f"--simulator {COMPILED}: {reason}; take verilator")
         cocotb = ()
-    shown = [*everything] if here is None or cocotb is None else sorted({*cocotb} & {*everything})
-    others = sorted({*everything} - {*shown})
+    everything = {*range(len(run.expected["numbers"]))}
+    shown = everything if here is None or cocotb is None else everything & {*cocotb}
     results = []
-    for positions, model in ((shown, None), (others, here)):
-        if positions:
-            part = run.of_recordings(positions)
-            results.append(_played(part, model, settings, played, Path(work), waves=waves, threads=threads))
-    return joined(config, results)
+    for positions, model in ((sorted(shown), None), (sorted(everything - shown), here)):
+        if not positions:
+            continue
+        part = run.of_recordings(positions)
+        if model:
+            beside = 1 if simulator == COMPILED else threads or os.cpu_count() or 1
+            said = bulk.play(part, model, seed=seed, threads=beside)
+        else:
+            said = part.play(Path(work), settings)
+        results.append(_result(part, said, played, "cocotb" if model is None else "bulk"))
+        if said["mismatch"] and waves and simulator in runner.SIMULATORS:
+            results[-1]["waves"] = str(_keep_waves(part, said["mismatch"], settings, Path(work)))
+    return joined(run.config, results)
 
 
-def _played(
-    run: Run,
-    here: Callable[[int], Model] | None,
-    settings: Record,
-    played: Record,
-    work: Path,
-    *,
-    waves: bool,
-    threads: int | None,
-) -> Record:
-    """The result of recordings played under cocotb, or in bulk with the model ``here``; played: as of `result_of`."""
-    begun = time.monotonic()
-    if here is None:
-        said, wall_s = run.play(work, settings)
-    else:
-        registers, boot = loading(Path(run.settings["design"]))
-        said = bulk.play(
-            run.config,
-            here,
-            recordings_of(run.expected),
-            registers,
-            boot,
-            probes=run.hardware.probes,
-            period=run.settings["period"],
-            seed=played["seed"],
-            threads=1 if run.simulator == COMPILED else threads or os.cpu_count() or 1,
-        )
-        wall_s = time.monotonic() - begun
-    result = result_of(run, said, played, wall_s=wall_s, in_bulk=here is not None)
-    if said["mismatch"] and waves and run.simulator in runner.SIMULATORS:
-        result["waves"] = str(_keep_waves(run, said["mismatch"], settings, work))
-    return result
-
-
-def result_of(
-    run: Run, said: Mapping[str, Any], played: Mapping[str, Any], *, wall_s: float, in_bulk: bool
-) -> Record:
-    """The result as `cosim` describes it.
+def _result(run: Run, said: Mapping[str, Any], played: Mapping[str, Any], way: str) -> Record:
+    """The result of recordings played in one ``way``, as `cosim` describes it, for `joined`.
 
     Parameters
     ----------
@@ -288,66 +252,23 @@ def result_of(
     played:
         simulator, level, target, pace, stalls, seed: into the result as they are.
     """
-    config, recordings, told = run.config, len(run.expected["numbers"]), dict(said["mismatch"] or {})
-    told.pop("since_arm", None)
-    mismatch = Mismatch(**told) if told else None
-    result: Record = {
-        "recordings": recordings,
-        "cocotb_recordings": 0 if in_bulk else recordings,
-        "bulk_recordings": recordings if in_bulk else 0,
-        **{name: said[name] for name in ("frames", "steps", "decisions")},
-        "compared_values": sum(said["compared"].values()),
-        "mismatches": int(mismatch is not None),
-        "stages": count_stages(said["compared"], mismatch),
-        "golden": "torch",
-        "gave_up": {"recording": mismatch.recording, "frame": mismatch.frame}
-        if mismatch and mismatch.stage == "input"
-        else None,
-        **played,
-        "lanes": config.hardware.lanes,
-        "clock_hz": run.clock_hz,
-        "cycles": {
-            "frame_max": said["longest"],
-            **{name: said[name] for name in ("step_min", "step_max")},
-            "step_ideal": config.step_ideal,
-            "decision_latency_max": said["latency_max"],
-        },
-        "simulated_cycles": said["cycle"],
-        "wall_s": wall_s,
-        "overruns": said["overruns"] if played["pace"] == "declared" else 0,
-        "input_stalls": said["waited"],
-        "registers": said.get("registers") or dict.fromkeys(REGISTERS),
-        "probe": said["probe"],
-        "mismatch_list": [str(mismatch)] if mismatch else [],
-        "waves": None,
-    }
-    if "-DCLOCKED" in run.hardware.options and not in_bulk:
-        result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
-    if "conversion" in said:
-        result["overruns"] = said["conversion"]["faults"] >> 2 & 1
-        result["conversion"] = said["conversion"] | {
-            "converter": config.interface.converter.name,
-            "code_bits": converters.code_bits(config),
-            "violations": said["violations"],
-        }
+    config, count = run.config, len(run.expected["numbers"])
+    mismatch = Mismatch(**said["mismatch"]) if said["mismatch"] else None
+    result = {name: value for name, value in said.items() if name not in ("compared", "mismatch")}
+    result |= {"recordings": count, "cocotb_recordings": 0, "bulk_recordings": 0, f"{way}_recordings": count}
+    result |= {"compared_values": sum(said["compared"].values()), "mismatches": int(mismatch is not None)}
+    result |= {"stages": count_stages(said["compared"], mismatch), "golden": "torch", "waves": None, **played}
+    result |= {"mismatch_list": [str(mismatch)] if mismatch else [], "gave_up": None}
+    result |= {"lanes": config.hardware.lanes, "clock_hz": run.clock_hz}
+    result["cycles"]["step_ideal"] = config.step_ideal
+    if mismatch and mismatch.stage == "input":
+        result["gave_up"] = {"recording": mismatch.recording, "frame": mismatch.frame}
+    if played["pace"] != "declared":
+        result["overruns"] = 0
+    if met := result.get("conversion"):
+        met |= {"converter": config.interface.converter.name, "code_bits": converters.code_bits(config)}
+        result["overruns"] = met["faults"] >> 2 & 1
     return result
-
-
-def verdict_of(result: Mapping[str, Any]) -> str:
-    """The result in words: ``gave up`` (the hardware stood still, so later values were not compared),
-    ``differs``, ``no decision`` (no touch with a whole window, so the network was not compared) or
-    ``bit-exact``."""
-    if result["gave_up"]:
-        return "gave up"
-    if not result["bit_exact"]:
-        return "differs"
-    return "bit-exact" if result["decisions"] else "no decision"
-
-
-def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
-    """The generated accelerator behind the model of its converter."""
-    sources, options = converter_model(config)
-    return Hardware((design / "sensing.sv", *sources), ("-DCONVERTER", *options))
 
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
@@ -359,33 +280,27 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
     values |= {"CYCLE_PS": round(1e12 / config.hardware.clock_hz)}
     given = ",".join(f".{field}({value})" for field, value in values.items())
     wired = [f"-D{field}={values.get(field, 1)}" for field in ("LINES", "SELECTS")]
-    options = (f"-DCONVERTER_{name}", f"-DMODEL_PARAMETERS={given}", *wired)
+    options = ("-DCONVERTER", f"-DCONVERTER_{name}", f"-DMODEL_PARAMETERS={given}", *wired)
     return (folder / "pins.svh", next(filter(Path.is_file, models))), options
 
 
-JOINED: dict[str, Callable[[list[Any]], Any]] = {
-    **dict.fromkeys(
-        "recordings cocotb_recordings bulk_recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
-        "wall_s violations mismatch_list".split(),
-        lambda values: sum(values[1:], values[0]),
-    ),
-    **dict.fromkeys("frame_max step_max decision_latency_max LONGEST scan_cycles jitter_cycles".split(), max),
-    **dict.fromkeys(("FAULTS", "faults"), lambda values: reduce(operator.or_, values)),
-    **dict.fromkeys(("STATUS", "TOUCHES"), lambda values: values[-1]),
-    "step_min": min,
-    "bit_exact": all,
-    "feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)],
-}
-"""Functions that join the parts' values, by their name in a result; of others the first part's is taken."""
+JOINED: dict[str, Callable[[Any, Any], Any]] = dict.fromkeys(
+    "recordings cocotb_recordings bulk_recordings frames steps decisions compared_values mismatches simulated_cycles "
+    "overruns input_stalls wall_s violations mismatch_list".split(),
+    operator.add,
+)
+JOINED |= dict.fromkeys("frame_max step_max decision_latency_max LONGEST jitter_cycles".split(), max)
+JOINED |= dict.fromkeys(("FAULTS", "faults"), operator.or_) | {"step_min": min}
+JOINED |= dict.fromkeys(("STATUS", "TOUCHES"), lambda first, second: second)
+"""Functions that join two parts' values, by their name in a result; of others the first part's is taken."""
 
 
-def _joined(name: str, values: list[Any]) -> Any:
-    values = [value for value in values if value is not None]
-    if values and isinstance(values[0], dict):
-        return {
-            key: _joined(key, [value.get(key) for value in values]) for key in dict.fromkeys(chain(*values))
-        }
-    return JOINED.get(name, operator.itemgetter(0))(values) if values else None
+def _joined(first: Any, second: Any, name: str = "") -> Any:
+    if first is None or second is None:
+        return second if first is None else first
+    if isinstance(first, dict):
+        return {key: _joined(first.get(key), second.get(key), key) for key in {**first, **second}}
+    return JOINED.get(name, lambda one, _: one)(first, second)
 
 
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> Record:
@@ -393,18 +308,14 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> R
     are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
     faults of all and the longest step.
     """
-    result: Record = _joined("", [dict(part) for part in results])
-    result["budgets"] = latency.budgets(
-        config,
-        result["cycles"],
-        result["clock_hz"],
-        declared=result["pace"] == "declared",
-        overruns=result["overruns"],
-    )
+    result: Record = reduce(_joined, map(dict, results))
+    result["budgets"] = latency.budgets(config, result)
     wall_s, refused = result["wall_s"], result.get("probe")
     result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
-    result["verdict"] = verdict_of(result)
+    # an expectation without a touch of a whole window never compared the network
+    words = ["gave up"] * bool(result["gave_up"]) + ["differs"] * (not result["bit_exact"])
+    result["verdict"] = [*words, "bit-exact" if result["decisions"] else "no decision"][0]
     result["passed"] = (
         result["bit_exact"]
         and all(row["met"] or row["reference"] for row in result["budgets"])
@@ -423,15 +334,13 @@ def lowest_clock(
     cycles: Mapping[str, int | None] | None = None,
     rounds: int = 8,
     **options: Any,
-) -> tuple[float, Record]:
-    """The lowest clock, Hz, that meets every budget, and the declared-pace run at it that shows so;
-    ``options`` as for ``cosim``.
+) -> Record:
+    """The declared-pace run at the lowest clock that meets every budget; ``options`` as for ``cosim``.
 
-    ``cycles``, the counts of a declared-pace run (default: made here, at twice the clock that the multiplies
-    alone need), ask for a clock; it is tried, raised until a run meets every budget, and lowered as long as
-    the run's own counts ask for less (at a clock that is too slow, steps wait for one another and their
-    latencies count more). It is a multiple of 1 kHz. A run that differs or gives up ends the search and is
-    what comes back: no clock mends that.
+    ``cycles``, the counts of a declared-pace run (default: twice what the multiplies alone ask for), ask for a clock. It is
+    tried, raised until a run meets every budget, and lowered as long as the run's own counts ask for less (at a clock
+    that is too slow, steps wait for one another and their latencies count more). It is a multiple of 1 kHz. A run
+    that differs or gives up ends the search and is what comes back: no clock mends that.
 
     Raises
     ------
@@ -439,61 +348,30 @@ def lowest_clock(
         When ``rounds`` runs did not find one.
     """
     config = AcceleratorConfig.load(Path(design) / "config.json")
-    if cycles is None:
-        guess = 2 * latency.needed_clock(config, dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal))
-        result = cosim(
-            design, vectors, pace="declared", clock_hz=guess, work=Path(work) / "declared", **options
-        )
-        if not result["bit_exact"]:
-            return guess, result
-        cycles = result["cycles"]
-    clock = latency.needed_clock(config, cycles)
-    lowest: tuple[float, Record] | None = None
+    guess = dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal)
+    clock = latency.needed_clock(config, cycles or guess) * (1 if cycles else 2)
+    too_low = 0.0
+    lowest: Record | None = None
     for attempt in range(rounds):
-        result = cosim(
-            design, vectors, pace="declared", clock_hz=clock, work=Path(work) / f"clock{attempt}", **options
-        )
+        folder = Path(work) / f"clock{attempt}"
+        result = cosim(design, vectors, pace="declared", clock_hz=clock, work=folder, **options)
         needed = latency.needed_clock(config, result["cycles"])
+        if not result["bit_exact"]:
+            return result
         if result["passed"]:
-            lowest = clock, result
-            if needed >= clock:
-                break
+            lowest = result
+            if not too_low < needed < clock:
+                return lowest
             clock = needed
-        elif not result["bit_exact"]:
-            return clock, result
-        elif lowest:
-            break
         else:
-            clock = max(needed, clock + 1e3 * round(clock / 5e4 + 1))
+            too_low, clock = clock, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
+            if lowest and clock >= lowest["clock_hz"]:
+                return lowest
     if lowest:
         return lowest
     raise NoClock(
         f"no clock that meets every budget was found in {rounds} runs; the last one tried was {clock:.0f} Hz"
     )
-
-
-def check(config: AcceleratorConfig, expected: Arrays, vectors: Path, pace: str, clock_hz: float) -> None:
-    """Refuse a pace, an array or a clock that do not fit.
-
-    Raises
-    ------
-    InputError
-    """
-    if pace not in PACES:
-        raise InputError(f"--pace {pace}: is unknown; use {' or '.join(PACES)}")
-    if expected["samples"].shape[1] != config.sensor.taxels:
-        taxels = expected["samples"].shape[1]
-        raise InputError(
-            f"{vectors}: has {taxels} taxels and the accelerator has {config.sensor.taxels}; use one array "
-            "for both"
-        )
-    least = config.sensor.taxels * config.sensor.scan_rate_hz
-    if pace == "declared" and clock_hz < least:
-        raise InputError(
-            f"--clock {clock_hz:.0f}: is too slow for {config.sensor.taxels} taxels at "
-            f"{config.sensor.scan_rate_hz:g} Hz, one a cycle; "
-            f"give at least {least:.0f} Hz"
-        )
 
 
 def _open_touch(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]:
@@ -511,30 +389,11 @@ def _open_touch(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]:
     )
 
 
-def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
-    """The number format of each flat stage, as on the probes."""
-    if config.is_image:
-        return {"map": images.PIXEL_FORMAT, "logit": config.formats.logit_format}
-    return {
-        "sum": QFormat(config.sum_bits, 0),
-        "fault": QFormat(2, 0),
-        "feature": config.formats.feature_format,
-        "state": config.formats.state_format,
-        "logit": config.formats.logit_format,
-    }
-
-
 def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> Path:
-    """Play the recording of the mismatch alone, with waves around it; beside them the meaning of the signals.
-    The folder."""
-    numbers = run.expected["numbers"].tolist()
-    position = numbers.index(mismatch["recording"]) if mismatch["recording"] in numbers else 0
-    folder = work / f"waves_recording{numbers[position]}"
+    """Play the recording of the mismatch alone, with waves around it. The folder."""
+    position = run.expected["numbers"].tolist().index(mismatch["recording"])
+    folder = work / f"waves_recording{mismatch['recording']}"
     since = mismatch["since_arm"] if mismatch["cycle"] >= 0 else 0
     settings = settings | {"waves_from": max(0, since - WAVES_BEFORE)}
-    said, _ = run.of_recordings([position]).play(folder, settings, waves=True)
-    formats = stage_formats(run.config)
-    signals = {f"wrapper.probe__{stage}__value": str(fmt) for stage, fmt in formats.items()}
-    described = {"mismatch": said["mismatch"], "formats": signals}
-    (folder / "signals.json").write_text(json.dumps(described, indent=2) + "\n")
+    run.of_recordings([position]).play(folder, settings, waves=True)
     return folder

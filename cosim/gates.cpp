@@ -11,19 +11,20 @@
 
 typedef uint8_t u8;
 typedef int32_t i32;
+typedef int64_t i64;
 typedef uint64_t u64;
 
 static const int ROUNDS = 1000;         // times as many evaluations as cells: a netlist that needs more never rests
 static const int HORIZON = 1 << 16;     // ticks of a delay, at most
 
-struct Tables {
-  i32 nets, cells, latches, gates, flops, memories;  // cells: outputs of logic in the order of their inputs, behind them the latches
+struct Tables {  // as gates.py makes them; cells: outputs of logic in the order of their inputs, behind them the latches
+  i64 nets, cells, latches, gates, flops, memories;
   const i32 *output, *inverse, *first, *inputs, *delay;  // of each cell: net, net of the opposite (latches) or -1, inputs
-  const u64 *table;                                      // what its inputs, read as a number, give
-  const i32 *gate_enable, *gate_clock;                                 // the gate before it, or -1
-  const i32 *flop_first, *latch_first;  // numbers of the first behind each gate; before those, behind none
-  const i32 *flop_data, *flop_q, *flop_inverse, *flop_delay;
+  const i32 *gate_enable, *gate_clock;                   // the gate before it, or -1
   const i32 *memory;  // of each: gate, enable, write, read, words, address bits, data bits, delay, then nets of address, input, mask, output
+  const i32 *flop_data, *flop_q, *flop_inverse, *flop_delay;
+  const i32 *flop_first, *latch_first;  // numbers of the first behind each gate; before those, behind none
+  const u64 *table;                     // what a cell's inputs, read as a number, give
 };
 
 struct Event {
@@ -179,7 +180,7 @@ void with_delays(Chip *chip) {
 }
 
 // States and words begin as `random` says, a bit each, then 32 bits a word.
-int begin(Chip *chip, const u8 *random, const uint32_t *contents) {
+i64 begin(Chip *chip, const u8 *random, const uint32_t *contents) {
   Chip &c = *chip;
   const Tables &t = c.t;
   double *joule = c.joule;
@@ -266,7 +267,7 @@ int edge(Chip *chip) {
 int gate_passed(Chip *chip, int gate) { return chip->passed[gate]; }
 
 // Twice as many places in joule as kinds: what has changed from cycle to cycle, then the glitches beyond.
-void costs(Chip *chip, double *joule, int kinds, const double *cost, const u8 *kind, const double *gate_cost, const u8 *gate_kind, const double *access_cost, const u8 *access_kind) {
+void costs(Chip *chip, double *joule, i64 kinds, const double *cost, const u8 *kind, const double *gate_cost, const u8 *gate_kind, const double *access_cost, const u8 *access_kind) {
   chip->joule = joule, chip->kinds = kinds;
   chip->cost = cost, chip->kind = kind, chip->gate_cost = gate_cost, chip->gate_kind = gate_kind;
   chip->access_cost = access_cost, chip->access_kind = access_kind;

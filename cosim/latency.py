@@ -7,6 +7,7 @@ first rising edge at which that window's decision can be taken, in cycles.
 import math
 from collections.abc import Mapping
 from itertools import pairwise
+from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, Record
 
@@ -39,51 +40,31 @@ COUNT_OF = {"frame": "frame_max", "step": "step_max", "decision": "decision_late
 """Budget -> the cycle count it limits."""
 
 
-def budgets(
-    config: AcceleratorConfig,
-    cycles: Mapping[str, int | None],
-    clock_hz: float,
-    *,
-    declared: bool,
-    overruns: int,
-) -> list[Record]:
-    """Rows {name, limit_s, measured_s, met, margin_s, reference}.
+def budgets(config: AcceleratorConfig, played: Mapping[str, Any]) -> list[Record]:
+    """Rows {name, limit_s, measured_s, met, margin_s, reference} of a co-simulation's result: its cycles, clock_hz,
+    pace, overruns.
 
     frame and decision depend on the pace, so they are judged at the declared one only; an overrun there (a
     frame that was due while the chain was not ready for it) misses ``frame``. A reference row's time is that
     of all steps of a touch; it never decides.
     """
-    rows = []
+    rows: list[Record] = []
+
+    def add(name: str, limit: float, count: int, reference: bool = False) -> None:
+        measured = count / played["clock_hz"]
+        # equality survives the division
+        met = measured <= limit * (1 + 1e-12) and not (name == "frame" and played["overruns"])
+        row = {"name": name, "limit_s": limit, "measured_s": measured, "met": met}
+        rows.append(row | {"margin_s": limit - measured, "reference": reference})
+
+    cycles = played["cycles"]
     for name, limit in limits(config).items():
         count = cycles[COUNT_OF[name]]
-        if count is None or (name != "step" and not declared):
-            continue
-        measured = count / clock_hz
-        # equality survives the division
-        met = measured <= limit * (1 + 1e-12) and not (name == "frame" and overruns)
-        rows.append(
-            {
-                "name": name,
-                "limit_s": limit,
-                "measured_s": measured,
-                "met": met,
-                "margin_s": limit - measured,
-                "reference": False,
-            }
-        )
-    if cycles["step_max"] is not None:
-        touch = config.windows.steps * cycles["step_max"] / clock_hz
-        rows += [
-            {
-                "name": name,
-                "limit_s": limit,
-                "measured_s": touch,
-                "met": touch <= limit,
-                "margin_s": limit - touch,
-                "reference": True,
-            }
-            for name, limit in REFERENCES.items()
-        ]
+        if count is not None and (name == "step" or played["pace"] == "declared"):
+            add(name, limit, count)
+    for name, limit in REFERENCES.items():
+        if cycles["step_max"] is not None:
+            add(name, limit, config.windows.steps * cycles["step_max"], reference=True)
     return rows
 
 

@@ -4,14 +4,15 @@ playing a recording.
 Plain Python over anything that reads and writes bytes, so that a board and a simulation run the same code.
 """
 
+import binascii
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 FLIP = 0x20
+REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 ESCAPED = re.compile(rb"\x7d(.)", re.DOTALL)
 READ, FRAME = 0x80, 0x40
 """Commands; a write has neither bit. The low 6 bits are the register's address."""
@@ -49,24 +50,10 @@ class Transport(Protocol):
 
 
 # -------------------------------------------------------------------- packets
-def _table() -> tuple[int, ...]:
-    entries = []
-    for value in range(256):
-        for _ in range(8):
-            value = value >> 1 ^ (0x8408 if value & 1 else 0)
-        entries.append(value)
-    return tuple(entries)
-
-
-_FCS_TABLE = _table()
-
-
 def frame_check(body: bytes) -> int:
-    """CRC-16/IBM-SDLC (X-25) of ``body``: the frame check sequence of RFC 1662."""
-    fcs = 0xFFFF
-    for byte in body:
-        fcs = fcs >> 8 ^ _FCS_TABLE[(fcs ^ byte) & 0xFF]
-    return fcs ^ 0xFFFF
+    """CRC-16/IBM-SDLC (X-25) of ``body``: the frame check sequence of RFC 1662, bits of a byte lowest first."""
+    upside_down = binascii.crc_hqx(body.translate(REVERSED), 0xFFFF)
+    return int(f"{upside_down:016b}"[::-1], 2) ^ 0xFFFF
 
 
 def pack(body: bytes) -> bytes:
@@ -93,18 +80,13 @@ class Unpacker:
         self._unfinished = bytearray(unfinished)
         bodies = []
         for stuffed in filter(None, ended):
-            body = _unstuff(stuffed)
-            if body is None or len(body) < 3 or frame_check(body[:-2]) != int.from_bytes(body[-2:], "little"):
+            sealed = ESCAPED.sub(lambda escaped: bytes([escaped[1][0] ^ FLIP]), stuffed)
+            body, sequence = sealed[:-2], int.from_bytes(sealed[-2:], "little")
+            if stuffed.endswith(b"\x7d") or not body or frame_check(body) != sequence:
                 self.damaged += 1
             else:
-                bodies.append(body[:-2])
+                bodies.append(body)
         return bodies
-
-
-def _unstuff(stuffed: bytes) -> bytes | None:
-    if stuffed.endswith(b"\x7d"):
-        return None
-    return ESCAPED.sub(lambda escaped: bytes([escaped[1][0] ^ FLIP]), stuffed)
 
 
 Packet = tuple[int, Sequence[int] | np.ndarray]
@@ -129,8 +111,7 @@ def read_packet(address: int) -> bytes:
     return pack(bytes([0, READ | address, 0, 0]))
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(NamedTuple):
     """Answer to a read: the register's value, the number of the write or frame for which the device waits,
     decisions sent so far (mod 128)."""
 
@@ -140,11 +121,11 @@ class Answer:
     decisions: int
 
 
-@dataclass(frozen=True)
-class Decision:
-    """number: mod 128, counted since the device's reset. payload: 32 bits as on the accelerator's output."""
+class Decision(NamedTuple):
+    """decisions: sent before it, mod 128, counted since the device's reset. payload: 32 bits as on the accelerator's
+    output."""
 
-    number: int
+    decisions: int
     payload: int
 
 
@@ -155,17 +136,11 @@ def parse(body: bytes) -> Answer | Decision | None:
     payload = int.from_bytes(body[1:], "little")
     if payload & DECISION:
         return Decision(body[0] % NUMBERS, payload ^ DECISION | body[0] // NUMBERS << 31)
-    return Answer(
-        address=payload >> 24,
-        value=payload & 0xFFFF,
-        expected=payload >> 16 & 0xFF,
-        decisions=body[0] % NUMBERS,
-    )
+    return Answer(payload >> 24, payload & 0xFFFF, payload >> 16 & 0xFF, body[0] % NUMBERS)
 
 
 # -------------------------------------------------------------------- the conversation
-@dataclass(frozen=True)
-class Played:
+class Played(NamedTuple):
     """A recording as the device decided it. decisions: 32-bit payloads in order. status, touches, faults: the
     registers at the end."""
 
@@ -208,13 +183,10 @@ class Link:
     ) -> None:
         self._transport, self._timeout, self._tries, self._burst_max = transport, timeout_s, tries, burst
         self._registers, self._bits, self._map = register_map["registers"], register_map["bits"], register_map
-        self._unpacker = Unpacker()
-        self._next = 0  # number of the next write or frame
-        self._seen = 0  # decisions received, as the device numbers them
-        self.lost = False
-        self._heard = 0  # bytes
-        self.decisions: list[int] = []
-        self._burst = burst
+        self._unpacker, self._burst = Unpacker(), burst
+        # number of the next write or frame; decisions received, as the device numbers them; bytes
+        self._next = self._seen = self._heard = 0
+        self.lost, self.decisions = False, list[int]()
         self.repeated = self.replayed = self.unanswered = 0
 
     @property
@@ -230,18 +202,17 @@ class Link:
         LinkError
             No answer; another ID or version than the register map's.
         """
-        answer = self._ask("ID")
-        if answer.value != self._map["id"]:
-            read, expected = answer.value, self._map["id"]
+        answer, known = self._ask("ID"), self._map
+        if answer.value != known["id"]:
             raise LinkError(
-                f"the device's ID register reads 0x{read:04x}, not 0x{expected:04x}: load a bitstream of "
+                f"the device's ID register reads 0x{answer.value:04x}, not 0x{known['id']:04x}: load a bitstream of "
                 "'eskin build' into it"
             )
         self._next = answer.expected
-        version, expected = self.read("VERSION"), self._map["version"]
-        if version not in self._map["versions"]:
+        version = self.read("VERSION")
+        if version not in known["versions"]:
             raise LinkError(
-                f"the device has register map version {version} and this program has {expected}: build its "
+                f"the device has register map version {version} and this program has {known['version']}: build its "
                 "bitstream anew"
             )
 
@@ -321,7 +292,7 @@ class Link:
         self._seen, self.lost, self.decisions = answer.decisions, False, []
 
     def feed(self, frames: np.ndarray, progress: Callable[[int], None] = lambda taken: None) -> None:
-        """The recording's next frames (frames, taxels); returns when the device has taken them."""
+        """The recording's next frames (frames, taxels); returns when the device has accepted them."""
         self._send([(FRAME, frame) for frame in (np.asarray(frames) & 0xFFFF).astype(np.uint16)], progress)
 
     def end(self) -> Played:
@@ -403,13 +374,9 @@ class Link:
         for _ in range(self._tries):
             self._receive(0)  # answers to earlier questions are too late now
             self._transport.write(read_packet(address))
-            answers: list[Answer] | None = []
-            heard = 0
-            while answers is not None and heard < CHATTER:
-                before = self._heard
-                answers = self._receive(self._timeout)
-                heard += self._heard - before
-                for answer in answers or ():
+            limit = self._heard + CHATTER
+            while self._heard < limit and (answers := self._receive(self._timeout)) is not None:
+                for answer in answers:
                     if answer.address == address:
                         return answer
             self.unanswered += 1
@@ -424,12 +391,13 @@ class Link:
         self._heard += len(data)
         answers = []
         for message in map(parse, self._unpacker.feed(data)):
-            if isinstance(message, Decision):
-                self.lost |= message.number != self._seen % NUMBERS
-                self._seen = message.number + 1
-                self.decisions.append(message.payload)
-            elif message is not None:
-                self.lost |= message.decisions != self._seen % NUMBERS
-                self._seen = message.decisions
+            if message is None:
+                continue
+            self.lost |= message.decisions != self._seen % NUMBERS
+            self._seen = message.decisions
+            if isinstance(message, Answer):
                 answers.append(message)
+            else:
+                self._seen += 1
+                self.decisions.append(message.payload)
         return answers if data else None

@@ -2,9 +2,8 @@
 next ones go."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,13 +13,12 @@ from eskin.cosim.scoreboard import flat_stages
 from eskin.golden.core import AcceleratorConfig
 
 
-@dataclass
-class Brought:
+class Brought(NamedTuple):
     """Values of a frame (or of the recording's end): stage -> values in order. cycles: clock cycles until the
     device was idle."""
 
-    stages: dict[str, list[int]] = field(default_factory=dict)
-    cycles: int = 0
+    stages: dict[str, list[int]]
+    cycles: int
 
 
 class LiveSimulator:
@@ -60,7 +58,7 @@ class LiveSimulator:
 
     def arm(self) -> None:
         """A new recording."""
-        self._command("ARM", "EVERY", "CLEAR_FAULTS")
+        self.write("CONTROL", sum(self._commands[name] for name in ("ARM", "EVERY", "CLEAR_FAULTS")))
 
     def take(self, samples: np.ndarray) -> list[Brought]:
         """The source's next frames (n, taxels), A/D codes; what each brought."""
@@ -73,33 +71,30 @@ class LiveSimulator:
 
     def finish(self) -> Brought:
         """Events that the end of the recording produces."""
-        return self._command("FINISH")
+        return self.write("CONTROL", self._commands["FINISH"])
 
     def read(self, register: str) -> int:
         """A register's value."""
         return self._device.read(self._addresses[register])
 
-    def write(self, register: str, word: int) -> None:
-        """Write a register; returns when the device is idle."""
+    def write(self, register: str, word: int) -> Brought:
+        """Write a register; the values that have arrived when the device is idle."""
         self._device.write(self._addresses[register], word)
-        self._through(self._device.state.cycle)
+        return self._through(self._device.state.cycle)
 
     def close(self) -> None:
         """End the simulator."""
         self._device.close()
 
-    def _command(self, *names: str) -> Brought:
-        self._device.write(self._addresses["CONTROL"], sum(self._commands[name] for name in names))
-        return self._through(self._device.state.cycle)
-
     def _through(self, begun: int) -> Brought:
         """Values that have arrived when the device is idle."""
         self._device.settle(self._limit)
-        brought = Brought(cycles=self._device.state.cycle - begun)
-        names = [{"step": "step_cycles"}.get(stage, stage) for stage in self._device.stages]
-        for stage, value, _, _ in self._device.seen().tolist():
-            if stage >= 0:
-                signed = value if names[stage] == "decision" or value < 1 << 31 else value - (1 << 32)
-                brought.stages.setdefault(names[stage], []).append(signed)
+        stages = {
+            {"step": "step_cycles"}.get(stage, stage): values.view(
+                np.uint32 if stage == "decision" else np.int32
+            ).tolist()
+            for stage, (values, _) in self._device.streams().items()
+            if values.size
+        }
         self._device.forget()
-        return brought
+        return Brought(stages, self._device.state.cycle - begun)

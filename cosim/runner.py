@@ -1,14 +1,13 @@
-"""Builds and runs simulators with cocotb's own runners, and keeps what was built.
+"""Builds and runs the simulators: cocotb's bench around the wrapper on Verilator and Icarus (with cocotb's runner), and a
+Verilated design as a library of this process.
 
 A build is kept in a folder named by the hash of everything that went into it, behind a file lock, so that
 parallel processes share it. A run has a wall-clock limit, its output in a log file, and an error message that
 ends with the last lines of that log.
 """
 
-import hashlib
 import importlib.metadata
 import importlib.util
-import json
 import os
 import re
 import shlex
@@ -18,28 +17,28 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cocotb_tools.config
 import cocotb_tools.runner as cocotb_runner
 
-from eskin.golden.core import InputError, SimulationError, replacing_folder
+from eskin.golden.core import InputError, SimulationError, content_key, replacing_folder
 from eskin.golden.core.files import locked
 
 WRAPPER = Path(__file__).with_name("wrapper.sv")
 SIMULATORS = ("verilator", "icarus")
 COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
+LIBRARY_OPTIONS = (*COMMON_OPTIONS, "-Wno-MULTIDRIVEN", "-CFLAGS", "-fPIC", "-LDFLAGS", "-shared")
 COMPILE_OPTIONS = ("OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
 """Compiler options for a device in this process, which plays for minutes."""
 QUICKLY_COMPILED = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
 """Compiler options for a simulator under cocotb, which plays a few recordings. With -O2 g++ takes minutes
 for a flat netlist with delays."""
-PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
-PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
-"""Paths that make takes: none with a blank, for one."""
+PACKAGES = {"vvp": "iverilog"}
+"""Debian's packages of tools, where they have other names."""
+PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
 RUNTIMES = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "eskin"
 """Verilator's own runtime, compiled once a machine."""
 
@@ -50,7 +49,7 @@ def need_tools(names: Sequence[str], purpose: str) -> None:
         if shutil.which(name) is None:
             raise InputError(
                 f"{purpose} needs the tool '{name}', which is not installed; run: sudo apt-get install "
-                f"{PACKAGES[name]}"
+                f"{PACKAGES.get(name, name)}"
             )
 
 
@@ -80,6 +79,10 @@ class _Limited(cocotb_runner.Runner):
         return ["timeout", "-k", "5", f"{self.limit_s:.3f}"]
 
 
+class _Verilator(_Limited, cocotb_runner.Verilator):
+    pass
+
+
 class _Icarus(_Limited, cocotb_runner.Icarus):
     """The wrapper chooses what is dumped, which ``-none`` would forbid."""
 
@@ -87,47 +90,11 @@ class _Icarus(_Limited, cocotb_runner.Icarus):
         return [[word for word in command if word != "-none"] for command in super()._test_command()]
 
 
-class _Verilator(_Limited, cocotb_runner.Verilator):
-    """Without ``--public-flat-rw``: the wrapper marks what the bench may touch, and the rest is optimised."""
-
-    def _simulator_in_path_build_only(self) -> None:
-        command, environment = verilator_command()
-        self.executable = str(command)
-        self.env |= _plain_root(environment, self.build_dir)
-
-    def _build_command(self) -> list[list[str]]:
-        verilate, make = super()._build_command()
-        libraries, folder = cocotb_tools.config.libs_dir, self.build_dir
-        plain = {word: _plain(Path(word), folder) for word in verilate if word.endswith("verilator.cpp")}
-        flags = verilate[verilate.index("-LDFLAGS") + 1]
-        plain[flags] = (
-            f"-Wl,-rpath,{shlex.quote(str(libraries))} -L{_plain(libraries, folder)} -lcocotbvpi_verilator"
-        )
-        words = [plain.get(word, word) for word in verilate if word != "--public-flat-rw"]
-        return [words, [*make, *QUICKLY_COMPILED]]
-
-    def _execute_cmds(self, cmds: Any, cwd: Any, stdout: Any = None) -> None:
-        for command in cmds:
-            shared = command[0] == "make"
-            with (
-                _shared_runtime(Path(cwd), ["cocotb", self.waves, *QUICKLY_COMPILED])
-                if shared
-                else nullcontext()
-            ):
-                super()._execute_cmds([command], cwd, stdout)
-
-
-@dataclass(frozen=True)
-class Build:
-    """A simulator ready to run.
-
-    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform.
-    top: its topmost module.
-    """
+class Build(NamedTuple):
+    """A simulator ready to run: ``verilator`` or ``icarus``, the folder where it lies, its topmost module."""
 
     simulator: str
     folder: Path
-    waves: bool
     top: str
 
 
@@ -143,6 +110,9 @@ def build(
     top: str = "wrapper",
 ) -> Build:
     """The wrapper around ``design`` as a simulator; an unchanged one is taken from ``root``.
+
+    For Verilator it is what cocotb's runner makes, without ``--public-flat-rw``: the wrapper marks what the bench may
+    touch, and the rest is optimised.
 
     Parameters
     ----------
@@ -175,39 +145,59 @@ def build(
     need_tools(tools, f"co-simulation with {simulator}")
     paths = [*([wrapper] if wrapper else []), *map(Path, design)]
     sources = sorted(paths, key=lambda path: path.suffix != ".svh")  # the others in their order
-    chosen: dict[str, Any] = {
-        "hdl_toplevel": top,
-        "parameters": dict(parameters),
-        "waves": waves and verilator,
-        "build_args": [*["--timing", *COMMON_OPTIONS] * verilator, *options],
-        "timescale": ("1ns", "1ps"),
-    }
-    described = {
-        **chosen,
-        "python": sys.executable,
-        "compiling": QUICKLY_COMPILED,
-        "cocotb": importlib.metadata.version("cocotb"),
-        "verilator": str(verilator_command()[0].stat().st_mtime_ns) if verilator else "",
-        "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in sources],
-    }
+    set_to = [f"{name}={value}" for name, value in parameters.items()]
+    libraries, tool = cocotb_tools.config.libs_dir, verilator_command()[0] if verilator else None
+    trace = waves and verilator
 
     def make(folder: Path) -> None:
-        log = folder / "build.log"
-        runner: _Limited = _Verilator() if verilator else _Icarus()
-        try:
-            runner.build(
-                sources=[_plain(path, folder) for path in sources],
-                build_dir=folder,
-                always=True,
-                log_file=log,
-                **chosen,
-            )
-        except (RuntimeError, SystemExit) as error:
-            raise SimulationError(
-                f"building the simulator failed ({error}) in {folder}\n{_tail(log)}"
-            ) from None
+        if verilator:
+            flags = f"-Wl,-rpath,{shlex.quote(str(libraries))} -L{_linked(libraries, folder)} -lcocotbvpi_verilator"
+            words = [*"--vpi --timing --timescale 1ns/1ps -LDFLAGS".split(), flags, *["--trace"] * trace]
+            words += [*COMMON_OPTIONS, *options, *(f"-G{value}" for value in set_to)]
+            main = cocotb_tools.config.share_dir / "lib" / "verilator" / "verilator.cpp"
+            _verilated(folder, top, top, words, [main, *sources], [f"VM_TRACE={trace:d}", *QUICKLY_COMPILED])
+        else:
+            (folder / "cmds.f").write_text("+timescale+1ns/1ps\n")
+            words = ["iverilog", "-g2012", "-o", "sim.vvp", "-s", top, "-f", "cmds.f", *options]
+            words += [f"-P{top}.{value}" for value in set_to]
+            step([*words, *(_linked(source, folder) for source in sources)], folder)
 
-    return Build(simulator, kept(root, simulator, described, make), waves, top)
+    described = [top, set_to, *options, trace, QUICKLY_COMPILED, COMMON_OPTIONS, sys.executable]
+    described += [importlib.metadata.version("cocotb"), tool and tool.stat().st_mtime_ns, *sources]
+    return Build(simulator, kept(root, simulator, described, make), top)
+
+
+def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: str) -> Path:
+    """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one
+    from ``builds``.
+
+    The kernel includes ``ports.h``, a list of {name, place, bytes}.
+
+    Parameters
+    ----------
+    purpose:
+        What needs it, for the message about a missing tool.
+
+    Raises
+    ------
+    InputError, SimulationError
+        A tool is missing; the build fails.
+    """
+    need_tools(("perl", "g++", "make"), purpose)
+
+    def ports(folder: Path) -> None:
+        # Verilator's own names of the ports; with --public-flat-rw a device runs at 2.9 M cycles/s, not at 4.1
+        names = PORT.findall((folder / "Vtop.h").read_text())
+        rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in names)
+        (folder / "ports.h").write_text("".join(rows))
+
+    def make(folder: Path) -> None:
+        (folder / "design.sv").write_text(design)
+        sources = [folder / "design.sv", kernel]
+        _verilated(folder, top, "device.so", LIBRARY_OPTIONS, sources, COMPILE_OPTIONS, ports)
+
+    described = [design, top, LIBRARY_OPTIONS, COMPILE_OPTIONS, verilator_command()[0].stat().st_mtime_ns]
+    return kept(builds, kernel.stem, [*described, kernel], make) / "device.so"
 
 
 def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cosim.bench") -> float:
@@ -243,141 +233,78 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
     return wall_s
 
 
-def kept(root: Path, kind: str, described: Any, make: Callable[[Path], None]) -> Path:
-    """A folder of ``root`` by what went into it; ``make`` fills it where it is not there or not finished."""
-    text = json.dumps(described, sort_keys=True, indent=2)
-    folder = root.resolve() / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+def kept(root: Path, kind: str, described: Sequence[Any], make: Callable[[Path], None]) -> Path:
+    """A folder of ``root`` by what went into it, as of `content_key`. Where it is not there ``make`` fills it, in /tmp:
+    make takes no path with a blank."""
+    folder = root.resolve() / f"{kind}-{content_key(*described)[:16]}"
     with locked(folder.with_suffix(".lock")):
-        if not (folder / "finished.json").exists():
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(parents=True)
-            with _where_make_works(folder) as work:
-                make(work)
-            (folder / "finished.json").write_text(text)
+        if not folder.exists():
+            with tempfile.TemporaryDirectory(dir="/tmp") as work:
+                make(Path(work))
+                with replacing_folder(folder) as fresh:
+                    shutil.copytree(work, fresh, symlinks=True, dirs_exist_ok=True)
     return folder
 
 
-@contextmanager
-def _where_make_works(folder: Path) -> Iterator[Path]:
-    """``folder``; where make takes no such path (it has a blank, say) another one, whose content moves there."""
-    if PLAIN.fullmatch(str(folder)):
-        yield folder
-        return
-    with tempfile.TemporaryDirectory(dir=plain_folder()) as temporary:
-        work = Path(temporary, "build")
-        work.mkdir()
-        try:
-            yield work
-        finally:
-            for entry in work.iterdir():
-                shutil.move(entry, folder / entry.name)
-
-
-def plain_folder() -> str:
-    """A folder for temporary files whose path make takes.
+def step(command: Sequence[str], folder: Path, environment: Mapping[str, str] | None = None) -> None:
+    """A command that builds something in ``folder``.
 
     Raises
     ------
-    InputError
-        There is none.
+    SimulationError
+        It fails; with the end of what it says.
     """
-    for folder in (tempfile.gettempdir(), "/tmp", "/var/tmp"):
-        if PLAIN.fullmatch(folder) and os.access(folder, os.W_OK):
-            return folder
-    raise InputError(
-        f"co-simulation: make accepts no path with a blank or special character, as in '{tempfile.gettempdir()}'; set TMPDIR to a "
-        "folder without"
-    )
-
-
-def _plain(path: Path, work: Path) -> str:
-    """``path``, or a link to it in ``work`` if make cannot handle the path."""
-    if PLAIN.fullmatch(str(path.resolve())):
-        return str(path.resolve())
-    link = work / hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16] / path.name
-    if not link.exists():
-        link.parent.mkdir(exist_ok=True)
-        link.symlink_to(path.resolve())
-    return str(link)
-
-
-def _plain_root(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
-    """Verilator's environment for a build in ``folder``."""
-    root = environment.get("VERILATOR_ROOT")
-    return {**environment, **({"VERILATOR_ROOT": _plain(Path(root), folder)} if root else {})}
-
-
-@contextmanager
-def _shared_runtime(folder: Path, kind: list[Any]) -> Iterator[None]:
-    """While a design is made in ``folder``: Verilator's own runtime compiles the same for every design of a ``kind``,
-    and takes longer than most of them; it is compiled once a machine."""
-    verilator = verilator_command()[0]
-    described = json.dumps([str(verilator), verilator.stat().st_mtime_ns, *kind])
-    runtime = RUNTIMES / f"runtime-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
-    RUNTIMES.mkdir(parents=True, exist_ok=True)
-    with locked(runtime.with_suffix(".lock")):
-        missing = not runtime.exists()
-        if missing:
-            yield
-            with replacing_folder(runtime) as kept_:
-                for file in folder.glob("verilated*.o"):
-                    shutil.copy(file, kept_)
-        else:
-            for file in runtime.glob("*.o"):
-                shutil.copy(file, folder)
-    if not missing:
-        yield
-
-
-LIBRARY_OPTIONS = (*COMMON_OPTIONS, "-Wno-MULTIDRIVEN", "-CFLAGS", "-fPIC", "-LDFLAGS", "-shared")
-PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
-
-
-def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: str) -> Path:
-    """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one
-    from ``builds``.
-
-    The kernel includes ``ports.h``, a list of {name, place, bytes}.
-
-    Parameters
-    ----------
-    purpose:
-        What needs it, for the message about a missing tool.
-
-    Raises
-    ------
-    InputError, SimulationError
-        A tool is missing; the build fails.
-    """
-    need_tools(("perl", "g++", "make"), purpose)
-    verilator, environment = verilator_command()
-
-    def make(folder: Path) -> None:
-        (folder / "design.sv").write_text(design)
-        around = _plain_root(environment, folder)
-        words = ["-cc", "--exe", "-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", "device.so"]
-        _step([str(verilator), *words, *LIBRARY_OPTIONS, "design.sv", _plain(kernel, folder)], folder, around)
-        ports = PORT.findall((folder / "Vtop.h").read_text())
-        rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
-        (folder / "ports.h").write_text("".join(rows))
-        with _shared_runtime(folder, [*LIBRARY_OPTIONS, *COMPILE_OPTIONS]):
-            jobs = str(os.cpu_count() or 1)
-            _step(["make", "-j", jobs, "-f", "Vtop.mk", *COMPILE_OPTIONS], folder, around)
-
-    hashes = [hashlib.sha256(text.encode()).hexdigest() for text in (design, kernel.read_text())]
-    folder = kept(builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, verilator.stat().st_mtime_ns], make)
-    return folder / "device.so"
-
-
-def _step(command: list[str], folder: Path, environment: Mapping[str, str]) -> None:
     log = folder / "build.log"
     with log.open("a") as output:
         ended = subprocess.run(
             command, cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT, check=False
         )
     if ended.returncode:
-        status = ended.returncode
-        raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")
+        raise SimulationError(f"building the simulator failed (status {ended.returncode})\n{_tail(log)}")
+
+
+def _verilated(
+    folder: Path,
+    top: str,
+    output: str,
+    options: Sequence[str],
+    sources: Sequence[Path],
+    compiling: Sequence[str],
+    prepare: Callable[[Path], None] = lambda folder: None,
+) -> None:
+    """Verilator, then, once ``prepare`` has looked at what that wrote, the compiler: ``output`` in ``folder``."""
+    verilator, environment = verilator_command()
+    if root := environment.get("VERILATOR_ROOT"):
+        environment["VERILATOR_ROOT"] = str(folder / _linked(Path(root), folder))
+    words = [*"-cc --exe -Mdir . --prefix Vtop --top-module".split(), top, "-o", output, *options]
+    step([str(verilator), *words, *(_linked(path, folder) for path in sources)], folder, environment)
+    prepare(folder)
+    with _shared_runtime(folder, verilator, ["-fPIC" in options, *compiling]):
+        step(["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *compiling], folder, environment)
+
+
+def _linked(path: Path, folder: Path) -> str:
+    """The name of ``path`` in ``folder``, where a link to it lies unless it is there itself."""
+    if path.parent != folder:
+        (folder / path.name).symlink_to(path.resolve())
+    return path.name
+
+
+@contextmanager
+def _shared_runtime(folder: Path, verilator: Path, kind: Sequence[Any]) -> Iterator[None]:
+    """While a design is made in ``folder``: Verilator's own runtime compiles the same for every design of a ``kind``,
+    and takes longer than most of them; it is compiled once a machine."""
+    runtime = RUNTIMES / f"runtime-{content_key(str(verilator), verilator.stat().st_mtime_ns, kind)[:16]}"
+    with locked(runtime.with_suffix(".lock")):
+        if not runtime.exists():
+            yield
+            with replacing_folder(runtime) as fresh:
+                for file in folder.glob("verilated*.o"):
+                    shutil.copy(file, fresh)
+            return
+        for file in runtime.glob("*.o"):
+            shutil.copy(file, folder)
+    yield
 
 
 def _tail(log: Path, lines: int = 25) -> str:

@@ -5,9 +5,8 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -71,7 +70,7 @@ class Mismatch(AssertionError):
     recording: its number. stage: ``sum`` ... ``decision``, ``status``, ``handshake``, ``input``. index: of the value
     in the recording's stream of that stage. place: the index in words (step, taxel ...). frame: live frame
     (1-based) that completes the step's window, 0 unknown. expected, got: the two values, None where there is
-    none. cycle: in which the value came, -1 none.
+    none. cycle: in which the value came, -1 none; since_arm: the same since ARM.
     """
 
     recording: int
@@ -82,6 +81,7 @@ class Mismatch(AssertionError):
     expected: int | None
     got: int | str | None
     cycle: int = -1
+    since_arm: int = 0
 
     def __str__(self) -> str:
         frame = f", frame {self.frame}" if self.frame else ""
@@ -114,16 +114,14 @@ class Recording:
 
 def part_of(expected: Arrays, positions: Sequence[int]) -> Arrays:
     """The arrays of these recordings only."""
-    if len(positions) == len(expected["numbers"]):
-        return expected
     recordings = [Recording(expected, position) for position in positions]
     arrays: dict[str, np.ndarray] = {}
     for name, values in expected.items():
-        if name in ("numbers", "touches", "flags"):
-            arrays[name] = values[positions]
-        elif name.endswith("offsets"):
-            of = name.removesuffix("_offsets") if name != "offsets" else "samples"
+        if name.endswith("offsets"):
+            of = name.removesuffix("offsets").removesuffix("_") or "samples"
             arrays[name] = np.cumsum([0, *(len(recording[of]) for recording in recordings)])
+        elif name in ("numbers", "touches", "flags"):
+            arrays[name] = values[[*positions]]
         else:
             arrays[name] = np.concatenate([recording[name] for recording in recordings])
     return arrays
@@ -131,10 +129,8 @@ def part_of(expected: Arrays, positions: Sequence[int]) -> Arrays:
 
 def loading(design: Path) -> tuple[Record, list[tuple[int, int]]]:
     """Register map and the bus writes that load the model, of a generated folder."""
-    words = (design / "load.hex").read_text().split()
-    return json.loads((design / "registers.json").read_text()), [
-        divmod(int(word, 16), 1 << 16) for word in words
-    ]
+    words = (int(word, 16) for word in (design / "load.hex").read_text().split())
+    return json.loads((design / "registers.json").read_text()), [divmod(word, 1 << 16) for word in words]
 
 
 def recordings_of(expected: Arrays) -> list[Recording]:
@@ -154,8 +150,8 @@ class Scoreboard:
 
     Attributes
     ----------
-    compared: values compared so far, by stage. counts: steps, decisions, their cycles step_min, step_max, latency_max; None:
-    there was none.
+    compared: values compared so far, by stage. counts: steps, decisions. cycles: step_min, step_max,
+    decision_latency_max; None: there was none. armed: cycle of the recording's ARM.
     """
 
     def __init__(self, config: AcceleratorConfig, expected: Arrays, *, probes: bool = True) -> None:
@@ -166,22 +162,17 @@ class Scoreboard:
             "logit": config.classes,
             "map": _kept_values(config) if config.is_image else 0,
         }
-        chain = (*flat_stages(config), "decision", "status")
-        self.compared = Counter(
-            {stage: 0 for stage in chain if stage != "fault" or config.faults.fault_frames}
-        )
-        self.counts: dict[str, Any] = {"steps": 0, "decisions": 0}
-        self.counts |= dict.fromkeys(("step_min", "step_max", "latency_max"))
+        chain = [stage for stage in flat_stages(config) if stage != "fault" or config.faults.fault_frames]
+        self.compared = Counter(dict.fromkeys([*chain, "decision", "status"], 0))
+        self.counts = {"steps": 0, "decisions": 0}
+        self.cycles: dict[str, int | None]
+        self.cycles = dict.fromkeys(("step_min", "step_max", "decision_latency_max"))
 
-    def begin(self, recording: Recording) -> None:
-        """Start ``recording``: later values belong to it."""
-        self.recording = recording
+    def begin(self, recording: Recording, armed: int = 0) -> None:
+        """Start ``recording``: later values belong to it. armed: cycle of its ARM."""
+        self.recording, self.armed = recording, armed
         self._seen = dict.fromkeys((*self._flat, "decision"), 0)
         self._offered: list[int] = []
-
-    def seen(self, stage: str) -> int:
-        """Values of the present recording that came so far."""
-        return self._seen[stage]
 
     def check(self, stage: str, values: np.ndarray, cycles: np.ndarray | None = None) -> None:
         """The next values of a stage, and the cycles they came in; of ``step``, the cycles of each, there is no
@@ -196,26 +187,28 @@ class Scoreboard:
             self._extreme("step_min", min, values)
             self._extreme("step_max", max, values)
             return
-        if stage == "decision" and cycles is not None:
-            self._offered += np.asarray(cycles).tolist()
-        if stage == "decision" and not self._flat:  # one local decision a step
-            self.counts["steps"] += int((values >> DECISION_FIELDS["is_global"][0] & 1 == 0).sum())
+        if stage == "decision":
+            self._offered += [] if cycles is None else cycles.tolist()
+            if not self._flat:  # one local decision a step
+                self.counts["steps"] += int((values >> DECISION_FIELDS["is_global"][0] & 1 == 0).sum())
+            values = values.view(np.uint32)
         low = self._seen[stage]
         self._seen[stage] = high = low + len(values)
         wanted = self.recording[stage][low:high]
         if wanted.size:
             self.compared[stage] += wanted.size
         if stage == "decision":
-            pairs = (self._wrong_field(*pair) for pair in zip(wanted.tolist(), values.tolist(), strict=False))
-            wrong: list[tuple[int, str, int | None, int]]
-            wrong = [(index, *found) for index, found in enumerate(pairs) if found]
+            pairs = map(self._wrong_field, wanted.tolist(), values.tolist())
+            wrong = [(index, *found) for index, found in enumerate(pairs) if found][:1]
         else:
             differing = np.flatnonzero(values[: len(wanted)] != wanted)[:1]
-            wrong = [(int(k), self._place(stage, low + k), int(wanted[k]), int(values[k])) for k in differing]
-        if not wrong and len(wanted) < len(values):
-            wrong = [(len(wanted), "one too many", None, int(values[len(wanted)]))]
-        for index, place, want, got in wrong[:1]:
+            wrong = [(k, self._place(stage, low + k), int(wanted[k]), int(values[k])) for k in differing]
+        for index, place, want, got in wrong:
             raise self.mismatch(stage, low + index, place, want, got, -1 if cycles is None else cycles[index])
+        if len(wanted) < len(values):
+            index, got = len(wanted), int(values[len(wanted)])
+            cycle = -1 if cycles is None else cycles[index]
+            raise self.mismatch(stage, low + index, "one too many", None, got, cycle)
 
     def end(self, status: Mapping[str, int], taken: Sequence[int] = ()) -> None:
         """The recording is over.
@@ -235,11 +228,10 @@ class Scoreboard:
         for stage, seen in self._seen.items():
             wanted = self.recording[stage]
             if seen < len(wanted):
-                value = wanted[seen]
-                label, place = (
-                    (value[2], "class") if stage == "decision" else (value, self._place(stage, seen))
-                )
-                raise self.mismatch(stage, seen, f"{place}, the first that is missing", int(label), None)
+                decides = stage == "decision"
+                place = "class" if decides else self._place(stage, seen)
+                value = int(wanted[seen][2] if decides else wanted[seen])
+                raise self.mismatch(stage, seen, f"{place}, the first that is missing", value, None)
         touches = int(self._expected["touches"][self.recording.position])
         faults = status["FAULTS"]
         values = {
@@ -259,15 +251,21 @@ class Scoreboard:
             if want != got:
                 raise self.mismatch("status", index, place, want, got)
         self.counts["decisions"] += self._seen["decision"]
-        frames = self.recording["decision_frame"].tolist()
-        ends = ((cycle, frame) for frame, cycle in zip(frames, self._offered, strict=False) if frame)
-        self._extreme(
-            "latency_max", max, [cycle - taken[frame - 1] for cycle, frame in ends if frame <= len(taken)]
-        )
+        pairs = zip(self.recording["decision_frame"].tolist(), self._offered, strict=False)
+        late = [cycle - taken[frame - 1] for frame, cycle in pairs if 0 < frame <= len(taken)]
+        self._extreme("decision_latency_max", max, late)
+
+    def result(self, frame_max: int) -> Record:
+        """steps, decisions, compared, cycles, as `eskin.cosim.flow.cosim` describes them."""
+        return {
+            **self.counts,
+            "compared": dict(self.compared),
+            "cycles": {"frame_max": frame_max, **self.cycles},
+        }
 
     def _extreme(self, name: str, which: Callable[..., int], values: Iterable[int]) -> None:
-        now = self.counts[name]
-        self.counts[name] = which([*([] if now is None else [now]), *map(int, values)], default=None)
+        now = self.cycles[name]
+        self.cycles[name] = which([*([] if now is None else [now]), *map(int, values)], default=None)
 
     def mismatch(
         self, stage: str, index: int, place: str, want: int | None, got: int | str | None, cycle: int = -1
@@ -275,8 +273,13 @@ class Scoreboard:
         """One in the present recording."""
         frames, local = self.recording["decision_frame"], self.recording["decision"][:, 0] == 0
         frames = frames if stage == "decision" else np.repeat(frames[local], self._sizes.get(stage, 0))
-        frame = int(frames[index]) if index < len(frames) else 0
-        return Mismatch(self.recording.number, stage, int(index), place, frame, want, got, int(cycle))
+        frame, cycle = int(frames[index]) if index < len(frames) else 0, int(cycle)
+        where = self.recording.number, stage, int(index), place, frame
+        return Mismatch(*where, want, got, cycle, cycle - self.armed)
+
+    def standstill(self, place: str, frame: int) -> Mismatch:
+        """The hardware takes no more."""
+        return replace(self.mismatch("input", 0, place, 0, "a standstill"), frame=frame)
 
     def _wrong_field(self, row: list[int], payload: int) -> tuple[str, int, int] | None:
         of = "the global decision" if row[0] else f"step {row[1]}"
@@ -302,11 +305,8 @@ def _kept_values(config: AcceleratorConfig) -> int:
 
 def count_stages(compared: Mapping[str, int], mismatch: Mismatch | None) -> dict[str, dict[str, int]]:
     """Stage -> {compared_values, mismatches}."""
-    names = dict.fromkeys([*compared, *([mismatch.stage] if mismatch else [])])
+    wrong = mismatch.stage if mismatch else ""
     return {
-        name: {
-            "compared_values": compared.get(name, 0),
-            "mismatches": int(mismatch is not None and mismatch.stage == name),
-        }
-        for name in names
+        name: {"compared_values": compared.get(name, 0), "mismatches": int(name == wrong)}
+        for name in dict.fromkeys([*compared, *[wrong] * bool(wrong)])
     }

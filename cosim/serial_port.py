@@ -46,7 +46,7 @@ class SerialPort:
             ) from None
 
     def write(self, data: bytes) -> None:
-        """Send all of ``data``; LinkError when the port is gone or takes nothing any more."""
+        """Send all of ``data``. LinkError if the port has disappeared or no longer accepts data."""
         try:
             self._port.write(data)
         except serial.SerialTimeoutException:

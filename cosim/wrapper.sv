@@ -1,10 +1,10 @@
 // The accelerator under cosim/bench.py. Python decides what is offered, when, and what is accepted; nothing of a recording is kept here. It writes
 // `block` (FRAMES frames, taxel 0 of the first one lowest) and `dues` (of each of its frames the first cycle it may be offered in), then sets
 // `frames`. Bits of `offers` and `accepts`, one a cycle, let a beat be offered and a decision be taken. `woken` toggles when `count` rows of
-// `events`, {8'kind, 56'cycle, 32'word}, are there to be read before the next clock. Icarus 11 and Verilator 5 both take this file.
+// `events`, {8'kind, 56'cycle, 32'word} (of a word with an X: UNKNOWN and its kind), are there to be read before the next clock. Icarus 11 and Verilator 5 both take this file.
 `timescale 1ns / 1ps
 module wrapper #(parameter integer FRAMES = 1, BEATS = 16, BITS = 16, SAMPLE_BITS = 16, PATIENCE = 1000000) ();
-    localparam DECISION = 7, FRAME = 8, WAITED = 9, SENT = 10, SCAN = 11, RESTED = 12, LOST = 13, UNSTABLE = 14, UNKNOWN = 15, STUCK = 16;
+    localparam [7:0] DECISION = 7, FRAME = 8, WAITED = 9, SENT = 10, SCAN = 11, LOST = 12, UNSTABLE = 13, UNKNOWN = 14, STUCK = 15;
     localparam LOG = 128, SLICE = 16, ROW = 96, QUIET = 5;
     /* verilator public_flat_rw_on */  // what the bench writes
     reg rst = 1'b1, measured = 1'b0, bus__w_stb = 1'b0, bus__r_stb = 1'b0, dump = 1'b0;
@@ -17,7 +17,7 @@ module wrapper #(parameter integer FRAMES = 1, BEATS = 16, BITS = 16, SAMPLE_BIT
     reg clk = 1'b0, woken = 1'b0, through = 1'b0, idle = 1'b0;
     reg [7:0] count = 0, faults = 0;
     reg [SLICE*ROW-1:0] events [0:LOG/SLICE-1];
-    reg [55:0] cycle = 0, measured_cycles = 0, clocked_cycles = 0;
+    reg [55:0] cycle = 0;
     integer frame = 0;
     wire [15:0] bus__r_data;
     wire [31:0] violations;
@@ -37,7 +37,7 @@ module wrapper #(parameter integer FRAMES = 1, BEATS = 16, BITS = 16, SAMPLE_BIT
     wire [SAMPLE_BITS+1:0] i__payload;
     wire [4:0] fault_bits;
     reg [BEATS*BITS-1:0] analog = 0;
-    reg run = 1'b0, port_was = 1'b0;
+    reg run = 1'b0;
     `PIN_WIRES
     converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves[2:0]), .violations(violations));
     sensing dut (.*, .fault(fault_bits), .frame({i__payload, i__ready, i__valid}), .o__payload(o__payload), `DESIGN_PINS);
@@ -53,8 +53,8 @@ module wrapper #(parameter integer FRAMES = 1, BEATS = 16, BITS = 16, SAMPLE_BIT
     reg [FRAMES*64-1:0] due = 0;
     integer filled = 0, quiet = 0, waited = 0, left = 0, beat = 0, under_way = 0, k = 0, j = 0;
     task say(input [7:0] kind, input [31:0] word, input [55:0] at, input urgent);
-        events[filled / SLICE][ROW*(filled % SLICE) +: ROW] = {kind, at, word};
-        {filled, hurry} = {filled + 32'd1, hurry | urgent};
+        events[filled / SLICE][ROW*(filled % SLICE) +: ROW] = ^word === 1'bx ? {UNKNOWN, at, 24'd0, kind} : {kind, at, word};
+        {filled, hurry} = {filled + 32'd1, hurry | urgent | (^word === 1'bx)};
     endtask
     always #5 clk = ~clk;
     always @(posedge clk) begin
@@ -65,7 +65,7 @@ module wrapper #(parameter integer FRAMES = 1, BEATS = 16, BITS = 16, SAMPLE_BIT
         if (o__valid && o__ready) say(DECISION, o__payload, offered_at, 0);
         offered = o__valid && !o__ready;
         held = o__payload;
-        if (!rst && (^{i__ready, o__valid, busy}) === 1'bx) say(UNKNOWN, 0, cycle, 1);
+        if (!rst && (^{i__ready, o__valid, busy}) === 1'bx) say(UNKNOWN, 255, cycle, 1);
         if (i__valid && i__ready) begin
             if (i_first) begun = cycle - waited;
             if (waited != 0) say(WAITED, {i_first, waited[30:0]}, cycle, 0);
@@ -87,8 +87,6 @@ module wrapper #(parameter integer FRAMES = 1, BEATS = 16, BITS = 16, SAMPLE_BIT
             {frame, left, under_way} = {frame + 32'd1, left - 32'd1, under_way + 32'd1};
             say(SCAN, 0, cycle, 1);
         end
-        if (port_was && !(`PORT_BUSY)) say(RESTED, 0, cycle, 0);
-        port_was = `PORT_BUSY;
         {run, faults} <= {left != 0 || frames != 0, faults | fault_bits};  // the sample clock goes on from block to block
 `else
         if (i__valid && i__ready && i_last) under_way = 0;
@@ -103,9 +101,6 @@ module wrapper #(parameter integer FRAMES = 1, BEATS = 16, BITS = 16, SAMPLE_BIT
         end
 `endif
         {through, o__ready} <= {left == 0 && frames == 0 && under_way == 0, accepts[cycle[9:0]]};
-`ifdef CLOCKED
-        if (measured) {measured_cycles, clocked_cycles} <= {measured_cycles + 56'd1, clocked_cycles + dut.chain.needed};
-`endif
         quiet = busy !== 1'b0 || o__valid !== 1'b0 || i__valid || left != 0 || bus__w_stb || rst ? 0 : quiet + 1;
         idle <= quiet > QUIET;
         if (filled > LOG - 16 || hurry || (filled != 0 && quiet == QUIET)) begin

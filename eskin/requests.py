@@ -210,9 +210,6 @@ class ConvertRequest:
         Path | None,
         option("Take scale, columns, classes and rate from this model or archive.", metavar="MODEL|FILE"),
     ] = None
-    size: Annotated[str | None, option("Images: resize to height x width, such as 26x47.", metavar="HxW")] = (
-        None
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,13 +394,7 @@ class CompareRequest(ModelOptions, JsonOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ImportRequest:
-    file: Annotated[
-        Path,
-        argument(
-            "A torch state_dict (.pt, .pth), or an .onnx file; "
-            "linear cell: an .npz with coef_ and intercept_, columns window by window."
-        ),
-    ]
+    file: Annotated[Path, argument("A torch state_dict (.pt, .pth), or an .onnx file.")]
     out: ModelOut
     config: Annotated[str | None, option("Configuration of the training: a preset or a JSON file.")] = None
     cell: Annotated[

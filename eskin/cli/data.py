@@ -77,10 +77,6 @@ def convert(request: ConvertRequest) -> None:
                 "one unit"
             )
         recordings = for_model(recordings, model)
-    if request.size is not None:
-        from eskin.study.image_size import image_size, resized
-
-        recordings = resized(recordings, *image_size(request.size))
     save_archive(recordings, request.out)
     show("convert", source=request.source, recordings=recordings, out=request.out)
 

@@ -26,8 +26,7 @@ def sweep(request: SweepRequest) -> None:
     recordings, user_config = load_data(request.data, request.config)
     if recordings.image_shape and request.config is not None:
         raise InputError(
-            "--config: a sweep over images takes its networks from --grid; put sizes, layers, bits and "
-            "lanes there"
+            "--config: a sweep over images takes its networks from --grid; put layers, bits and lanes there"
         )
     config = (
         None if recordings.image_shape else fitting_config(recordings, user_config, request.groups).config
@@ -35,17 +34,14 @@ def sweep(request: SweepRequest) -> None:
     with progress_bars() as report:
         result = sweep_job.run(request, recordings, config, progress=report)
     point = result["points"][result["recommended"]]
-    size, source, first = point["config"].get("size"), request.data, ""
-    if size and size != "{}x{}".format(*(recordings.image_shape or ())):
-        source, first = "SMALL.npz", f"eskin convert {request.data} --size {size} --out SMALL.npz, then "
     named = [f"{name}={bits}" for name, bits in point["widths"].items() if name in FORMATS]
     options = "".join(
         f" --{name.replace('_', '-')} {bits}" for name, bits in point["widths"].items() if name not in FORMATS
     ) + (f" --formats {','.join(named)}" if named else "")
     if point["config"]["quantisation_aware"]:
-        options += f" --data {source} --quantisation-aware"
-    train = f"eskin train --data {source} --config {request.out / sweep_job.CONFIG} --out MODEL"
-    command = f"{first}{train}, then eskin quantise MODEL{options}"
+        options += f" --data {request.data} --quantisation-aware"
+    train = f"eskin train --data {request.data} --config {request.out / sweep_job.CONFIG} --out MODEL"
+    command = f"{train}, then eskin quantise MODEL{options}"
     things = "images" if recordings.image_shape else "recordings"
     names = [
         f"unseen {split_name(split['groups']) if split['groups'] else things} (%)"

@@ -139,7 +139,7 @@ def _stamp(message: Any) -> int:
 
 
 def _clock(stamps: np.ndarray, topic: str, reading: Reading, refuse: Refuse) -> np.ndarray:
-    """The times by the clock that was asked for."""
+    """The times by the requested clock."""
     log, header = stamps.T
     if reading.clock == "log":
         return log

@@ -360,7 +360,7 @@ class _Meaning:
         return np.setdiff1d(self._changes(column), self.starts)
 
     def _check_whole(self, column: int, what: str) -> None:
-        """Refuse a column that has no value, or several in a recording."""
+        """Raise InputError for a column that has no value, or several values in a recording."""
         table = self.table
         table.check_filled(column)
         for row in self._inside(column).tolist():

@@ -129,7 +129,7 @@ class Table:
         return self.frame[column].astype(str).str.lower().isin(MISSING).to_numpy()
 
     def check_filled(self, column: int) -> None:
-        """Refuse a column with a cell that has no value, or one of the words for none."""
+        """Raise InputError for a column with an empty cell, or with a word for a missing value."""
         empty = self.is_missing(column)
         if empty.any():
             row = int(np.argmax(empty))

@@ -249,6 +249,9 @@ class _File:
         width = names or len(first)
         if self.lvm:
             width = 1 + len([*takewhile(NUMBER.fullmatch, first[1:])])
+            if 0 < names < width:
+                fix = "name every column in the line above it, or remove that line"
+                self.refuse(f"has {width} numbers where the header has {names} names; {fix}", self.rows[0])
         most = 0
         remarks, last = 0, self.rows[-1]
         for row, cells in zip([*self.rows], self._cells(self.delimiter, self.rows), strict=True):

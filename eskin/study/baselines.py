@@ -278,7 +278,7 @@ METHODS: dict[str, Method] = {
 # ---------------------------------------------------------------------- judging
 @dataclass(frozen=True)
 class BaselineJob:
-    """One piece of work: a method on a split."""
+    """One job: a method on a split."""
 
     method: Method
     groups: tuple[str, ...]
@@ -396,7 +396,7 @@ def results(
     keep: Memo | None = None,
     version: str = "",
 ) -> Record:
-    """Every method on every split, each a piece of work.
+    """Every method on every split, one job each.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
-"""Networks for images side by side: input sizes, layers, bits of a weight; accuracy against latency, energy
+"""Networks for images side by side: layers, bits of a weight; accuracy against latency, energy
 and memory.
 
-A *point* is a network for images of one size with its bits and its lanes. One training of a fold serves all
+A *point* is a network with its bits and its lanes. One training of a fold serves all
 bits and lanes: weights of 8 bits are rounded after it, those of 4 bits are trained on
-(`eskin.training.train_images.judge`). Images of other sizes are made of the archive's by the means of
-areas. Networks that `eskin train` trained on the same images, folds and recipe are reused.
+(`eskin.training.train_images.judge`). Networks that `eskin train` trained on the same images, folds and recipe
+are reused.
 """
 
 import itertools
@@ -15,17 +15,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eskin.golden.core import NETWORKS, AcceleratorConfig, Conv, Dense, InputError, Pool, QFormat, Record
-from eskin.golden.core.images import BIAS_BITS, SIZES, parse_layer
+from eskin.golden.core.images import BIAS_BITS, parse_layer
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.study.image_size import image_size, resized
 from eskin.study.sweep import Judging, Request, expand, lanes_name, split_figures
 from eskin.training.image_models import fold_jobs, image_config, judged_pieces, split_of
 from eskin.training.train_images import ImageRecipe, judge, size_of
 
-FIELDS = ("size", "layers", "weight_bits", "lanes", "clock_hz")
+FIELDS = ("layers", "weight_bits", "lanes", "clock_hz")
 """Fields that a grid may vary."""
 
 CLOCK_HZ = 36e6
@@ -41,21 +40,9 @@ NARROW: dict[str, list[str]] = {
 """Networks of the default grid that have no name among `eskin.golden.core.images.NETWORKS`."""
 
 
-def default_grid(height: int, width: int) -> list[Record]:
-    """14 networks with weights of 8 and of 4 bits: TactNet4 at the five sizes it was published for, as shares
-    of ``height`` and ``width``; smaller networks at the whole size and at the smallest."""
-    sizes = list(dict.fromkeys(f"{_share(height, h, 28)}x{_share(width, w, 50)}" for h, w in SIZES))
-    bits = {"weight_bits": [8, 4]}
-    return [
-        {"size": sizes, "layers": ["tactnet"], **bits},
-        {"size": [sizes[0], sizes[-1]], "layers": ["four", "four-lean", "tactnet-half"], **bits},
-        {"size": [sizes[0]], "layers": list(NARROW.values()), **bits},
-        {"size": [sizes[min(3, len(sizes) - 1)]], "layers": ["four"], **bits},
-    ]
-
-
-def _share(extent: int, part: int, whole: int) -> int:
-    return max(round(extent * part / whole), 4)
+DEFAULT_GRID: list[Record] = [
+    {"layers": ["tactnet", "four", "four-lean", "tactnet-half", *NARROW.values()], "weight_bits": [8, 4]}
+]
 
 
 # ---------------------------------------------------------------------- points
@@ -154,23 +141,15 @@ def make_image_points(
 ) -> list[ImagePoint]:
     """Every point of the grids, each once, in order.
 
-    grids: field of FIELDS -> value or list of values, all combinations. ``size`` is as in ``28x50`` (default:
-    the archive's); ``layers`` a name of NETWORKS or a list of layers without the dense one at the end
-    (default: tactnet), and so a list of these to vary it.
+    grids: field of FIELDS -> value or list of values, all combinations. ``layers`` is a name of NETWORKS or a list
+    of layers without the dense one at the end (default: tactnet), and so a list of these to vary it.
 
     Raises
     ------
     InputError
         An unknown field, or a combination that no network has: before anything is trained.
     """
-    assert recordings.image_shape is not None
-    defaults = {
-        "size": "{}x{}".format(*recordings.image_shape),
-        "layers": "tactnet",
-        "weight_bits": 8,
-        "lanes": LANES,
-        "clock_hz": CLOCK_HZ,
-    }
+    defaults = {"layers": "tactnet", "weight_bits": 8, "lanes": LANES, "clock_hz": CLOCK_HZ}
     whole = [defaults | dict(grid) for grid in grids]
     for grid in whole:
         layers = grid["layers"]
@@ -184,9 +163,7 @@ def make_image_points(
 
 
 def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
-    size, layers, bits, lanes, clock = (values[name] for name in FIELDS)
-    if not isinstance(size, str):
-        raise InputError(f"field size: is {size!r}; give height x width as text, as in '26x47'")
+    layers, bits, lanes, clock = (values[name] for name in FIELDS)
     if bits not in (4, 8) or isinstance(bits, bool):
         raise InputError(f"field weight_bits: is {bits!r}; give 8 or 4")
     texts = NETWORKS.get(layers, ()) if isinstance(layers, str) else layers
@@ -196,15 +173,15 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
             "8', 'pool']"
         )
     texts = [str(parse_layer(text)) for text in texts]
-    height, width = image_size(size)
     name = network_name(texts)
     if name in NETWORKS:
-        trained = image_config(_of_size(recordings, height, width), name)
+        trained = image_config(recordings, name)
     else:
+        assert recordings.image_shape is not None
         whole = [*texts, f"dense {len(recordings.class_names)}"]
         # a name of a file, too
-        fields = {"name": name.replace("/", "-"), "sample_rate_hz": recordings.sample_rate_hz}
-        trained = AcceleratorConfig.of_image(height, width, whole, recordings.class_names, **fields)
+        fields: Record = {"name": name.replace("/", "-"), "sample_rate_hz": recordings.sample_rate_hz}
+        trained = AcceleratorConfig.of_image(*recordings.image_shape, whole, recordings.class_names, **fields)
     weights = len(trained.weighted_stages)
     formats = {
         "weight_formats": (QFormat(1, bits - 1),) * weights,
@@ -212,10 +189,6 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
         "logit_format": QFormat(8, 8),
     }  # widths count cycles and memories; where the points stand is only known after training
     return ImagePoint(name, trained, trained.replace(**formats, clock_hz=clock).with_lanes(lanes, "plain"))
-
-
-def _of_size(recordings: Recordings, height: int, width: int) -> Recordings:
-    return recordings if recordings.image_shape == (height, width) else resized(recordings, height, width)
 
 
 # ---------------------------------------------------------------------- the sweep
@@ -246,10 +219,7 @@ class ImageSweepRequest(Request):
             )
             for config in dict.fromkeys(point.trained for point in self.points)
         }
-        images = {
-            size_of(config): images_of(_of_size(recordings, *image_size(size_of(config))))
-            for config in pieces
-        }
+        images = {size_of(next(iter(pieces))): images_of(recordings)}
         task = "trained and judged"
         results = judged_pieces(
             images, recordings.labels, list(pieces.values()), jobs, keep, task, judging or judge

@@ -221,8 +221,8 @@ def enrol(
     seed: int = 0,
     progress: Progress = lambda done, total: None,
 ) -> Record:
-    """Train the model in ``model_dir`` on with ``few`` touches of a new mounting, and write it to ``out``;
-    config.json stays as it is.
+    """Continue training the model in ``model_dir`` with ``few`` touches of a new mounting, and write it to
+    ``out``; config.json does not change.
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ def measure(
     design = generate(config, model.arrays, work / "design")
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
     first = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
-    clock, lowest = flow.lowest_clock(design, first, work=work / "clock", builds=BUILD / "simulators")
+    lowest = flow.lowest_clock(design, first, work=work / "clock", builds=BUILD / "simulators")
     activity, cells, exact = counted(config, model, design, vectors, target, len(recordings), work=work)
     part = find_target(target).device
     described = {
@@ -89,7 +89,7 @@ def measure(
         "cells": cells,
         "bit_exact": lowest["bit_exact"] and exact,
     }
-    return described | energy.estimate(requested, part, activity, clock)
+    return described | energy.estimate(requested, part, activity, lowest["clock_hz"])
 
 
 def counted(

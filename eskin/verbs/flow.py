@@ -10,8 +10,8 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.cosim.runner import locked
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, content_key
+from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     IntegerModel,
@@ -78,8 +78,8 @@ def cosimulate(
         ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets.
     converter:
         Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were
-        recorded). The golden model reads what the converter gives of the recordings. Frames then come at the
-        declared rate, by the design's own sample clock.
+        recorded). The golden model reads the samples that the converter makes of the recordings. Frames then
+        come at the declared rate, by the design's own sample clock.
     chip:
         With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and
         placed (false: the netlist with probes alone). Registers, latches and memories begin at random.
@@ -124,18 +124,10 @@ def cosimulate(
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
-    stopping = (
-        config.hardware.clock_gate
-        and level == "rtl"
-        and options.get("simulator", "verilator") == "verilator"
-        and not lowest
-    )
-    if stopping and config.interface.converter.name == "none":
-        options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     options = {"builds": BUILD / "simulators", **options}
     if lowest:
-        result = flow.lowest_clock(design, vectors, work=work, **options)[1]
+        result = flow.lowest_clock(design, vectors, work=work, **options)
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:

@@ -510,7 +510,7 @@ def _lowest_clock(*where: Path, **options: Any) -> Record | None:
     """The result of `flow.lowest_clock`. None when there is no such clock: the check fails then, and the job
     goes on."""
     try:
-        return flow.lowest_clock(*where, **options)[1]
+        return flow.lowest_clock(*where, **options)
     except flow.NoClock:
         return None
 

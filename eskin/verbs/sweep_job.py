@@ -18,7 +18,7 @@ from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.schedule_view import save_figure
 from eskin.study import sweep as sweeping
-from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points
+from eskin.study.image_sweep import DEFAULT_GRID, ImageSweepRequest, make_image_points
 from eskin.training import LEARNING
 from eskin.training.image_models import KEPT
 from eskin.training.splits import check_split, default_splits
@@ -86,8 +86,7 @@ def request_of(
         points: Sequence[Any] = sweeping.make_points(config, grids, source)
         common |= {"base": config, "splits": splits}
         return sweeping.SweepRequest(points=points, seeds=range(SEEDS), **common)
-    assert recordings.image_shape is not None
-    grids = default_grid(*recordings.image_shape) if grid == "default" else sweeping.read_grid(grid)
+    grids = DEFAULT_GRID if grid == "default" else sweeping.read_grid(grid)
     points = make_image_points(recordings, grids, source)
     for point in points:
         refuse_hardware(point.config)

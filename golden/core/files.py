@@ -140,7 +140,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def write_json(path: str | Path, value: Any) -> None:
-    """``value`` as indented JSON; NaN and infinities are errors, because JSON has none."""
+    """``value`` as indented JSON. NaN and infinities are errors, because JSON has no such numbers."""
     text = json.dumps(value, indent=2, allow_nan=False)
     with replacing(path) as temporary:
         temporary.write_text(text + "\n")

@@ -86,7 +86,7 @@ class QFormat:
 
     @classmethod
     def parse(cls, text: str) -> QFormat:
-        """The format that prints as ``text``, ``SQ(4,12)`` say."""
+        """The format that prints as ``text``, such as ``SQ(4,12)``."""
         kind, _, digits = text.partition("Q(")
         try:
             int_bits, frac_bits = (int(part) for part in digits.rstrip(")").split(","))

@@ -156,7 +156,7 @@ class Stage:
 
     @property
     def multiplies(self) -> int:
-        """Multiplies an image, those with the zeros around the map counted."""
+        """Multiplies per image, including those with the zero padding."""
         return self.result[0] * self.result[1] * self.weights
 
     @property

@@ -645,7 +645,7 @@ def _positive_number(value: np.ndarray) -> float | None:
 
 
 def _worth(value: np.ndarray, taxels: int) -> Worth | None:
-    """The finite number above 0 that ``value`` holds, or those of each taxel where they differ; or None."""
+    """The finite number above 0 in ``value``, or one per taxel if they differ; otherwise None."""
     if value.shape != (taxels,) or value.dtype.kind not in "iuf":
         return _positive_number(value)
     numbers = tuple(map(float, value))

@@ -109,7 +109,7 @@ class Board(wiring.Component):
     Raises
     ------
     InputError
-        A baud rate that this clock cannot make.
+        A baud rate that this clock cannot make; a flash beside a link or a shell, which would drive the bus, too.
     """
 
     def __init__(
@@ -124,6 +124,10 @@ class Board(wiring.Component):
         flash: bool = False,
         shell: bool = False,
     ) -> None:
+        if flash and (baud or shell):
+            raise InputError(
+                "flash: the model comes from the flash or from a host; leave out flash, or link and shell"
+            )
         self._config, self._clock_hz = config, clock_hz or config.hardware.clock_hz
         self._class_pins, self._sensing, self._flash, self._shell = class_pins, sensing, flash, shell
         self._divisor = uart_divisor(self._clock_hz, baud) if baud else None

@@ -60,104 +60,80 @@ CONFIG = AcceleratorConfig.of(
 BURST_S, TAIL_S = 0.0135, 0.1
 
 
-def heard_bursts(played: Played) -> list[bytes]:
-    """The bursts on the stimulator's line that switch on, in their order."""
-    bursts = bytes(byte for byte, _ in played.stim).split(b">OFF<")
-    return [burst for burst in bursts if burst.endswith(b">ON<")]
+def board_of(
+    model: IntegerModel, work: Path, level: str = "rtl", link_hz: float | None = None, **parts
+) -> Hardware:
+    """The icebreaker's design with a converter and ``parts`` of `Wiring`, as RTL or as its netlist."""
+    config, family = model.config, target("icebreaker").family
+    images = memory_images(config, model.arrays) if not config.hardware.loadable else None
+    wiring = Wiring(config=config, target=target("icebreaker"), sensing=True, **parts)
+    design = wiring.design(images, config.hardware.clock_hz, link_hz)
+    if level == "netlist":
+        synthesise(design, family, work / "net")
+        return netlist_hardware(work / "net" / "accelerator.v", "ice40", "icebreaker", probes=False)
+    (work / "accelerator.v").write_text(text_of(design, "accelerator"))
+    return Hardware((work / "accelerator.v",))
 
 
-def wanted_bursts(electrodes: list[int], config: AcceleratorConfig) -> list[bytes]:
-    """What the protocol's table says for these electrodes and the configuration's settings."""
+def played(hardware: Hardware, config: AcceleratorConfig, codes: np.ndarray, work: Path, **options) -> Played:
+    """One recording from power-on; the converter and the stimulator saw nothing that their data sheets forbid."""
+    options = {"tail_s": TAIL_S, "builds": BUILD / "simulators"} | options
+    found = play(hardware, config, codes, work=work, **options)
+    assert found.violations == 0 and not found.model(config).wrong
+    return found
+
+
+def stimulated(found: Played, electrodes: list[int], config: AcceleratorConfig) -> bool:
+    """The bursts on the stimulator's line that switch on are what the protocol's table says for these electrodes."""
     one = config.interface
     settings = (one.stim_amplitude, one.stim_delay, one.stim_frequency, one.stim_width)
-    return [b"".join(table_frames(PLACES[e // 4][e % 4], *settings)) for e in electrodes]
+    bursts = bytes(byte for byte, _ in found.stim).split(b">OFF<")
+    wanted = [b"".join(table_frames(PLACES[e // 4][e % 4], *settings)) for e in electrodes]
+    return [burst for burst in bursts if burst.endswith(b">ON<")] == wanted
 
 
-def plays_as_golden(
-    hardware: Hardware, model: IntegerModel, made: Recordings, work: Path, tail_s: float = TAIL_S, **options
-) -> int:
+def plays_as_golden(hardware: Hardware, model: IntegerModel, made: Recordings, work: Path, **options) -> int:
     """Each recording from power-on: every burst on the line and the class on the pins are the golden
     decisions'. Returns the bursts."""
     config = model.config
     recordings, codes = through_converter(made, config)
     trace = run(model, recordings)
     rows, offsets = trace.streams["decision"]
-    frames = completing_frames(trace)
-    bursts = 0
+    frames, bursts = completing_frames(trace), 0
     for number, (low, high) in enumerate(pairwise(offsets)):
         mine = codes[recordings.offsets[number] : recordings.offsets[number + 1]]
-        played = play(
-            hardware,
-            config,
-            mine,
-            tail_s=tail_s,
-            work=work / f"play{number}",
-            builds=BUILD / "simulators",
-            **options,
-        )
+        found = played(hardware, config, mine, work / f"play{number}", **options)
         whole = rows[low:high, 4] == 0  # no host ends the recording, so nothing is decided early
-        wanted = expected_electrodes(rows[low:high][whole], frames[low:high][whole], config, BURST_S)
-        stimulator = played.model(config)
-        assert not stimulator.wrong and played.violations == 0 and stimulator.frames[:16] == ["OFF"] * 16
-        assert heard_bursts(played) == wanted_bursts(wanted, config)
+        decided = rows[low:high][whole]
+        wanted = expected_electrodes(decided, frames[low:high][whole], config, BURST_S)
+        stimulator = found.model(config)
+        assert stimulator.frames[:16] == ["OFF"] * 16 and stimulated(found, wanted, config)
         bursts += len(wanted)
-        if whole.any() and rows[low:high][whole][-1, 0]:  # the last decision is a touch's final one
-            assert stimulator.frames[-1] == "OFF" and played.pins[-1][1:3] == (
-                int(rows[low:high][whole][-1, 2]),
-                True,
-            )
-        assert not any(led for *_, led in played.pins)
+        if len(decided) and decided[-1, 0]:  # the last decision is a touch's final one
+            assert stimulator.frames[-1] == "OFF" and found.pins[-1][1:3] == (int(decided[-1, 2]), True)
+        assert not any(led for *_, led in found.pins)
     return bursts
-
-
-def breaks_into_off(
-    hardware: Hardware, config: AcceleratorConfig, codes: np.ndarray, fault_frame: int, work: Path, **options
-) -> None:
-    """The data line breaks while an electrode is on: the lamp, and OFF is the last word."""
-    played = play(
-        hardware,
-        config,
-        codes,
-        tail_s=TAIL_S,
-        work=work,
-        builds=BUILD / "simulators",
-        fault_frame=fault_frame,
-        **options,
-    )
-    stimulator = played.model(config)
-    assert "ON" in stimulator.frames, "no electrode is on when the line breaks"
-    assert (
-        played.pins[-1][3]
-        and stimulator.frames[-1] == "OFF"
-        and not stimulator.is_on
-        and not stimulator.wrong
-    )
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize(("level", "scan_every"), [("rtl", 1), ("rtl", 4), ("netlist", 1)])
-def test_from_converter_pins_to_stimulator_bytes(level, scan_every, tmp_path):
+@pytest.mark.parametrize("scan_every", [1, 4])
+def test_from_converter_pins_to_stimulator_bytes(scan_every, tmp_path):
     """Of a source of 4 kHz one frame in four is scanned: at 1 kHz, as the other boards."""
-    board = target("icebreaker")
     sensor = {"scan_every": scan_every, "sample_rate_hz": scan_every * CONFIG.sensor.sample_rate_hz}
     model = random_integer_model(CONFIG.replace(**sensor), 1)
-    config = model.config
-    design = Wiring(config=config, target=board, sensing=True).design(
-        memory_images(config, model.arrays), config.hardware.clock_hz, None
-    )
-    if level == "rtl":
-        (tmp_path / "accelerator.v").write_text(text_of(design, "accelerator"))
-        hardware = Hardware((tmp_path / "accelerator.v",))
-    else:
-        synthesise(design, board.family, tmp_path / "net")
-        hardware = netlist_hardware(tmp_path / "net" / "accelerator.v", "ice40", "icebreaker", probes=False)
+    config, hardware = model.config, board_of(model, tmp_path)
     made = random_recordings(config, (520, 450, 400), seed=6).scanned(scan_every)
     # nobody touches at the end: the last frame is held until the stimulator is silent
     for end in made.offsets[1:]:
         made.samples[end - 150 : end] = made.samples[0]
     assert plays_as_golden(hardware, model, made, tmp_path) >= 3
-    breaks_into_off(hardware, config, through_converter(made, config)[1][:520], 200, tmp_path / "broken")
+    # the data line breaks while an electrode is on: the lamp, and OFF is the last word
+    codes = through_converter(made, config)[1][:520]
+    found = played(hardware, config, codes, tmp_path / "broken", fault_frame=200)
+    stimulator = found.model(config)
+    assert "ON" in stimulator.frames, "no electrode is on when the line breaks"
+    assert found.pins[-1][3] and stimulator.frames[-1] == "OFF" and not stimulator.is_on
 
 
 TWO_CHIPS = CONFIG.replace(
@@ -187,12 +163,10 @@ def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_
     (tmp_path / "accelerator.v").write_text(text_of(board, "accelerator"))
     codes = np.full((14, 13), 700)
     codes[10:13, [5, 7 + 2]] = 300
-    options = dict(
-        tail_s=0.05, work=tmp_path / "play", builds=BUILD / "simulators", fault_frame=5, fault_kind=4
-    )
-    played = play(Hardware((tmp_path / "accelerator.v",)), config, codes, **options)
-    assert heard_bursts(played) == wanted_bursts([4 * 2 + 4 * (2 * 5 + 1) // (2 * 7)], config)
-    assert played.pins[-1][3] and played.violations == 0 and not played.model(config).is_on
+    options = dict(tail_s=0.05, fault_frame=5, fault_kind=4)
+    found = played(Hardware((tmp_path / "accelerator.v",)), config, codes, tmp_path / "play", **options)
+    assert stimulated(found, [4 * 2 + 4 * (2 * 5 + 1) // (2 * 7)], config)
+    assert found.pins[-1][3] and not found.model(config).is_on
 
 
 SKIN = dict(converter="ads7953", stimulator="decisions", lanes=1, lane_type="dsp", clock_hz=12e6, hold_s=0.13)
@@ -238,24 +212,12 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
     assert bursts >= 3
 
 
-def from_flash(level: str, work: Path) -> tuple[Hardware, IntegerModel]:
-    """A board that reads its model from the flash, as RTL or as its netlist, and the model."""
-    board, made = target("icebreaker"), random_integer_model(CONFIG.replace(loadable=True), 1)
-    design = Wiring(config=made.config, target=board, sensing=True, flash=True).design(
-        None, made.config.hardware.clock_hz, None
-    )
-    if level == "netlist":
-        synthesise(design, board.family, work / "net")
-        return netlist_hardware(work / "net" / "accelerator.v", "ice40", "icebreaker", probes=False), made
-    (work / "accelerator.v").write_text(text_of(design, "accelerator"))
-    return Hardware((work / "accelerator.v",)), made
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("level", ["rtl", "netlist"])
 def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
-    hardware, model = from_flash(level, tmp_path)
+    model = random_integer_model(CONFIG.replace(loadable=True), 1)
+    hardware = board_of(model, tmp_path, level, flash=True)
     config, image = model.config, flash_image(model.config, model.arrays)
     made = random_recordings(config, (450,), seed=6)
     made.samples[300:] = made.samples[0]
@@ -266,12 +228,10 @@ def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
     for bit in (3, *rng.sample(range(48, 8 * len(image)), 3)):
         damaged = bytearray(image)
         damaged[bit // 8] ^= 0x80 >> bit % 8
-        options = dict(
-            tail_s=TAIL_S, builds=BUILD / "simulators", flash=bytes(damaged), limit=load_cycles + 5000
-        )
-        played = play(hardware, config, codes, work=tmp_path / f"bit{bit}", **options)
-        assert not played.begun and played.pins[-1][3], f"bit {bit}: the lamp is on and no scan begins"
-        assert set(played.model(config).frames) == {"OFF"}
+        options = dict(flash=bytes(damaged), limit=load_cycles + 5000)
+        found = played(hardware, config, codes, tmp_path / f"bit{bit}", **options)
+        assert not found.begun and found.pins[-1][3], f"bit {bit}: the lamp is on and no scan begins"
+        assert set(found.model(config).frames) == {"OFF"}
     print(f"{level}: {len(image)} bytes, {load_cycles} cycles at most")
 
 
@@ -283,11 +243,8 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     gets the limit."""
     clocks = 4
     model = random_integer_model(CONFIG.replace(loadable=True), 1)
-    config, board = model.config, target("icebreaker")
-    design = Wiring(config=config, target=board, sensing=True, link=True).design(
-        None, config.hardware.clock_hz, config.hardware.clock_hz / clocks
-    )
-    (tmp_path / "accelerator.v").write_text(text_of(design, "accelerator"))
+    config = model.config
+    hardware = board_of(model, tmp_path, link_hz=config.hardware.clock_hz / clocks, link=True)
     names = register_map(config)["registers"]
     writes = [
         *boot_writes(config, model.arrays),
@@ -304,16 +261,9 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     trace = run(model, recordings)
     rows, frames = trace.streams["decision"][0], completing_frames(trace)
     whole = rows[:, 4] == 0
-    options = dict(tail_s=TAIL_S, work=tmp_path / "played", builds=BUILD / "simulators", limit=3_000_000)
-    played = play(
-        Hardware((tmp_path / "accelerator.v",)),
-        config,
-        codes[:520],
-        host=(sent, last),
-        host_clocks=clocks,
-        **options,
-    )
-    told = [parse(body) for body in Unpacker().feed(played.host)]
+    options = dict(host=(sent, last), host_clocks=clocks, limit=3_000_000)
+    found = played(hardware, config, codes[:520], tmp_path / "played", **options)
+    told = [parse(body) for body in Unpacker().feed(found.host)]
     decisions = [one.payload for one in told if isinstance(one, Decision)]
     assert (
         decisions == pack_decisions(config, rows[whole])[: len(decisions)]
@@ -324,10 +274,7 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     loud = dataclasses.replace(model, config=config.replace(stim_amplitude=config.interface.amplitude_limit))
     heard = len(decisions)
     wanted = expected_electrodes(rows[whole][:heard], frames[whole][:heard], config, BURST_S)
-    assert wanted and heard_bursts(played) == wanted_bursts(wanted, loud.config)
-    assert (
-        not played.model(config).wrong and played.violations == 0 and not any(led for *_, led in played.pins)
-    )
+    assert wanted and stimulated(found, wanted, loud.config) and not any(led for *_, led in found.pins)
 
 
 def test_pins_and_wiring():

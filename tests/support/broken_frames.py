@@ -28,5 +28,5 @@ async def play_with_a_fault(dut) -> None:
     await bench.bus.command("FINISH")
     await bench.settle()
     said = {"decisions": decisions, "taken": bench.source.taken}
-    said["faults"] = bench.scans.result["faults"]
+    said["faults"] = dut.faults.value.to_unsigned()
     Path("result.json").write_text(json.dumps(said))

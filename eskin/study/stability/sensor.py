@@ -20,8 +20,8 @@ def rest_of(stream: np.ndarray, bench: Scene) -> np.ndarray:
 
 
 def stuck_taxels(bench: Scene, taxels: Sequence[int], level: str, since: float | None) -> Change:
-    """Taxels held at ``rest``, ``high`` or ``low`` (ends of the code range): from the first frame (None), or
-    from so many touch lengths after the onset on."""
+    """Taxels held at ``rest``, ``high`` or ``low`` (ends of the code range): from the first frame (None),
+    or from ``since`` touch lengths after the onset on."""
     fmt = bench.config.sample_format
 
     def change(stream: np.ndarray, onset: int, rng: np.random.Generator) -> np.ndarray:
@@ -73,7 +73,7 @@ def offset(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """Taxels shifted together by ``level`` standard deviations of the features at the onset."""
 
     def add(stream, onset, rng):
-        stream[max(onset - 1, 0) :, taxels] += level * bench.sigma
+        stream[max(onset - 1, 0) :, taxels] += level * bench.sigma[list(taxels)]
         return stream
 
     return add

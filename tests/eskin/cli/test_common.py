@@ -10,7 +10,6 @@ from eskin.cli.common import INPUT_WORDS, OUTPUTS, app, check_outputs
 from eskin.cli.main import VERBS
 from eskin.golden.core import InputError
 from eskin.requests import EnrolRequest, parse_count, parse_lanes
-from eskin.study.image_size import image_size
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
 
@@ -96,7 +95,7 @@ def test_folders_and_words(verb, given, said):
 
 @each_row("text", ["9" * 5000, "-1", "x", "1_0"])
 def test_numbers_that_are_none_are_one_short_sentence(text):
-    for reader in (parse_count, lambda k: EnrolRequest(k=k).ks, parse_configuration, image_size, parse_lanes):
-        before = {image_size: "9x", parse_configuration: "icebreaker:"}.get(reader, "")
+    for reader in (parse_count, lambda k: EnrolRequest(k=k).ks, parse_configuration, parse_lanes):
+        before = {parse_configuration: "icebreaker:"}.get(reader, "")
         with pytest.raises(InputError, match="^.{20,250}$"):
             reader(f"{before}{text}")

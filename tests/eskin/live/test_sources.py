@@ -58,7 +58,7 @@ class Twin:
         pass
 
     def _brought(self, decisions) -> Brought:
-        brought = Brought(cycles=9)
+        brought = Brought({}, 9)
         for made in decisions:
             for stage, values in made.stages.items():
                 brought.stages.setdefault(stage, []).extend(np.asarray(values).astype(int).tolist())

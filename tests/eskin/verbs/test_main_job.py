@@ -121,7 +121,7 @@ class Chain:
         work.mkdir()
         if self.no_clock:
             raise main_job.flow.NoClock("no clock")
-        return 711e3, cosimulation(len(self.played["lowest"][0]), pace="declared", clock_hz=711e3)
+        return cosimulation(len(self.played["lowest"][0]), pace="declared", clock_hz=711e3)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from amaranth.hdl import Signal
 from amaranth.sim import Simulator
 
-from eskin.golden.core import PRESETS
+from eskin.golden.core import PRESETS, InputError
 from eskin.rtl.host.flash_loader import WAKE_S
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from eskin.rtl.top import board
@@ -79,6 +79,12 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
         assert ctx.get(dut.led)
 
     run(dut, play)
+
+
+@pytest.mark.parametrize("host", [{"baud": CLOCK_HZ / 4}, {"shell": True}])
+def test_a_flash_beside_a_host_is_refused(monkeypatch, host):
+    with pytest.raises(InputError, match="from the flash or from a host"):
+        skin(monkeypatch, flash=True, **host)
 
 
 def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
