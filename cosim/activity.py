@@ -101,7 +101,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
 
 
 def read_count(work: Path) -> Count:
-    """Counters that one run wrote into its work folder."""
+    """The counters of one run, from its work folder."""
     rows = [line.rsplit(" ", 1) for line in (work / FILE).read_text().splitlines()]
     counted = {label.removeprefix("toggles "): int(count) for label, count in rows}
     names = [field.name for field in fields(Count) if field.name != "toggles"]

@@ -348,7 +348,7 @@ class Bench:
         pass
 
     async def __aexit__(self, kind: Any, error: BaseException | None, _: Any) -> None:
-        """The result; behind a mismatch the waves go on for a while."""
+        """The result. After a mismatch the waveform continues for a short time."""
         if error is not None and not isinstance(error, Mismatch):
             return  # no answer: the log says why
         if error is not None:

@@ -1,8 +1,8 @@
 """Recordings in bulk into devices in this process (`eskin.cosim.device`): the same scoreboard, the same counts as under
 cocotb.
 
-A Verilated design is faster here than in a simulator that Python drives. A chip's netlist is
-compiled in seconds, and begins every recording with anything in every flip-flop, latch and macro.
+A Verilated design is faster here than in a simulator that Python drives. A chip's netlist is compiled in
+seconds. Every recording starts with random contents in every flip-flop, latch and macro.
 """
 
 import time

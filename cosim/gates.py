@@ -249,7 +249,7 @@ class Chip:
         return [self.net(ends[name]) for name in names], _truth(text, names)
 
     def _logic(self, cells: Iterable[tuple[str, Any, dict]]) -> list[_Function]:
-        """Outputs of logic cells, each behind those that it reads."""
+        """Outputs of logic cells in topological order."""
         functions: dict[int, _Function] = {}
         for name, kind, pins in cells:
             ends = {pin: bits[0] for pin, bits in pins.items()}

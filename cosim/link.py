@@ -292,7 +292,7 @@ class Link:
         self._seen, self.lost, self.decisions = answer.decisions, False, []
 
     def feed(self, frames: np.ndarray, progress: Callable[[int], None] = lambda taken: None) -> None:
-        """The recording's next frames (frames, taxels); returns when the device has taken them."""
+        """The recording's next frames (frames, taxels); returns when the device has accepted them."""
         self._send([(FRAME, frame) for frame in (np.asarray(frames) & 0xFFFF).astype(np.uint16)], progress)
 
     def end(self) -> Played:

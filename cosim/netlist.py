@@ -89,8 +89,8 @@ def _write(path: Path, text: str) -> Path:
 
 
 def shorten_names(verilog: str) -> str:
-    """The same netlist without very long names: synthesis strings names together, and Verilator loses those
-    that it has to abbreviate."""
+    """The same netlist without very long names: synthesis concatenates names, and Verilator loses names that
+    it has to abbreviate."""
     shorter: dict[str, str] = {}
 
     def replace(match: re.Match[str]) -> str:

@@ -3,8 +3,8 @@ content.
 
 A *piece* is a value that a function of a module's top level turns into a result that JSON can hold:
 ``function(shared, piece)``. Data that all pieces need, such as recordings, is ``shared`` and sent to every
-worker once. A piece's key is a hash of all that its result depends on (``content_key``); with a folder to
-keep results in, interrupted work goes on where it stopped, and repeated work is not done again.
+worker once. The key of a piece is a hash of everything that its result depends on (``content_key``). With a
+folder for results, interrupted work resumes, and repeated work is not computed again.
 """
 
 import contextlib

@@ -1,9 +1,9 @@
 """Counted netlists of many shapes, and the constants of the cost model that they give.
 
-``python -m scripts.cost_model`` prints a row for each of DESIGNS, then the constants and how far the model
-with them is off, each design also by constants that it did not give. One recording with a whole touch is
-played into the netlist of the board; what was counted before is kept. ``--fit FILE`` reads the rows out of a
-document instead, which takes a second.
+``python -m scripts.cost_model`` prints a row for each of DESIGNS, then the constants and the error of the
+model, for each design also with constants fitted without it. One recording with a whole touch is played into
+the netlist of the board; what was counted before is kept. ``--fit FILE`` reads the rows out of a document
+instead, which takes a second.
 
 Weights and signals are random: the model is of shapes, not of what was learnt.
 """

@@ -46,7 +46,7 @@ def index() -> dict[str, list[Path]]:
 
 
 def card(paths: list[Path]) -> list[str]:
-    """Lines to read: each module with its summary, its test, its proof and its golden model."""
+    """Text lines: each module with its summary, test, proof and golden model."""
     lines = []
     for path in paths:
         lines.append(f"{path.relative_to(ROOT)}: {summary_of(path)}")

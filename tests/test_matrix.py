@@ -146,6 +146,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", *CHOSEN)),
         "whose reset gate is after the product; use --reset after",
     ),
+    (("import",), ("linear",), "is to be a linear cell, which is read from ONNX"),
     (("train --fits",), ("image",), "--fits: networks for images have none"),
     (
         ("generate --streams",),
@@ -246,21 +247,12 @@ def pushed_or_shaken() -> Recordings:
 
 
 def weights_of(config: AcceleratorConfig, path: Path) -> Path:
-    """A network as another tool saves it: torch, or scikit-learn for a cell that torch has not."""
+    """A network as torch saves it."""
     import torch
 
-    inputs, classes, units, rng = (
-        config.inputs,
-        config.classes,
-        config.network.hidden,
-        np.random.default_rng(1),
-    )
+    inputs, classes, units = config.inputs, config.classes, config.network.hidden
     if config.network.cell == "linear":
-        np.savez(
-            path.with_suffix(".npz"),
-            coef_=rng.normal(size=(classes, config.windows.steps * inputs)),
-            intercept_=np.zeros(classes),
-        )
+        torch.save(torch.nn.Linear(inputs, classes).state_dict(), path.with_suffix(".pt"))
     elif config.is_image:
         torch.save(
             torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3), torch.nn.Linear(64, classes)).state_dict(),

@@ -32,6 +32,7 @@ from eskin.choose.networks import (
     Part,
     SearchOptions,
     check_units,
+    learns_from_one_group,
     network_choice,
     side_by_side,
 )
@@ -75,10 +76,10 @@ LEAST = {
 class Plan:
     """The requested or chosen front end, and the split for the choice.
 
-    config: it. reasons: in words. split, split_from: of ``choose_split``. prices: what candidates cost.
-    front_ends: to choose from again inside folds; None where nothing is to be judged. screened: the front ends
-    judged, best first; none where it was asked for. facts: of the judging, for training.json. guessed: too few
-    recordings to choose on. doubts: about the recordings, of the judging.
+    config: the configuration. reasons: in words. split, split_from: of ``choose_split``. prices: what
+    candidates cost. front_ends: to choose from again inside folds; None where nothing is to be judged.
+    screened: the front ends judged, best first; none where it was asked for. facts: of the judging, for
+    training.json. guessed: too few recordings to choose on. doubts: about the recordings, of the judging.
     """
 
     config: AcceleratorConfig
@@ -220,7 +221,8 @@ def choose_front_end(
         why = [*why, "there are too few recordings to compare front ends, so rules derived this one"]
         return Plan(guess, why, split, split_from, prices, guessed=True)
     with one_thread():
-        screened = search(FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True), prices)
+        judge = FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True)
+        screened = search(judge, prices, brief=learns_from_one_group(judged_on, parts))
     chosen, best = choose(screened, prices), screened[0]
     alone, frames = _level_alone(judged_on, parts)
     facts: Record = {

@@ -89,8 +89,8 @@ def beyond(row: Record) -> float:
 
 
 def where_it_fails(candidates: Sequence[Record]) -> Record | None:
-    """The network taken under disturbance beside the one that sound recordings alone would take; None without a
-    panel.
+    """The network chosen under disturbance beside the one that clean recordings alone would choose; None
+    without a panel.
 
     Returns
     -------

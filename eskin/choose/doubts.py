@@ -61,8 +61,8 @@ def below_baselines(
     baselines: Sequence[Mapping[str, Any]],
     candidates: Sequence[Mapping[str, Any]] | None,
 ) -> list[Record]:
-    """A doubt where the best baseline of a split's groups is above the network, by more than its standard
-    error where hardware could hold it, else by more than two. One on whole recordings is compared with the
+    """A doubt if the best baseline of a split is better than the network: by more than one standard error if
+    hardware could implement it, otherwise by more than two. One on whole recordings is compared with the
     network that was chosen without each fold.
 
     Parameters

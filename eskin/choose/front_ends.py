@@ -299,8 +299,8 @@ class Screen:
 class FrontEnds:
     """The front ends of an archive, to be searched on all recordings looked at, and again on parts of them.
 
-    recordings: those looked at. looked_at: their numbers in the archive. inside: which of them parts are made
-    of, INSIDE_ON at most.
+    recordings: the sampled recordings. looked_at: their numbers in the archive. inside: those of them that
+    parts consist of, at most INSIDE_ON.
 
     Raises
     ------
@@ -336,7 +336,7 @@ class FrontEnds:
         )
 
     def part(self, numbers: np.ndarray) -> np.ndarray:
-        """Which of the recordings looked at stand for a part of the archive."""
+        """The sampled recordings that represent a part of the archive."""
         return self.inside[np.isin(self.looked_at[self.inside], numbers)]
 
     def gram(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -629,7 +629,7 @@ def block_of(hop: int) -> int:
 
 
 def features(config: AcceleratorConfig, knee: int, scales: Sequence[str]) -> list[AcceleratorConfig]:
-    """``config`` with every kind of feature, as far as the network's inputs go, on each of the scales."""
+    """``config`` with every kind of feature that the number of inputs allows, on each of the scales."""
     block = block_of(config.windows.hop)
     small, large, middle = ("change", 1), ("sum", block), ("change", block)
     kinds: list[tuple[tuple[str, ...], tuple[str, int]]] = [(("mean",), ("sum", 1))]

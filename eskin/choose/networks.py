@@ -124,13 +124,18 @@ class Effort:
     rounds: int = 2
 
     def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
-        """With the fits that leaving ``parts`` out in turn can tell apart. With two folds that are one group
-        each, a network learns from a single group and nothing about differences between groups. The best fit
-        for one group need not be the best for both, so the first fit is kept and no stronger regularisation
-        is tried."""
-        values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
-        alone = len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
-        return dataclasses.replace(self, fits=self.fits[:1], sturdy=()) if alone else self
+        """With what leaving ``parts`` out in turn can tell apart: the first fit stands, no sturdier one is tried,
+        and GRUs have the units that are tried inside folds, where ``learns_from_one_group``."""
+        if not learns_from_one_group(recordings, parts):
+            return self
+        return dataclasses.replace(self, fits=self.fits[:1], units=INSIDE.units, sturdy=())
+
+
+def learns_from_one_group(recordings: Recordings, parts: Sequence[np.ndarray]) -> bool:
+    """True if there are two folds and each is one group. A network then learns from a single group and nothing about
+    differences between groups, so the best for one group need not be the best for both."""
+    values = [[np.unique(group[part]).tolist() for part in parts] for group in recordings.groups.values()]
+    return len(parts) == 2 and any(len(one) == len(two) == 1 and one != two for one, two in values)
 
 
 INSIDE = Effort(
@@ -302,12 +307,12 @@ class _Choice:
 
     # -- choices
     def of_asked(self) -> Generator[Round, list[ScoredCandidate], Candidate]:
-        """The network that was asked for, on the front end that suits it."""
+        """The requested network, on the best front end for it."""
         probes = self.usable(map(self.options.possible, self.front_ends.for_recurrent))
         if not probes:
             cell = self.options.candidate(self.front_ends.taken).config.network.cell  # or says why not
             raise InputError(
-                f"--fits {self.prices.board}: does not hold {cell} on the front end asked for or chosen; name a "
+                f"--fits {self.prices.board}: does not hold {cell} on the requested or chosen front end; name a "
                 "larger board, or leave the network open"
             )
         if len(probes) < 2 or not probes[0].config.recurrent:
@@ -340,7 +345,7 @@ class _Choice:
         if not self.tried:
             board = f" and the board {self.prices.board}" if self.prices.named else ""
             raise InputError(
-                f"configuration '{front_ends.taken.name}': no network of the candidates fits it{board}; name one "
+                f"configuration '{front_ends.taken.name}': no candidate network fits it{board}; name one "
                 "with --cell and --hidden"
             )
         most = best_of(self.tried).accuracy
@@ -517,7 +522,8 @@ def shortened(candidate: Candidate, share: int) -> Recipe:
 
 
 def check_units(cell: str | None, hidden: int | None) -> None:
-    """Refuse a number of units with a cell that has none, or that is to be chosen."""
+    """Raise InputError for a number of units with a cell that has no units, or with a cell that is still to
+    be chosen."""
     if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(
             f"--hidden {hidden}: --cell {cell} has no hidden units; leave --hidden out, or name --cell "

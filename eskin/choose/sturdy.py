@@ -60,8 +60,8 @@ class Hardening:
     def _sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with a tracked rest level, a clip near the largest deviations and two gates: the first of
         GATES that disturbances before the touch SELDOM open, and the first that they never do (else the one that
-        they open least). A gate may miss hardly more touches. Where ``config`` opens at once: with each of CLIPS
-        alone."""
+        they open least). A gate may miss few additional touches. Where ``config`` opens at once: with each of
+        CLIPS alone."""
         if self.screen is None or config.onset_rule.onset == "band":
             return []
         level = config if config.opens_at_once else valid(config, rest="tracked")

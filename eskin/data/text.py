@@ -115,10 +115,10 @@ class _File:
             text = raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             if not self.lvm:
-                self.refuse(f"is no UTF-8 text (byte {error.start}); save it as CSV in UTF-8")
+                self.refuse(f"is not UTF-8 text (byte {error.start}); save it as CSV in UTF-8")
             text = raw.decode("latin-1")
         if "\0" in text:
-            self.refuse("holds a zero byte, so it is no text; save it as CSV in UTF-8")
+            self.refuse("holds a zero byte, so it is not text; save it as CSV in UTF-8")
         return text
 
     def _without_heads(self) -> tuple[list[dict[str, list[str]]], list[int]]:
@@ -249,6 +249,9 @@ class _File:
         width = names or len(first)
         if self.lvm:
             width = 1 + len([*takewhile(NUMBER.fullmatch, first[1:])])
+            if 0 < names < width:
+                fix = "name every column in the line above it, or remove that line"
+                self.refuse(f"has {width} numbers where the header has {names} names; {fix}", self.rows[0])
         most = 0
         remarks, last = 0, self.rows[-1]
         for row, cells in zip([*self.rows], self._cells(self.delimiter, self.rows), strict=True):

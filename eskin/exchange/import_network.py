@@ -1,5 +1,5 @@
-"""A network trained elsewhere, from a file into a model folder: a torch state_dict, or for a linear cell an
-``.npz`` with ``coef_`` and ``intercept_`` of a logistic regression. ONNX is `eskin.exchange.import_onnx`.
+"""A network trained elsewhere, from a file into a model folder: a torch state_dict. ONNX, and with it linear
+cells, is `eskin.exchange.import_onnx`.
 
 The shapes of a state_dict determine the cell; torch's GRU has its reset gate after the recurrent product.
 The user's options must agree with it. Nothing in a file is ever run: torch files are read with
@@ -8,7 +8,7 @@ The user's options must agree with it. Nothing in a file is ever run: torch file
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -17,8 +17,8 @@ import numpy as np
 import torch
 
 from eskin.exchange.reference import NAMES, check_reference
-from eskin.exchange.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
-from eskin.golden.core import AcceleratorConfig, ArchiveError, Arrays, InputError, Record, read_arrays
+from eskin.exchange.torch_files import TORCH_SUFFIXES, check_readable, plain_array, read_state
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, check_model_target, constants_shape, find_touches, real_features
 from eskin.training.datasets import scaling
@@ -30,7 +30,6 @@ ORDERS = {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}
 
 BY_LAST_STEP = {
     "last": "the file gives the logits of the last step alone",
-    "regression": "a regression decides once, by the sum over all windows",
     "reference": "the outputs of --check are the logits of the last step alone",
 }
 SHOWS = BY_LAST_STEP | {
@@ -114,99 +113,8 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
     return dict(zip(roles, (*recurrent, *linear), strict=True))
 
 
-def _read_npz(path: Path, names: Sequence[str], save: str) -> dict[str, np.ndarray]:
-    """The arrays of an ``.npz`` that holds ``names`` alone, float64."""
-
-    def refuse(why: object, array: str | None = None) -> NoReturn:
-        raise InputError(f"network '{path}'{f', array {array}' if array else ''}: {why}; save it with {save}")
-
-    try:
-        raw = read_arrays(path)
-    except ArchiveError as error:
-        refuse(error, error.member)
-    for name in (*names, *raw):
-        if name not in raw:
-            refuse("is missing", name)
-        if name not in names:
-            refuse("is one too many", name)
-        array = raw[name]
-        if array.size > MOST_VALUES:
-            refuse(f"has shape {array.shape}, beyond any network that the accelerator takes", name)
-        if array.dtype.kind not in "fiu":
-            refuse(f"holds {array.dtype}, not numbers", name)
-        if not np.isfinite(array).all():
-            refuse("holds values that are no finite numbers", name)
-    return {name: array.astype(np.float64) for name, array in raw.items()}
-
-
-COEFFICIENTS, INTERCEPTS = "coef_", "intercept_"
-"""Arrays of a logistic regression, as scikit-learn calls them."""
-
-_SAVE_LINEAR = "numpy.savez(FILE, coef_=model.coef_, intercept_=model.intercept_)"
-
-
-def read_linear(
-    path: str | Path, config: AcceleratorConfig
-) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
-    """A logistic regression from an ``.npz`` with ``coef_`` and ``intercept_``: ``config`` with its sets of
-    weights, and V and b_y.
-
-    Columns stand window by window, the D inputs of window 1 first: (C, K D). With D columns alone they are
-    for the sum of the inputs over the windows: one set of weights for all. A regression of two classes may
-    have one row, that of the second class against the first.
-
-    Raises
-    ------
-    InputError
-        The file is missing, damaged, needs a pickle, holds other arrays, or numbers of another array or task.
-    """
-    path = Path(path)
-    if path.suffix != ".npz" or not path.is_file():
-        raise InputError(
-            f"network '{path}': is no .npz file, as a linear cell needs it; save it with {_SAVE_LINEAR}"
-        )
-    check_readable(path)
-    raw = _read_npz(path, (COEFFICIENTS, INTERCEPTS), _SAVE_LINEAR)
-    weights, bias = raw[COEFFICIENTS], raw[INTERCEPTS]
-
-    def refuse(name: str, why: str) -> NoReturn:
-        raise InputError(f"network '{path}', array {name}: {why}")
-
-    if weights.ndim != 2 or bias.shape != weights.shape[:1]:
-        refuse(
-            INTERCEPTS,
-            f"has shape {bias.shape} beside {weights.shape} of {COEFFICIENTS}; save the arrays of one "
-            "regression",
-        )
-    if config.classes == 2 and len(weights) == 1:
-        weights, bias = np.concatenate([-weights, weights]) / 2, np.concatenate([-bias, bias]) / 2
-    if len(weights) != config.classes:
-        refuse(
-            COEFFICIENTS,
-            f"decides between {len(weights)} classes and configuration '{config.name}', field class_names, "
-            "has "
-            f"{config.classes}; use the configuration of the array and task it was trained on",
-        )
-    columns, inputs = weights.shape[1], config.inputs
-    sets = {config.windows.steps * inputs: "window", inputs: "one"}
-    if columns not in sets:
-        refuse(
-            COEFFICIENTS,
-            f"has {columns} columns and configuration '{config.name}' has {config.windows.steps} windows of "
-            f"{inputs} inputs: "
-            f"{config.windows.steps * inputs} columns, or {inputs} for the sum over the windows; use the "
-            "configuration it was trained on",
-        )
-    if not (config.windows.steps == 1 and config.network.weight_sets == "one"):
-        config = config.replace(weight_sets=sets[columns])
-    return config, {
-        "V": weights.reshape(config.classes, config.sets, inputs).swapaxes(0, 1).copy(),
-        "b_y": bias,
-    }
-
-
 def _check_shapes(layers: Layers) -> None:
-    """Refuse shapes that do not belong together, and values that are no finite numbers."""
+    """Refuse shapes that do not belong together, and values that are not finite numbers."""
     shape = layers.arrays["recurrent"].shape
     if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
         layers.refuse(
@@ -231,7 +139,7 @@ def _check_shapes(layers: Layers) -> None:
                 "one network",
             )
         if not np.isfinite(array).all():
-            layers.refuse(role, "holds values that are no finite numbers; train the network again")
+            layers.refuse(role, "holds values that are not finite numbers; train the network again")
 
 
 # ---------------------------------------------------------------------- into a model
@@ -323,14 +231,14 @@ def import_network(
     recordings: Recordings | None = None,
     check: Path | None = None,
 ) -> Record:
-    """Make a float model folder (config.json, float.npz, training.json) of a network trained elsewhere, ready
-    to quantise.
+    """Make a float model folder (config.json, float.npz, training.json) from a network that was trained
+    elsewhere, ready to quantise.
 
     Parameters
     ----------
     file:
-        A torch state_dict (``read_layers``); for a linear cell
-        ``read_linear``; an ONNX file (`eskin.exchange.import_onnx`), whose cell and reset are its own.
+        A torch state_dict (``read_layers``); an ONNX file (`eskin.exchange.import_onnx`), whose cell and reset are
+        its own.
     config:
         Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden
         size follows the file.
@@ -368,22 +276,26 @@ def import_network(
         )
     scale: Record
     notes: list[str] = []
-    shows, own = "weights" if config.recurrent else "regression", NAMES
+    shows, own = "weights", NAMES
+    _check_scale(mean, std)
     if Path(file).suffix == ONNX_SUFFIX:
         from eskin.exchange.import_onnx import convert_onnx, read_onnx
 
         network = read_onnx(file)
-        _check_scale(mean, std)
         config, arrays, shows, notes = convert_onnx(network, config, cell, reset)
         kind, names, own = "ONNX", network.names, network.graph.ends
         held = network.scale(config) if mean is None and recordings is None else None
         scale = held or _normalisation(file, config, mean, std, recordings)
     else:
-        config, arrays, names, kind = _read_network(
-            file, with_network(config, cell=cell, reset=reset), mean, std
-        )
+        config, kind = with_network(config, cell=cell, reset=reset), "torch state_dict"
+        if not config.recurrent:
+            raise InputError(
+                f"network '{file}': is to be a linear cell, which is read from ONNX; export it as .onnx"
+            )
+        layers = read_layers(file)
+        (config, arrays), names = convert(layers, config), dict(layers.names)
         scale = _normalisation(file, config, mean, std, recordings)
-        if config.recurrent and config.network.cell == "gru":
+        if config.network.cell == "gru":
             notes = ["reset gate after the recurrent product, as torch has it"]
     arrays |= {
         name: np.broadcast_to(scale[key], constants_shape(config))
@@ -425,18 +337,6 @@ def _decide(config: AcceleratorConfig, shows: str) -> tuple[AcceleratorConfig, s
     return config, f"decision {config.network.decision}{kept}: {SHOWS[shows]}"
 
 
-def _read_network(
-    file: str | Path, config: AcceleratorConfig, mean: float | None, std: float | None
-) -> tuple[AcceleratorConfig, dict[str, np.ndarray], dict[str, str], str]:
-    """The configuration with the file's sizes, the float network's arrays, where each comes from, and what
-    the file is."""
-    _check_scale(mean, std)
-    if config.recurrent:
-        layers = read_layers(file)
-        return *convert(layers, config), dict(layers.names), "torch state_dict"
-    return *read_linear(file, config), {"weights": COEFFICIENTS, "bias": INTERCEPTS}, "logistic regression"
-
-
 def _check_scale(mean: float | None, std: float | None) -> None:
     """Raise InputError for one without the other, and for values that are not a valid scale."""
     if (mean is None) != (std is None):
@@ -447,7 +347,7 @@ def _check_scale(mean: float | None, std: float | None) -> None:
     for name, value in (("mean", mean), ("std", std)):
         if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
             raise InputError(
-                f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give "
+                f"--{name} {value:g}: is not a {'spread above 0' if name == 'std' else 'finite number'}; give "
                 "codes"
             )
 

@@ -305,7 +305,7 @@ def products(config: AcceleratorConfig) -> dict[str, float]:
 
 def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
     """``eskin_model.h`` and ``eskin_model.c``, library.properties of Arduino and module.yml of Zephyr with
-    what it names: text by path. Their names and all that they declare begin with ``prefix``.
+    what it names: text by path. Their names and everything that they declare begin with ``prefix``.
 
     Raises
     ------

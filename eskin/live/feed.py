@@ -136,7 +136,8 @@ class Taught:
 
 @dataclass(frozen=True)
 class End:
-    """A recording is over. decision: that of its first touch, -1 none. whole: it was played to its end."""
+    """A recording is over. decision: that of its first touch, -1 none. whole: the recording was played to its
+    end."""
 
     decision: int
     whole: bool = True

@@ -290,7 +290,7 @@ class Player:
             self._hub.publish(event)
 
     def _say(self, sentence: str) -> bool:
-        """Keep a sentence for the end; False: there are enough."""
+        """Keep a sentence for the end. False if the limit is reached."""
         if room := len(self.tally.said) < SAID_MAX:
             self.tally.said.append(sentence)
         return room

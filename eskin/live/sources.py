@@ -90,7 +90,7 @@ class ModelSource:
         return [*self.events(self.stream.push(samples)), *self.where(scanned)]
 
     def scanned(self, samples: np.ndarray) -> np.ndarray:
-        """The frames of ``frames`` that the chain takes."""
+        """Those of ``frames`` that the chain takes."""
         every = self.config.sensor.scan_every
         return samples[-self.stream.frame % every :: every]
 

@@ -278,7 +278,7 @@ METHODS: dict[str, Method] = {
 # ---------------------------------------------------------------------- judging
 @dataclass(frozen=True)
 class BaselineJob:
-    """One piece of work: a method on a split."""
+    """One job: a method on a split."""
 
     method: Method
     groups: tuple[str, ...]
@@ -396,7 +396,7 @@ def results(
     keep: Memo | None = None,
     version: str = "",
 ) -> Record:
-    """Every method on every split, each a piece of work.
+    """Every method on every split, one job each.
 
     Parameters
     ----------
@@ -432,7 +432,7 @@ def results(
             rows.append(row_of(piece.method, piece.groups, outcomes[key]["runs"]))
     if not rows:
         raise InputError(
-            f"baselines: no method can be judged on these recordings; the first says: {left_out[0]['reason']}"
+            f"baselines: no method works on these recordings; the first one reports: {left_out[0]['reason']}"
         )
     order = [list(groups) for groups in splits]
     return {

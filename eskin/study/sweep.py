@@ -1,5 +1,5 @@
-"""Speed against accuracy: a grid of networks trained, quantised and judged on unseen groups; the front; the
-smallest one that is enough.
+"""Speed against accuracy: trains and quantises a grid of networks, evaluates them on unseen groups, and finds
+the front and the smallest network that is enough.
 
 A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is
 counted from the configuration and, through ``cost_of``, from the program of the hardware. Trained networks
@@ -308,8 +308,8 @@ def split_figures(record: Mapping[str, Any]) -> Record:
 
 
 def seed_spread(by_seed: Sequence[float], recordings: int) -> Record:
-    """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either:
-    then the spread is None and the standard error that of a share of so many recordings."""
+    """spread: standard deviation over seeds; standard_error: of their mean. With one seed neither is known:
+    the spread is None, and the standard error is that of a share of the recordings."""
     values = np.asarray(by_seed, dtype=np.float64)
     mean, spread = float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else None
     error = math.sqrt(mean * (1 - mean) / recordings) if spread is None else spread / math.sqrt(len(values))
@@ -433,8 +433,7 @@ def sweep(
             records.append(_record(point, outcome["splits"], cost_of(point.config)))
     if not records:
         raise InputError(
-            "sweep: no point could be quantised to the widths it asks for; the first says: "
-            f"{refused[0]['reason']}"
+            f"sweep: no point could be quantised to its widths; the first one reports: {refused[0]['reason']}"
         )
     front = {number for cost in request.costs for number in pareto(records, cost)}
     for number, record in enumerate(records):

@@ -236,7 +236,7 @@ def _draw(
     generator: np.random.Generator,
 ) -> list[np.ndarray]:
     """``most`` recordings to enrol of each class that is among ``members``, such as show a touch: a user would
-    see it and touch again. Part of a touch teaches a prototype nothing."""
+    see it and touch again. A partial touch cannot be stored as a prototype."""
     drawn, lacks = [], lacking(recordings, members)
     least = 1 if trial.readout == "dense" else data.touches.sums.shape[1]
     for label, name in enumerate(recordings.class_names):

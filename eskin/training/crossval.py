@@ -278,8 +278,8 @@ def over_folds(per_fold: Sequence[Record]) -> dict[str, float]:
 
 
 def share_right(labels: np.ndarray, tests: Sequence[np.ndarray], runs: Sequence[FoldDecisions]) -> np.ndarray:
-    """(recordings) the share of the integer networks that decided each rightly, of those that had not seen
-    it."""
+    """(recordings) share of the integer networks that classified the recording correctly, among those that
+    were not trained on it."""
     right, judged = np.zeros(len(labels)), np.zeros(len(labels))
     for test, run in zip(tests, runs, strict=True):
         right[test] += run.integer_global == labels[test]

@@ -214,8 +214,8 @@ def fine_tune(
     widths: Record,
     progress: Progress,
 ) -> list[IntegerModel]:
-    """Quantisation-aware training: an integer network from each trained float one, trained on in integer
-    arithmetic. Bits of a feature that no format could use are refused.
+    """Quantisation-aware training: trains an integer network from each float network, in integer arithmetic.
+    Bits of a feature that no format could use are refused.
 
     Formats are chosen once, from the ranges of the network on its own part.
     """

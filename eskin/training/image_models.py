@@ -1,5 +1,5 @@
-"""Model folders of networks for images: cross-validated and trained, made integers, judged. What `eskin
-train`, `quantise` and `evaluate` do with an archive of images.
+"""Model folders of networks for images: cross-validated and trained, made integers, judged. `eskin train`,
+`quantise` and `evaluate` for an archive of images.
 
 ``auto`` trains three networks of NETWORKS on the same folds and takes, of those level with the best
 (`eskin.training.level`), the one with the fewest multiplies.

@@ -218,10 +218,10 @@ def fit_sturdy(
     """Weights and bias of the linear cell that is least squares over touches as recorded and disturbed, in
     closed form: the expected products of inputs under the disturbances take the place of those recorded.
 
-    A taxel is lost in a share LOST of the touches, each as often: it reads rest, or is masked. A share CUT ends
-    after some of its windows, a share RATE is sampled at another rate, and over the last windows of a share OVERLAP
-    the beginning of another touch is added. A share SPIKED of the samples lies at the clip. An offset and a drift are taken to the
-    first order, so each adds the products of its derivative.
+    A taxel is lost in a share LOST of the touches, each as often: it reads rest, or is masked. A share CUT of
+    the touches ends after some of their windows, a share RATE is sampled at another rate, and to the last
+    windows of a share OVERLAP the beginning of another touch is added. A share SPIKED of the samples lies at
+    the clip. An offset and a drift are taken to the first order, so each adds the products of its derivative.
 
     Parameters
     ----------

@@ -89,12 +89,12 @@ class Trained:
 
 
 def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = False) -> Trained:
-    """The model folder, to be quantised. ``ranges``: by those that training.json notes.
+    """Reads the model folder for quantisation. ``ranges``: by those that training.json notes.
 
     Raises
     ------
     InputError
-        The folder is no model folder; config.json says what its network cannot be; it was taught.
+        The folder is not a model folder; config.json says what its network cannot be; it was taught.
     """
     current, record = load_config(model_dir), load_training(model_dir)
 
@@ -134,7 +134,8 @@ def _check_network(
     trained: AcceleratorConfig,
     noted: AcceleratorConfig | None,
 ) -> None:
-    """Refuse a config.json of another network, or of other features than the ``noted`` ranges are of."""
+    """Raise InputError for a config.json of another network, or of features other than those of the ``noted``
+    ranges."""
 
     def refuse(before: AcceleratorConfig, fields: Iterable[str], why: str) -> None:
         for field in fields:

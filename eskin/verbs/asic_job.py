@@ -4,6 +4,7 @@ energy of its clock."""
 import random
 import re
 import shutil
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -122,7 +123,11 @@ def asic(
     process = process_of(pdk, libraries["typ"])
     netlist = netlist_of(config, model.arrays, process)
     nets, counted = Nets(netlist.module, process.cells), netlist.counted(process)
-    by_kind = _sums((cell.kind, cell.area * number) for cell, number in counted)
+    by_kind, by_block = defaultdict[str, float](float), defaultdict[str, float](float)
+    for cell, number in counted:
+        by_kind[cell.kind] += cell.area * number
+    for name, block in blocks_of(nets).items():
+        by_block[block] += nets.cells[name].area
     total = sum(by_kind.values())
 
     def number_of(kind: str) -> int:
@@ -145,9 +150,7 @@ def asic(
         "one_phase": config.hardware.one_phase,
         "area_um2": total,
         "area_by_kind_um2": by_kind,
-        "area_by_block_um2": chip_energy.largest_first(
-            _sums((block, nets.cells[name].area) for name, block in blocks_of(nets).items())
-        ),
+        "area_by_block_um2": dict(sorted(by_block.items(), key=lambda row: -row[1])),
         "kge": total / process.nand.area / 1e3,
         "flip_flops": number_of("flip-flop"),
         "latches": number_of("latch"),
@@ -172,13 +175,6 @@ def asic(
         "cannot_be_claimed": CANNOT,
     }
     return result, netlist
-
-
-def _sums(rows) -> dict[str, float]:
-    sums: dict[str, float] = {}
-    for name, value in rows:
-        sums[name] = sums.get(name, 0.0) + value
-    return sums
 
 
 def _slowest(

@@ -20,7 +20,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import find_touches
 from eskin.rtl.asic.liberty import WireLoad
-from eskin.rtl.asic.nets import BAND, OTHERS, TRUNK, Nets, blocks_of, costs
+from eskin.rtl.asic.nets import BAND, Nets, costs
 from eskin.rtl.asic.synthesis import expression
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Register
@@ -72,8 +72,8 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
 
 
 def _resting(recordings: Recordings, frames: int) -> Recordings:
-    """The first of ``recordings``, its last frame held for ``frames`` more: a step costs what the frames behind its
-    decision cost, too."""
+    """The first of ``recordings``, with its last frame repeated ``frames`` times, because the frames after a
+    decision belong to the energy of its step."""
     one = recordings.subset([0])
     samples = np.concatenate([one.samples, np.repeat(one.samples[-1:], frames, axis=0)])
     return dataclasses.replace(one, samples=samples, offsets=np.array([0, len(samples)]))
@@ -108,22 +108,17 @@ def measured(
     """
     config = model.config
     chosen = _resting(with_touches(model, recordings, 1)[1], config.windows.hop)
-    trace, cost, blocks = run(model, chosen), costs(nets, voltage, wire), blocks_of(nets)
+    trace, cost = run(model, chosen), costs(nets, voltage, wire)
     library = {cell.name: cell for cell in nets.cells.values()}
     chip = Chip(nets.module, library, expression, SEED, wrong, delays=True)
-    part_of = {
-        net: (kind, blocks[nets.driver[net][0]] if net in nets.driver else OTHERS)
-        for net, kind in cost.kind.items()
-    }
-    at_macros = [(ACCESSES, blocks[name]) for name in chip.macros]
-    place = {part: number for number, part in enumerate(sorted({*part_of.values(), *at_macros}))}
+    place = {kind: number for number, kind in enumerate(sorted({*cost.kind.values(), ACCESSES, "clock"}))}
     change, of = np.zeros(chip.nets), np.zeros(chip.nets, np.uint8)
-    for net, part in part_of.items():
-        of[net], change[net] = place[part], cost.joule[net] * (part[0] != "clock")
+    for net, kind in cost.kind.items():
+        of[net], change[net] = place[kind], cost.joule[net] * (kind != "clock")
     edges = np.array([cost.joule[net] for net in chip.gates] or [0.0])
     joule = np.zeros(2 * len(place))  # what changes from cycle to cycle, and glitches
     accesses = [nets.cells[name].access_j[kind] for name in chip.macros for kind in ("read", "write")]
-    of_macros = np.array([place[part] for part in at_macros], np.uint8)
+    of_macros = np.full(len(chip.macros), place[ACCESSES], np.uint8)
     chip.count_into(joule, (change, of, edges, of[[*chip.gates, 0]], np.array(accesses), of_macros))
     device = Device(chip, config.sensor.sample_bits)
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
@@ -142,12 +137,11 @@ def measured(
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
-    of_part, extra = (
-        {part: rows[:, low + number] for part, number in place.items()} for low in (3, 3 + len(place))
+    of_kind, extra = (
+        {kind: rows[:, low + number] for kind, number in place.items()} for low in (3, 3 + len(place))
     )
-    extra.setdefault(("clock", TRUNK), np.zeros(len(rows)))
-    of_part["clock", TRUNK] = of_part.get(("clock", TRUNK), 0.0) + cost.root_j * rows[:, 1]
-    energies = summary(config, rows, of_part, onset, cost.root_j, leakage_w, clock)
+    of_kind["clock"] = of_kind["clock"] + cost.root_j * rows[:, 1]
+    energies = summary(config, rows, of_kind, onset, cost.root_j, leakage_w, clock)
     beyond = summary(config, rows, extra, onset, 0.0, 0.0, clock)
     glitches = {key: beyond[key] for key in GLITCHES} | {"method": GLITCHES_BY}
     hours = BATTERY_J / (energies["average_w"] + glitches["average_w"]) / 3600
@@ -161,14 +155,14 @@ def measured(
 
 ACCESSES = "reads and writes"
 """Kinds of access that macros charge for."""
-GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "step_blocks_j", "interval_blocks_j", "average_w")
+GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "average_w")
 """Energies that are told of glitches alone, too."""
 
 
 def summary(
     config: AcceleratorConfig,
     rows: np.ndarray,
-    of_part: Mapping[tuple[str, str], np.ndarray],
+    of_kind: Mapping[str, np.ndarray],
     onset: int,
     root_j: float,
     leakage_w: float,
@@ -180,13 +174,12 @@ def summary(
     ----------
     rows:
         A frame each, as `measured` makes them.
-    of_part:
-        Joule of each frame by what changes and in which block, edges of the clock included.
+    of_kind:
+        Joule of each frame by what changes, edges of the clock included.
     onset:
         Number of the frame at which the touch begins.
     """
-    frame = np.sum(list(of_part.values()), axis=0)
-    of_kind, of_block = _sums(of_part, 0), _sums(of_part, 1)
+    frame = np.sum(list(of_kind.values()), axis=0)
     decided = np.flatnonzero(rows[:, 2])
     near = np.zeros(len(rows), bool)
     around = NEAR + schedule(config).step_cycles // (2 * config.sensor.taxels + DRAIN_CYCLES)
@@ -210,10 +203,6 @@ def summary(
     step = of_step(frame)
     parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
     parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
-    step_blocks = {block: of_step(values) for block, values in of_block.items()}
-    interval_blocks = {
-        block: float(hop * values[plain].mean()) + step_blocks[block] for block, values in of_block.items()
-    }
     parts |= {"step": step, "leakage": leakage_w * hop / rate}
     idle_w = leakage_w + rate * whole(quiet)
     average_w = idle_w + TOUCHES_PER_S * steps * step
@@ -229,28 +218,11 @@ def summary(
         "average_w": average_w,
     }
     return energies | {
-        "bands": {name: [value / BAND, value * BAND] for name, value in energies.items()},
         "band": BAND,
         "interval_parts_j": parts,
-        "step_parts_j": {kind: of_step(values) for kind, values in of_kind.items()},
-        "step_blocks_j": largest_first(step_blocks),
-        "interval_blocks_j": largest_first(interval_blocks),
         "interval_frames": hop,
         "clock_hz": clock_hz,
         "clocked_share": float(rows[plain, 1].mean()) / period,
         "battery_hours": BATTERY_J / average_w / 3600,
         "method": METHOD,
     }
-
-
-def largest_first(values: Mapping[str, float]) -> dict[str, float]:
-    """The same, sorted."""
-    return dict(sorted(values.items(), key=lambda row: -row[1]))
-
-
-def _sums(of_part: Mapping[tuple[str, str], np.ndarray], by: int) -> dict[str, np.ndarray]:
-    """Joule of each frame by what changes (0) or by block (1)."""
-    sums: dict[str, np.ndarray] = {}
-    for part, values in of_part.items():
-        sums[part[by]] = sums.get(part[by], 0.0) + values
-    return sums

@@ -78,8 +78,8 @@ def cosimulate(
         ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets.
     converter:
         Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were
-        recorded). The golden model reads what the converter gives of the recordings. Frames then come at the
-        declared rate, by the design's own sample clock.
+        recorded). The golden model reads the samples that the converter makes of the recordings. Frames then
+        come at the declared rate, by the design's own sample clock.
     chip:
         With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and
         placed (false: the netlist with probes alone). Registers, latches and memories begin at random.

@@ -583,7 +583,7 @@ class AcceleratorConfig:
 
     @property
     def most_mean_frac(self) -> int:
-        """Fraction bits that means may have. A mean is loaded in two words at most, with its parity bit."""
+        """Permitted fraction bits of means. A mean is loaded in two words at most, with its parity bit."""
         return max(0, min(MOST_MEAN_FRAC, 32 - self.hardware.checksum - self.sum_bits))
 
     @property
@@ -669,7 +669,7 @@ class AcceleratorConfig:
     @property
     def multiplies(self) -> int:
         """Multiplies a step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; an image: those of all
-        layers, with those by the zeros around maps."""
+        layers, including those with the zero padding."""
         if self.is_image:
             return sum(stage.multiplies for stage in self.stages)
         h, d = self.network.hidden, self.inputs
@@ -981,7 +981,7 @@ class AcceleratorConfig:
             raise InputError(f"{source}: {error}") from None
 
     def to_json(self) -> str:
-        """The text of a config.json."""
+        """Text of config.json."""
         return json.dumps(self.to_dict(), indent=2) + "\n"
 
     @classmethod

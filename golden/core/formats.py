@@ -86,14 +86,14 @@ class QFormat:
 
     @classmethod
     def parse(cls, text: str) -> QFormat:
-        """The format that prints as ``text``, ``SQ(4,12)`` say."""
+        """The format that prints as ``text``, such as ``SQ(4,12)``."""
         kind, _, digits = text.partition("Q(")
         try:
             int_bits, frac_bits = (int(part) for part in digits.rstrip(")").split(","))
             if kind not in ("S", "U") or not digits.endswith(")"):
                 raise ValueError
         except ValueError:
-            raise ValueError(f"'{text}' is no number format; write SQ(int,frac), as in SQ(4,12)") from None
+            raise ValueError(f"'{text}' is not a number format; write SQ(int,frac), as in SQ(4,12)") from None
         return cls(int_bits, frac_bits, kind == "S")
 
 

@@ -22,8 +22,8 @@ Refusal = tuple[str, str]
 
 
 class Group:
-    """Fields that belong together. On construction every field is held against its annotation, then
-    `refusals` against the others."""
+    """Fields that belong together. On construction every field is checked against its annotation, then
+    `refusals` checks the fields against each other."""
 
     prefix: ClassVar[str] = ""
     """Stands before a field's name in an error."""
@@ -33,8 +33,8 @@ class Group:
             raise InputError(f"configuration, field {self.prefix}{field}: {why}")
 
     def _misfits(self) -> list[Refusal]:
-        """The first field that its annotation does not allow. Fields that pass get the value that pydantic
-        read."""
+        """The first field whose value its annotation does not allow. Valid fields get the value as parsed by
+        pydantic."""
         for name, adapter in _adapters(type(self)).items():  # type: ignore[arg-type]  # a class is hashable whatever its instances are
             value = getattr(self, name)
             try:

@@ -320,7 +320,7 @@ def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndar
     except (TypeError, ValueError, KeyError):  # no sequence, or rows of several lengths
         kind = type(arrays).__name__
         raise InputError(
-            f"{source}: {kind} is no array of numbers; give an array (frames, taxels), or a list of such "
+            f"{source}: {kind} is not an array of numbers; give an array (frames, taxels), or a list of such "
             "arrays"
         ) from None
     return list(whole) if whole.ndim == 3 else [whole]
@@ -645,7 +645,7 @@ def _positive_number(value: np.ndarray) -> float | None:
 
 
 def _worth(value: np.ndarray, taxels: int) -> Worth | None:
-    """The finite number above 0 that ``value`` holds, or those of each taxel where they differ; or None."""
+    """The finite number above 0 in ``value``, or one per taxel if they differ; otherwise None."""
     if value.shape != (taxels,) or value.dtype.kind not in "iuf":
         return _positive_number(value)
     numbers = tuple(map(float, value))

@@ -97,8 +97,8 @@ def check_teachable(config: AcceleratorConfig) -> None:
 
 
 def teach(model: IntegerModel, codes: np.ndarray, label: int | str) -> IntegerModel:
-    """The model with one touch more of class ``label``, in the class's next place; when all are in use, in
-    that of the oldest.
+    """The model with one more touch of class ``label``, in the next place of the class or, if all are in use,
+    in place of its oldest touch.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def class_index(config: AcceleratorConfig, label: object) -> int:
     Raises
     ------
     InputError
-        It is no class.
+        It is not a class.
     """
     names = config.network.class_names
     if isinstance(label, str) and label in names:

@@ -116,7 +116,7 @@ class Stream:
         return self.model.config
 
     def arm(self) -> None:
-        """Begin a new recording: its next frame is frame 1, and no touch is under way."""
+        """Begin a new recording: the next frame is frame 1, and no touch is open."""
         config = self.config
         self._front = TouchFinder(config)
         self._frames = 0  # of the source
@@ -157,13 +157,13 @@ class Stream:
 
     @property
     def onset_frame(self) -> int | None:
-        """The frame in which the touch under way was found (0: the gate opens at once), None between
-        touches."""
+        """The frame in which the onset of the current touch was found (0: the gate opens at once); None
+        between touches."""
         return self._pushed(self._touch.onset_frame) if self._touch else None
 
     @property
     def start_frame(self) -> int | None:
-        """The first frame of the touch under way, before its onset where frames before it count; None between
+        """The first frame of the current touch (before its onset if earlier frames count); None between
         touches."""
         return self._pushed(self._touch.start_frame) if self._touch else None
 

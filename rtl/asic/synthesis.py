@@ -333,7 +333,7 @@ def _without(module: str) -> str:
 
 
 def _of_macro(name: str, macro: Cell, **values: str | bool) -> str:
-    """A template's text of a one-port macro."""
+    """The text of a one-port macro, from a template."""
     sizes = {"words": macro.words, "bits": macro.bits, "address": (macro.words - 1).bit_length()}
     test_pins = [pin for pin in macro.pins if "BIST" in pin]
     return template(__file__, name).render(name=macro.name, others=test_pins, **sizes, **values)

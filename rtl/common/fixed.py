@@ -41,7 +41,8 @@ def saturate(value: Value, fmt: QFormat) -> Value:
 
 
 def not_all_equal(bits: Value) -> Value:
-    """High unless all bits are the same. Neighbours are compared: four a LUT, so the result comes early."""
+    """High unless all bits are the same. Neighbouring bits are compared, four per LUT, so the result is
+    early."""
     bits = Value.cast(bits).as_unsigned()
     return (bits[:-1] ^ bits[1:]).any()
 

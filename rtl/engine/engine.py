@@ -68,7 +68,7 @@ class Engine(wiring.Component):
 
     A step takes `Schedule.step_cycles`. Phase B starts 2 cycles after the window's last taxel if the program
     already waits for it; from there to the decision it is `Schedule.decision_cycles`. While the program waits
-    for a window, everything stands still.
+    for a window, the engine is idle.
 
     Parameters
     ----------

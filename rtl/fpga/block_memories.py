@@ -26,7 +26,7 @@ def _accelerator(config: AcceleratorConfig) -> Accelerator:
 def block_memories(config: AcceleratorConfig, family: str, shapes: Sequence[tuple[int, int]]) -> int:
     """Block memories of the accelerator on a family of FPGAs: each memory, once for every port that reads it,
     cut into blocks of the shape (words, bits) that needs fewest. Memories with another implementation,
-    memories with few words, and columns of a ROM that never change need none."""
+    memories with few words, and constant columns of a ROM need none."""
     total = 0
     for bits, words, readers, requests in _blocks(Fragment.get(_accelerator(config), family)):
         needed = min(-(-words // depth) * -(-bits // width) for depth, width in shapes)

@@ -1,4 +1,5 @@
-"""Beats become frames of taxels 0 to D - 1, whatever the sender does (docs/specification.md, section 2)."""
+"""Beats become frames of taxels 0 to D - 1, for any behaviour of the sender (docs/specification.md, section
+2)."""
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring

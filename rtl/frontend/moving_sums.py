@@ -1,4 +1,4 @@
-"""The moving sum of every taxel, and the verdict of the onset rule ``baseline`` (docs/specification.md,
+"""The moving sum of every taxel, and the result of the onset rule ``baseline`` (docs/specification.md,
 section 2)."""
 
 from amaranth.hdl import Cat, Module, Mux, Shape, Signal, signed

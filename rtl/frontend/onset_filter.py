@@ -20,8 +20,8 @@ class OnsetFilter(wiring.Component):
     Ports
     -----
     i : In(struct: valid, hit)
-        ``hit``: this frame fulfils the rule. ``valid``: it is judged, and ends with this cycle; never held
-        up.
+        ``hit``: this frame fulfils the rule. ``valid``: the rule is applied to the frame, which ends with
+        this cycle; there is no back-pressure.
     met : Out(1)
         Combinational from ``hit``, 0 cycles.
     """

@@ -1,4 +1,4 @@
-"""The host's writes into the memories: a memory is chosen, then its words come one after the other."""
+"""The host's writes into the memories: it selects a memory, then writes its words in order."""
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
@@ -11,7 +11,7 @@ from eskin.rtl.program.memory_map import Memory, load_words
 
 
 class MemoryLoader(wiring.Component):
-    """Counts the address of the chosen memory on with every word, and refuses words while ``locked``.
+    """Advances the address of the selected memory with every word, and refuses words while ``locked``.
 
     Members
     -------

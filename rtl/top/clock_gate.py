@@ -23,17 +23,17 @@ high."""
 def gated(chain: Elaboratable, needed: Value, platform: str | None) -> Module:
     """``chain`` with clock edges only where ``needed``.
 
-    The edge at the end of a cycle passes when ``needed`` is high in that cycle. So the input that wakes the
-    chain is taken by the same edge as without the gate, which costs no cycle. ``needed`` must settle before
-    the edge, like any register's input.
+    The edge at the end of a cycle passes when ``needed`` is high in that cycle. So the waking input is
+    sampled at the same edge as without the gate, and no cycle is lost. ``needed`` must settle before the
+    edge, like any register's input.
 
     Parameters
     ----------
     needed:
         A value of ``chain``'s, made of its registers and inputs.
     platform:
-        ``CHIP``: a clock gate. Otherwise the same in enables: for simulation and proofs, where a gated clock
-        is no model of anything.
+        ``CHIP``: a clock gate. Otherwise the same in enables: for simulation and proofs, which cannot model a
+        gated clock.
     """
     m = Module()
     if platform == CHIP:

@@ -118,12 +118,6 @@ def make_corpus(folder: Path) -> Path:
     layers: torch.nn.Module = torch.nn.ModuleDict({"cell": torch.nn.GRU(4, 4), "head": torch.nn.Linear(4, 2)})
     torch.save(layers.state_dict(), folder / "network.pt")
     write_onnx(FloatModel(config, result_case.float_model().arrays), folder / "network.onnx")
-    rng = np.random.default_rng(1)
-    np.savez(
-        folder / "linear.npz",
-        coef_=rng.normal(0, 0.5, (config.classes, config.windows.steps * config.inputs)),
-        intercept_=rng.normal(0, 0.5, config.classes),
-    )
     _tables(folder, loaded)
     few = Recordings.of(
         [loaded.recording(index)[:60] for index in range(4)],
@@ -478,7 +472,7 @@ quantise model --weight-bits #
 """
 CONFIGURED = """train --data ../in/recordings.npz --out made --config @
 sweep --data ../in/recordings.npz --config @
-import ../in/linear.npz --cell linear --out made --config @ --mean 0 --std 9
+import ../in/network.pt --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
 train --data synthetic --out made --config @
 """
@@ -519,7 +513,6 @@ READERS = {
     "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
     "--config ../in/config.json",
     "network.pt": "import @ --out made --config ../in/config.json --mean # --std #",
-    "linear.npz": "import @ --cell linear --out made --config ../in/config.json --mean # --std #",
     "network.onnx": "import @ --out made\nimport @ --out made --config ../in/config.json --mean # --std #\n"
     "import @ --out made --data ../in/recordings.npz",
     "result": "report result",
@@ -610,7 +603,7 @@ GOOD = {
     "source": "../in/csv ../in/table.csv ../in/r.mat ../in/lvm ../in/r.h5 ../in/table.parquet ../in/log.mcap ../in/bag",
     "labels": "../in/times.csv ../in/table.csv",
     "config": "../in/config.json pvdf thesis",
-    "file": "../in/network.pt ../in/linear.npz",
+    "file": "../in/network.pt ../in/network.onnx",
     "folder": "../in/model",
     "grid": "../in/grid.json bits default",
     "group": "person source_file person,source_file x",

@@ -1,13 +1,13 @@
-"""Random image networks, and what they compute by a reference of its own: sums written out, no shared
-code."""
+"""Random image networks, also smaller than a configuration may be, and what the golden model computes."""
 
 import random
 from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.golden.core import QFormat
-from eskin.golden.core.images import layer_stages, parse_layer
+from eskin.golden.core import Pool, QFormat, narrow
+from eskin.golden.core.images import PIXEL_FORMAT, layer_stages, parse_layer
+from eskin.golden.model.image_network import accumulators, pooled
 from eskin.rtl.program.image_passes import ImagePlan
 
 LOGIT = QFormat(16, 0)
@@ -31,27 +31,18 @@ class ImageCase:
 
     def expected(self, image: np.ndarray) -> tuple[list[int], list[int]]:
         """(values of all maps in their order, logits) of an image."""
-        maps: list[int] = []
-        value = image.astype(np.int64)[:, :, None]
-        for one in self.plan.passes:
-            weights = self.arrays[f"W_{one.number}"]
-            if one.dense:
-                value, weights = value.reshape(1, 1, -1), weights.reshape(one.outputs, 1, 1, -1)
-            reach = one.kernel // 2
-            padded = np.pad(value, ((reach, reach), (reach, reach), (0, 0)))
-            sums = np.zeros((one.rows, one.columns, one.outputs), dtype=np.int64)
-            for row, column in np.ndindex(one.rows, one.columns):
-                window = padded[row : row + one.kernel, column : column + one.kernel]
-                sums[row, column] = (weights * window).sum((1, 2, 3)) + self.arrays[f"b_{one.number}"]
-            rounded = (sums + (1 << one.shift - 1 if one.shift else 0)) >> one.shift
-            if one.last:
-                return maps, [int(v) for v in rounded.ravel().clip(LOGIT.min_code, LOGIT.max_code)]
-            value = rounded.clip(0, 255)
-            if one.pool:
-                even = np.pad(value, ((0, one.rows % 2), (0, one.columns % 2), (0, 0)))
-                value = even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2, one.outputs).max((1, 3))
-            maps += [int(v) for v in value.ravel()]
-        raise AssertionError("a network ends with logits")
+        maps: list[np.ndarray] = []
+        value = image.astype(np.int64)[None, :, :, None]
+        shifts = iter(one.shift for one in self.plan.passes)
+        for stage in self.plan.stages:
+            if isinstance(stage.layer, Pool):
+                maps[-1] = value = pooled(value)
+                continue
+            weights, bias = (self.arrays[f"{letter}_{stage.number}"] for letter in "Wb")
+            sums = accumulators(stage, value, weights, bias).astype(np.int64)
+            value = narrow(sums, next(shifts), LOGIT if stage.last else PIXEL_FORMAT)
+            maps.append(value)
+        return [code for one in maps[:-1] for code in one.ravel().tolist()], value.ravel().tolist()
 
 
 def make_case(

@@ -17,7 +17,7 @@ beats too many. Collected streams are checked: once ``valid`` is up, ``valid`` a
 import random
 from typing import Any, NamedTuple
 
-from amaranth.hdl import ClockDomain, Module, ResetInserter, Shape, Signal, Value
+from amaranth.hdl import ClockDomain, Module, Shape, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
@@ -266,23 +266,3 @@ def bus_accesses(ctx, bus):
         return ctx.get(bus.r_data)
 
     return write, read
-
-
-def beats_after_reset(dut, cut: list, then: list) -> list[Beat]:
-    """What comes out of ``dut`` of the beats ``then``, after the beats ``cut`` and a reset."""
-    reset = Signal()
-    bench = Bench(ResetInserter(reset)(dut))
-    taken = bench.drive(dut.i, cut + then, gaps=[0] * len(cut) + [20])
-    out = bench.collect(dut.o)
-
-    async def restart(ctx):
-        while len(taken) < len(cut):
-            await ctx.tick()
-        ctx.set(reset, 1)
-        await ctx.tick()
-        ctx.set(reset, 0)
-        out.clear()
-
-    bench.process(restart)
-    bench.run()
-    return out

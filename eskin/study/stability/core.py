@@ -5,8 +5,8 @@ An experiment is a function of a ``Bench`` (a model on a ``Scene``: recordings, 
 model under test): an ``Experiment`` (``eskin.study.stability.shapes``) with a disturbance, or a function of its
 own. ``eskin.study.stability.table`` has a row for each. A broken variant changes the bench:
 the same experiment must then report a failure. The tests check this for every mode
-(tests/support/broken_variants.py). A property that no weight and no recording can change, a width or a
-table's entry, is no mode but a test.
+(tests/support/broken_variants.py). A property that depends on neither weights nor recordings (a width, a
+table entry) is not a mode; the tests check it.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
+from eskin.golden.data.codes import UNEVEN
 from eskin.golden.model import Fixed, FloatModel, IntegerModel, Touches, pipeline, preprocess
 from eskin.training.datasets import scaling
 from eskin.training.derive import find_onsets
@@ -41,6 +42,16 @@ def sums_alone(config: AcceleratorConfig) -> AcceleratorConfig:
     return config.replace(
         feature_kinds=("mean",), feature_scale="array", feature_shift=(), aligned_means=False
     )
+
+
+def of_each_kind(own: np.ndarray, common: float, told_by: np.ndarray | None = None) -> np.ndarray:
+    """(taxels) ``common``, or ``own`` where columns are of different kinds: where those of ``told_by`` (None: own)
+    that move by a code differ by more than UNEVEN squared. A common deviation would be many times the whole range
+    of a column of small codes."""
+    told_by = own if told_by is None else told_by
+    moving = told_by[told_by >= 1]
+    mixed = len(moving) > 1 and moving.max() > UNEVEN**2 * moving.min()
+    return np.maximum(own, 1e-6) if mixed else np.full(len(own), common)
 
 
 # ---------------------------------------------------------------------- what an experiment works on
@@ -162,26 +173,32 @@ class Scene:
         return np.maximum(find_onsets(self.config, self.clean), 1)
 
     @cached_property
-    def sigma(self) -> float:
-        """Standard deviation of the window means, codes."""
+    def sigma(self) -> np.ndarray:
+        """(taxels) standard deviation of the window means, codes: one of all taxels, and of columns of different
+        kinds (`of_each_kind`) the own of each."""
         if self.origin:
             return self.origin.sigma
         plain = sums_alone(self.config)
         touches = preprocess.find_touches(plain, self.clean)
-        return scaling(plain, preprocess.real_features(plain, touches.sums), touches.completed)[1]
+        means = preprocess.real_features(plain, touches.sums)
+        own = means[np.arange(plain.windows.steps) < touches.completed[:, None]].std(axis=0)
+        return of_each_kind(own, scaling(plain, means, touches.completed)[1])
 
     @cached_property
-    def rest_noise(self) -> float:
-        """Standard deviation of a taxel at rest, codes: the median over taxels and recordings, from frame to
-        frame."""
+    def rest_noise(self) -> np.ndarray:
+        """(taxels) standard deviation of a taxel at rest, codes, from frame to frame: the median over taxels and
+        recordings, and of columns of different kinds (`of_each_kind`) over recordings."""
         quiet = [
             stream[: max(int(onset) - 1, 16)]
             for stream, onset in (
                 (self.clean.recording(i).astype(np.float64), self.onsets[i]) for i in range(len(self.clean))
             )
+            if len(stream) > 2
         ]
         # the difference of two frames has twice the variance of one; slow drift does not count
-        return float(np.median([np.diff(stream, axis=0).std(axis=0) for stream in quiet]) / np.sqrt(2))
+        still = [np.zeros_like(self.sigma)]
+        noise = np.array([np.diff(stream, axis=0).std(axis=0) for stream in quiet] or still) / np.sqrt(2)
+        return of_each_kind(np.median(noise, axis=0), float(np.median(noise)), self.sigma)
 
     @property
     def live(self) -> list[int]:

@@ -73,7 +73,7 @@ def offset(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """Taxels shifted together by ``level`` standard deviations of the features at the onset."""
 
     def add(stream, onset, rng):
-        stream[max(onset - 1, 0) :, taxels] += level * bench.sigma
+        stream[max(onset - 1, 0) :, taxels] += level * bench.sigma[list(taxels)]
         return stream
 
     return add

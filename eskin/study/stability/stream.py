@@ -20,12 +20,8 @@ def drift(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
     """All taxels ramp by ``level`` standard deviations of the features during a touch."""
 
     def ramp(stream, onset, rng):
-        return (
-            stream
-            + (level * bench.sigma / bench.config.last_frame * np.arange(len(stream), dtype=np.float32))[
-                :, None
-            ]
-        )
+        slope = level * bench.sigma / bench.config.last_frame
+        return stream + (slope * np.arange(len(stream))[:, None]).astype(np.float32)
 
     return ramp
 
@@ -37,7 +33,7 @@ def hum(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
         phase = 2 * np.pi * 50 / bench.config.sensor.scan_rate_hz * np.arange(len(stream)) + rng.uniform(
             0, 2 * np.pi
         )
-        return stream + (level * bench.rest_noise * np.sin(phase)).astype(np.float32)[:, None]
+        return stream + (level * bench.rest_noise * np.sin(phase)[:, None]).astype(np.float32)
 
     return add
 
@@ -131,7 +127,7 @@ def glitch(bench: Scene, height: float, taxels: Sequence[int]) -> Change:
 def ramp(bench: Scene, speed: float, taxels: Sequence[int]) -> Change:
     """All taxels ramp by ``speed`` standard deviations of the features a second."""
     step = speed * bench.sigma / bench.config.sensor.scan_rate_hz
-    return lambda stream, place, rng: stream + (step * np.arange(len(stream), dtype=np.float32))[:, None]
+    return lambda stream, place, rng: stream + (step * np.arange(len(stream))[:, None]).astype(np.float32)
 
 
 def stretches_and_frames(bench: Scene) -> str:
@@ -144,7 +140,7 @@ def ramp_in_codes(bench: Scene) -> str:
     """The ramp in codes, beside what the rest level follows, in words."""
     config = bench.config
     tracked = f"tracking follows {config.sensor.scan_rate_hz / 16:.0f} at most"
-    return f"{bench.sigma:.3g} codes a second; {tracked if config.rest_level.rest == 'tracked' else 'the rest level is not tracked'}"
+    return f"{bench.sigma.max():.3g} codes a second; {tracked if config.rest_level.rest == 'tracked' else 'the rest level is not tracked'}"
 
 
 def burst(bench: Scene, gain: float, taxels: Sequence[int]) -> Change:

@@ -99,7 +99,7 @@ def run_modes(
             raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
 
     def absent(mode: Mode) -> str:
-        """Why a mode does not apply; empty where it does."""
+        """The reason why a mode does not apply; empty if it applies."""
         if isinstance(mode.run, str) and not hardware:
             return "needs a co-simulation"
         return next((why for holds, why in map(NEEDS.__getitem__, mode.needs) if not holds(bench.config)), "")

@@ -43,7 +43,7 @@ ZERO = {20: 0x01000, 16: 0x0100}
 
 @dataclass(frozen=True, kw_only=True)
 class DdcPlan(Plan):
-    """The actions of the controller at one clock frequency.
+    """The controller's actions at a given clock frequency.
 
     configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word that is read,
     in their order; None: not wired. clk_half, half: cycles of half a period of its clock and of the data

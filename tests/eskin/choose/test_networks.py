@@ -137,7 +137,7 @@ def test_of_two_parts_no_kind_of_fit_is_chosen():
         for parts in ([first, second, third], [np.r_[first, second], np.r_[third, last]], [first, first]):
             assert effort.by(recordings, parts) == effort
         two = effort.by(recordings, [first, second])
-        assert two.fits == (AVERAGED,) and two.units == effort.units
+        assert two.fits == (AVERAGED,) and two.units == INSIDE.units and not two.sturdy
     asked, taken, _ = played([CONFIG, DEAR], lambda one: 390 if one.recipe.squares else 300, effort=two)
     assert {recipe for units, _, recipe, *_ in asked if units == "linear"} == {AVERAGED}
     assert taken.recipe.averaged

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import IntegerModel, Stream, decide_touches, find_touches
-from eskin.golden.model.prototypes import forget, taught_in_use, teach, trajectory_codes
+from eskin.golden.model import IntegerModel, Stream
+from eskin.golden.model.prototypes import forget, taught_in_use, teach
 from eskin.training.formats import with_network
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
@@ -40,46 +40,6 @@ def test_the_oldest_taught_touch_goes_and_a_class_is_forgotten_alone():
     assert taught_in_use(forget(model)).tolist() == [0, 0, 0]
     for name, array in trained.items():
         np.testing.assert_array_equal(model.arrays[name], array)
-
-
-@each_row("cell", ["gru", "linear"])
-def test_a_stream_is_taught_the_touch_that_ended_and_the_one_that_follows(cell):
-    model, recordings = forget(taught_model(cell)), scene(20, seed=6)
-    touches = find_touches(model.config, recordings)
-    made = decide_touches(model, touches)
-    codes = trajectory_codes(model.config, made.hidden, made.logits)
-    stream, expected, last, refused = Stream(model), model, None, 0
-    rng = np.random.default_rng(7)
-    for index in range(len(recordings)):
-        following = int(rng.integers(0, 3)) if rng.random() < 0.5 else None
-        if following is not None:
-            stream.teach(following, following=True)
-        stream.arm()
-        stream.push(recordings.recording(index))
-        stream.finish()
-        for row in np.flatnonzero(touches.recording == index):
-            whole = touches.completed[row] == model.config.windows.steps
-            if touches.completed[row]:
-                last = codes[row] if whole else None
-                if whole and following is not None:
-                    expected = teach(expected, codes[row], following)
-                following = None
-        if following is not None:  # no touch came: withdrawn by the next one's name
-            stream._following = None
-        label = int(rng.integers(0, 3))
-        if last is None:
-            with pytest.raises(InputError, match="no whole touch"):
-                stream.teach(label)
-            refused += 1
-        else:
-            stream.teach(label)
-            expected = teach(expected, last, label)
-        if rng.random() < 0.2:
-            stream.forget(label)
-            expected = forget(expected, label)
-        for name in ("taught", "taught_count"):
-            np.testing.assert_array_equal(stream.model.arrays[name], expected.arrays[name])
-    assert refused and taught_in_use(expected).any()
 
 
 def test_a_stream_is_not_taught_during_a_touch():

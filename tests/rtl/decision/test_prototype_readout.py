@@ -249,7 +249,7 @@ def test_taught_and_forgotten_at_random_it_is_as_far_from_every_class_as_the_mod
 
 @pytest.mark.parametrize("decision", ["last", "vote"])
 def test_a_place_with_a_damaged_code_is_left_out_and_flagged(decision):
-    """From the code on, until the touch ends; what was right of it before counts. Teaching it anew mends it."""
+    """From the code on, until the touch ends; what was right of it before counts."""
     model = forget(small_model(7, "gru", decision, checksum=True))
     player = Player(model, 11, 0.2)
 
@@ -273,19 +273,3 @@ def test_a_place_with_a_damaged_code_is_left_out_and_flagged(decision):
     config = player.config
     player.run(act)
     assert player.left_out > 4
-
-    async def mended(ctx):
-        again.model = teach(model, np.zeros((config.windows.steps, 4), dtype=np.int64), 1)
-        again.damaged(1)
-        await again.load(ctx)
-        await again.pulse(ctx, forget=1, label=1, option=0)
-        again.damage, again.model = None, forget(again.model, 1)
-        for _ in range(3):
-            await again.touch(ctx, config.windows.steps)
-            await again.pulse(ctx, teach=1, label=1, option=0)
-            again.model = teach(again.model, again.last, 1)
-            await again.rest(ctx)
-        assert not again.wrong
-
-    again = Player(model, 12, 0.2)
-    again.run(mended)

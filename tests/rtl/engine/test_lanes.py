@@ -5,14 +5,11 @@ import random
 
 import pytest
 from amaranth.hdl import Fragment
-from hypothesis import given
-from hypothesis import strategies as st
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature, make_lane
 from eskin.rtl.engine.sb_mac16 import DspLane
 from eskin.rtl.program.timing import Timing
-from tests.support.strategies import examples
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
@@ -106,22 +103,6 @@ def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumu
     seen, checks = play(lane_type, with_operands, accumulates, sums, lambda: rng.choice(gaps))
     early = [number for number, total in checks.items() if seen[number - 1] != total]
     assert len(early) > 0.5 * len(checks), "the sum is there a slot sooner than the timing says"
-
-
-@examples(30, 300)
-@given(
-    lane_type=st.sampled_from(["plain", "dsp"]),
-    terms=st.lists(
-        st.one_of(st.none(), st.tuples(st.integers(-32768, 32767), st.integers(-128, 127))),
-        min_size=1,
-        max_size=8,
-    ),
-    loads=st.lists(st.integers(-1000, 1000), min_size=1, max_size=3),
-)
-def test_any_products(lane_type, terms, loads):
-    if not any(terms):
-        terms = [*terms, (-32768, -128)]
-    play(lane_type, False, True, [(load, terms) for load in loads])
 
 
 def test_a_dsp_lane_is_no_wider_than_its_block():

@@ -1,32 +1,13 @@
 """The checksum: every bit of every constant bears on it, it costs no slot, it flags what is wrong and nothing
 else."""
 
-import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.program.memory_map import (
-    Fault,
-    Memory,
-    Register,
-    Status,
-    load_writes,
-    memory_images,
-    words_per_entry,
-)
+from eskin.rtl.program.memory_map import Fault, Memory, Register, Status, load_writes, words_per_entry
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
-from eskin.rtl.program.signature import (
-    START,
-    WIDTH,
-    advance,
-    check_words,
-    fold,
-    parity,
-    reads,
-    residue,
-    retreat,
-)
+from eskin.rtl.program.signature import START, WIDTH, advance, fold, parity, reads, retreat
 from tests.rtl.top.test_accelerator import CONFIGS, check, play, recordings
 from tests.support.random_models import random_integer_model
 from tests.support.unseen import unseen
@@ -56,40 +37,6 @@ def test_no_single_flip_leaves_the_signature_and_no_slot_or_word_is_added(cell, 
         assert unseen(code, constant_counts(config, code)) == [], (preset, lanes)
         if code.plan.shared:
             assert ("addend", code.plan.half_address) in {read for _, read in reads(code, 0)}
-
-
-def test_check_words_bring_every_length_to_zero_and_a_changed_word_does_not():
-    config = checked("thesis")
-    model = random_integer_model(config, seed=2)
-    code = Microcode(schedule(model.config))
-    images = memory_images(model.config, model.arrays)
-    weights, addends, constants = (
-        [images[lane] for lane in range(config.hardware.lanes)],
-        images[Memory.ADDENDS],
-        images[Memory.CONSTANTS],
-    )
-    lengths = len(config.window_lengths)
-    assert (
-        lengths > 1
-        and [residue(code, weights, addends, constants, length) for length in range(lengths)] == [0] * lengths
-    )
-    rng = np.random.default_rng(1)
-    for _ in range(40):
-        lane, word, bit = (
-            int(rng.integers(config.hardware.lanes)),
-            int(rng.integers(len(weights[0]))),
-            int(rng.integers(config.weight_bits)),
-        )
-        wrong = [list(image) for image in weights]
-        wrong[lane][word] ^= 1 << bit
-        assert residue(code, wrong, addends, constants, 0) != 0
-    # the other length's scale: seen where it is used
-    other = [*constants[:1], constants[1] ^ 4, *constants[2:]]
-    assert residue(code, weights, addends, other, 0) == 0 and residue(code, weights, addends, other, 1) != 0
-    assert (
-        check_words(code, weights, addends, [*constants[: code.layout.check_base], *[0] * lengths])
-        == constants[-lengths:]
-    )
 
 
 def test_bit_exact_and_without_a_flag_where_nothing_is_wrong():

@@ -75,14 +75,6 @@ def test_restart_is_looked_at_in_the_last_word_but_two(code):
             check(code, taken, [seen, False, False])
 
 
-def test_after_a_reset_in_any_cycle_the_prologue(code):
-    end = code.idle_words + len(code.slots)  # the last slot's cycle
-    # the program's turning point among them; its output is not reset
-    for at in range(end - code.words[-3]["repeat"] - 5, end + 2):
-        taken, _ = play(code, at + 2 * end, reset=lambda cycle, at=at: cycle == at)
-        check(code, [slot for slot in taken if slot[0] > at], [False] * 3)
-
-
 def test_waiting_freezes_the_slot_until_go(code):
     wait = code.idle_words + code.wait
     late = wait + 40

@@ -6,7 +6,7 @@ import pytest
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from eskin.rtl.frontend.rest_level import exact_reciprocal
 from tests.support.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats
-from tests.support.stream_bench import Bench, beats_after_reset, values
+from tests.support.stream_bench import Bench, values
 from tests.support.table import each_row
 
 
@@ -144,18 +144,6 @@ def test_framing_faults_are_flagged_and_the_next_frame_is_whole(fault):
     out, _, flags = run(config, beats, stalls=stalls, seed=9)
     assert values(out) == frame_beats(config, detect(config, repaired(stream, counts)))
     assert len(flags["framing_fault"]) == faults
-
-
-@pytest.mark.parametrize("name", ["thesis", "every frame"])
-def test_a_reset_begins_a_new_recording(name):
-    """Memories keep their old contents: nothing of the first recording, cut in the middle of a frame, may
-    show in the second."""
-    config = CASES[name]
-    first, second = make_stream(config, 90, seed=7) + 15, make_stream(config, 120, seed=8)
-    cut = sample_beats(first)[: 90 * config.sensor.taxels - 2]
-    assert values(beats_after_reset(OnsetDetector(config), cut, sample_beats(second))) == frame_beats(
-        config, detect(config, second)
-    )
 
 
 @each_row("divisor", [3, 5, 6, 7, 48, 100, 4095])

@@ -6,7 +6,7 @@ from amaranth.lib import wiring
 
 from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
 from tests.support.front_end_cases import CASES, detect, frame_beats, make_stream, touch_beats
-from tests.support.stream_bench import Bench, beats_after_reset, play, values
+from tests.support.stream_bench import Bench, play, values
 from tests.support.table import each_row
 
 
@@ -108,15 +108,3 @@ def test_what_has_caught_up_passes_by(wait):
     assert 5 * 4 < caught_up < late and delays[caught_up:late] == [0] * (late - caught_up)
     behind = 0 if not wait else next(k for k, delay in enumerate(delays[late:]) if delay == 0)
     assert behind == {0: 0, 1: 1, 20: 24}[wait] and delays[late + behind :] == [0] * (160 - late - behind)
-
-
-@pytest.mark.parametrize("cut_frame", [20, 60])
-def test_a_reset_forgets_everything(cut_frame):
-    """Cut in history and late in a touch, each time in the middle of a frame."""
-    config = CASES["thesis"]
-    first = detect(config, make_stream(config, 100, seed=5, touches=[30]))
-    second = detect(config, make_stream(config, 70, seed=6, touches=[3]))
-    cut = frame_beats(config, first)[: cut_frame * config.sensor.taxels - 2]
-    assert values(beats_after_reset(Ring(config), cut, frame_beats(config, second))) == touch_beats(
-        config, second
-    )

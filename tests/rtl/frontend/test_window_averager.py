@@ -4,7 +4,6 @@ frames."""
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,7 +22,7 @@ from tests.support.front_end_cases import (
     window_beats,
 )
 from tests.support.strategies import examples
-from tests.support.stream_bench import beats_after_reset, play, values
+from tests.support.stream_bench import play, values
 from tests.support.table import each_row
 
 
@@ -97,14 +96,3 @@ def test_latency_and_full_rate(name):
                 sums += [cycle] * bool(costs)
     assert taken == beats
     assert [beat.cycle for beat in out] == sums
-
-
-@pytest.mark.parametrize("name", ["three end together", "pvdf"])
-def test_a_reset_begins_anew(name):
-    config = CASES[name]
-    first, second = (detect(config, make_stream(config, 200, seed=seed)) for seed in (11, 12))
-    whole = window_beats(config, first)
-    cut_beats = whole[: min(90 * config.sensor.taxels, len(whole)) - 2]
-    assert values(
-        beats_after_reset(WindowAverager(config), cut_beats, window_beats(config, second))
-    ) == sum_beats(config, second)

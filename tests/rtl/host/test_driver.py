@@ -4,7 +4,6 @@ import subprocess
 
 import pytest
 
-from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.model import Stream, run
 from eskin.golden.model.decision_word import decision_word
@@ -134,21 +133,6 @@ def test_an_interrupt_routine_takes_decisions_within_a_frame(model, design, pair
             decision_word(model.config, row) for row in rows[slice(*offsets[number : number + 2])]
         ]
     assert within > 3 and driver.refused > 3
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize("bus", ["wishbone", "axi4lite"])
-@pytest.mark.parametrize(("preset", "data"), [("pvdf", "pvdf_indent"), ("fabric", "fabric_slide")])
-def test_real_recordings_decide_as_the_model_does(shared_data, tmp_path, bus, preset, data):
-    """Ten of each data set, with pauses at random."""
-    model = random_integer_model(PRESETS[preset].replace(feature_shift=(), lanes=1), 3)
-    recordings = load_recordings(shared_data / data / "recordings.npz", config=model.config)
-    recordings = recordings.subset(recordings.evenly(10))
-    folder = generate(model.config, model.arrays, tmp_path / "design", bus=bus)
-    count, cycles = plays(model, folder, recordings, pairs=preset == "pvdf", bus=bus, seed=1, pause=0.3)
-    print(f"{bus}, {preset}: {count} decisions equal, {cycles / len(recordings.samples):.1f} cycles a frame")
-    assert count
 
 
 def test_registers_are_as_the_files_describe_them(design):

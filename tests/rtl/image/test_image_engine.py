@@ -1,4 +1,4 @@
-"""The image engine against sums written out, value by value, and against its cycle formula, on random
+"""The image engine against the golden model, value by value, and against its cycle formula, on random
 networks."""
 
 import random

@@ -4,18 +4,13 @@ import, what fits a part."""
 import numpy as np
 import pytest
 
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue
-from eskin.training.formats import with_network
 from eskin.training.linear_fit import fit_linear
-from eskin.training.made_up import random_recordings
-from eskin.training.quantise import quantise_model, signals
-from eskin.training.recipe import RECIPES, choose_recipe
-from eskin.training.train import TrainingRequest, train
 from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
@@ -144,40 +139,3 @@ def test_a_fit_of_two_classes_and_of_missing_ones():
     assert (FloatModel(config, arrays).forward(features)[1][:, -1].argmax(axis=1) == labels).all()
     alone = fit_linear(config, features, np.full(40, 1), 1.0)
     assert not alone["V"].any() and alone["b_y"].argmax() == 1
-
-
-def test_training_writes_a_model_that_quantises(tmp_path, monkeypatch):
-    config = PRESETS["synthetic"].replace(
-        taxels=4, hop=12, window=24, steps=4, touch_frames=60, pretrigger_frames=4, rest_frames=8
-    )
-    recordings = random_recordings(config, [400] * 12, seed=3)
-    monkeypatch.setitem(
-        RECIPES,
-        "linear",
-        RECIPES["linear"].__class__(name="linear", updates=3, batch=16, noise=0.3, penalty=1.0),
-    )
-    record = train(
-        recordings,
-        with_network(config, cell="linear"),
-        TrainingRequest(folds=3, seeds=2, splits=[[]]),
-        out=tmp_path / "m",
-    )
-    assert record["recipe"]["name"] == "linear" and record["config"]["network"]["decision"] == "last"
-    assert [entry["signal"] for entry in record["ranges"]] == list(
-        signals(with_network(config, cell="linear"))
-    )
-    model = FloatModel.load(tmp_path / "m")
-    assert model.arrays["V"].shape == (4, 3, 4)
-    ranges = {entry["signal"]: (entry["min"], entry["max"]) for entry in record["ranges"]}
-    for widths in ({}, {"weight_bits": 12}, {"weight_bits": 6, "lean": True}):
-        integer = quantise_model(model, ranges, **widths)
-        assert integer.config.formats.dense_format.width == widths.get("weight_bits", 8)
-        assert not widths.get("lean") or integer.config.logit_proven
-    assert (
-        choose_recipe(
-            model.config.replace(onset="immediate", rest="none", rest_frames=0, pretrigger_frames=0)
-        ).augments
-        is False
-    )
-    with pytest.raises(InputError, match="field protocol: is 'thesis' and the cell is linear"):
-        choose_recipe(model.config, "thesis")

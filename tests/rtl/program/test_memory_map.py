@@ -1,8 +1,6 @@
 """Memory images: every weight in the place the schedule reads, addends with bias and rounding half, the
 writes that load them."""
 
-import pytest
-
 from eskin.golden.core import PRESETS
 from eskin.rtl.program.memory_map import (
     Memory,
@@ -13,57 +11,8 @@ from eskin.rtl.program.memory_map import (
     mean_word,
     memory_images,
 )
-from eskin.rtl.program.schedule import schedule
 from tests.support.random_models import random_integer_model
-from tests.support.small_designs import reference
 from tests.support.table import each_row
-
-
-@pytest.mark.parametrize(
-    ("lanes", "lane_type", "cell", "reset"),
-    [
-        (1, "plain", "gru", "before"),
-        (4, "plain", "gru", "after"),
-        (5, "dsp", "lstm", "before"),
-        (1, "dsp", "lstm", "before"),
-    ],
-)
-def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
-    config = reference(cell, reset, lanes, lane_type=lane_type)
-    model = random_integer_model(config, seed=lanes)
-    config = model.config
-    images = memory_images(config, model.arrays)
-    plan = schedule(config)
-    placed = 0
-    for address, (group, matrix, column) in enumerate(plan.weight_words):
-        for lane in range(lanes):
-            row = group.first_row + lane
-            expected = model.arrays[matrix][row, column] if lane < group.rows else 0
-            assert images[lane][address] == expected
-            placed += lane < group.rows
-    constants, dense = images[Memory.CONSTANTS], model.arrays["V"]
-    if plan.shared:  # the dense layer's weights lie beside the constants, each row from a multiple of 16 on
-        kept = constants[16:]
-        assert [kept[16 * row : 16 * row + 12] for row in range(3)] == dense.tolist() and len(
-            kept
-        ) == 2 * 16 + 12
-        constants, placed = constants[: 2 + len(config.window_lengths)], placed + dense.size
-    assert placed == sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
-    assert constants == [*model.arrays["scale"], config.gate_one, 0]
-    assert images[Memory.MEANS] == model.arrays["mean"].tolist()
-    half = {
-        "sigmoid": config.sigmoid_shift,
-        "tanh": config.tanh_shift,
-        "value": config.value_shift,
-        "logit": config.logit_shift,
-    }
-    for word, (block, row) in zip(images[Memory.ADDENDS], plan.bias_rows, strict=False):
-        shift = config.dense_bias_shift if block.name == "dense" else config.bias_shift
-        assert word == model.arrays[block.bias][row] * 2**shift + 2 ** (half[block.narrowing] - 1)
-    element_half = [1 << config.formats.gate_frac - 1] * plan.shared
-    zero = [0] * bool(plan.program.t_regions)
-    assert images[Memory.ADDENDS][len(plan.bias_rows) :] == [0] * plan.partial_rows + element_half + zero
-    assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared + len(zero)
 
 
 def test_a_checked_mean_has_an_even_number_of_ones_and_its_own_bits():

@@ -65,24 +65,6 @@ def test_a_length_or_ed_into_the_address_of_scale_or_check_leads_to_its_own_word
     assert counts == {1, 2, 3}
 
 
-def test_every_address_lies_in_its_memory_and_no_lane_has_two_tasks(codes):
-    """Constants are never written, and the words for 0 in the prologue alone."""
-    for (lane_type, _), code in codes.items():
-        place, plan = code.layout, code.plan
-        depths = {"vector": place.state_depth, "element": place.state_depth, "gate": place.gate_depth}
-        depths |= {"t": place.t_depth, "addend": plan.addend_words}
-        for number, word in enumerate(code.unrolled()):
-            zeros = int(number < code.again)
-            assert all(word[name] < depth for name, depth in depths.items()), number
-            assert not word["state_write"] or word["state_to"] < place.state_zero + zeros
-            assert not word["t_write"] or word["result"] < place.t_zero + zeros
-            assert not word["gate_write"] or word["result"] < place.constants
-            assert not word["partial"] or word["partial_to"] < plan.addend_words
-            assert not (lane_type == "dsp" and word["swap"] and word["valid"])
-            assert not (plan.shared and word["swap"] and word["element_first"])
-            assert not (plan.shared and word["valid"] and word["element_valid"])
-
-
 def test_a_schedule_with_two_uses_of_one_slot_is_refused():
     plan = schedule(reference())
     first, second, *rest = plan.mac_after

@@ -15,7 +15,6 @@ from eskin.rtl.program.memory_map import (
     ID_VALUE,
     Control,
     Fault,
-    Memory,
     Register,
     Status,
     load_writes,
@@ -217,7 +216,9 @@ KNEES = {"integral_knee": 4, "integral_frac": 6}
 CONFIGS = {
     "thesis": small(),
     "two windows end together": small(steps=5, hop=8, window=17, touch_frames=40),
-    "tracked, free": tracked(feature_kinds=FEATURE_KINDS, activity_rule="change", activity_block=5, **KNEES),
+    "tracked, free": tracked(
+        masked_taxels=(3,), feature_kinds=FEATURE_KINDS, activity_rule="change", activity_block=5, **KNEES
+    ),
     "tracked, touch windows, LSTM": tracked(
         window_mode="touch",
         touch_frames=60,
@@ -231,7 +232,6 @@ CONFIGS = {
     "opens at once, hard sigmoid": tracked(
         onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid", scan_every=2
     ),
-    "tracked, free, masked": tracked(masked_taxels=(3,)),
     "thesis, defended": small(
         **FAULTS, onset_hits=2, onset_span=3, margin_threshold=2, feature_kinds=("mean", "activity")
     ),
@@ -241,8 +241,8 @@ CONFIGS = {
 }
 
 
-SEEDS = dict(zip(CONFIGS, (0, 3, 4, 6, 7, 0, 11, 12), strict=True))
-"""Of recordings with decisions, both unsure and not where there is a threshold."""
+SEED = 44
+"""Of recordings with no, one and two touches, with decisions both unsure and not where there is a threshold."""
 
 SLOW = pytest.mark.slow
 QUICK = (
@@ -251,7 +251,6 @@ QUICK = (
     ("opens at once, hard sigmoid", 0.0),
     ("two windows end together", 0.4),
     ("tracked, free", 0.4),
-    ("tracked, free, masked", 0.4),
     ("thesis, defended", 0.4),
 )
 """In every pair of window mode, onset rule, cell, stalls and defence once; other lanes, ROM and masks are drawn
@@ -269,9 +268,8 @@ STAGE_CASES = [
 @pytest.mark.parametrize(("name", "stall"), STAGE_CASES)
 def test_bit_exact_at_every_stage(name, stall):
     config = CONFIGS[name]
-    seed = SEEDS[name]
-    model = random_integer_model(config, seed=seed + 1)
-    data = recordings(config, seed + 40, [150, 60, 33, 200, 7])
+    model = random_integer_model(config, seed=5)
+    data = recordings(config, SEED, [150, 60, 33, 7])
     trace = run(model, data)
     assert len(trace.streams["decision"][0]) > 4, (
         "the recordings make no decisions: nothing would be compared"
@@ -321,48 +319,16 @@ def test_a_recording_that_stops_in_the_middle_of_a_frame_is_finished():
     assert len(decisions) > len(whole) and streams["decision"] == decisions
 
 
-EARLY = {"decision": "early", "early_steps": 1, "early_margin": 0}
-
-
-@pytest.mark.parametrize(
-    "config",
-    [small(rearm_frames=60), CONFIGS["opens at once, hard sigmoid"].replace(**EARLY)],
-    ids=["open", "decided early"],
-)
-def test_weight_write_during_a_touch_is_refused_and_flagged(config):
-    model = random_integer_model(config, seed=3)
-    data = recordings(config, 3, [100])
-    data.samples[20:, 2] = 3000  # a touch from frame 21 on
-    flags = []
-
-    async def attack(host):
-        await host.until_idle()  # what the frames before bring, an early decision too, is out
-        assert await host.read(Register.STATUS) & Status.TOUCH
-        for select in (0, Memory.ADDENDS, Memory.CONSTANTS, Memory.MEANS):
-            await host.write(Register.MEMORY_SELECT, select)
-            for _ in range(8):
-                await host.write(Register.MEMORY_DATA, 0x1234)
-        flags.append(await host.read(Register.FAULTS))
-        await host.write(Register.CONTROL, Control.CLEAR_FAULTS)
-        flags.append(await host.read(Register.FAULTS))
-
-    streams, _ = play(model, data, during=attack)
-    check(model, data, streams)
-    assert flags[0] & Fault.WRITE_REFUSED and not flags[1] & Fault.WRITE_REFUSED
-
-
 @SLOW
-@pytest.mark.parametrize(
-    ("name", "lanes"), [("tracked, free", 12), ("two windows end together", 1), ("tracked, free, masked", 12)]
-)
+@pytest.mark.parametrize(("name", "lanes"), [("tracked, free", 12), ("two windows end together", 1)])
 def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
     """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with
-    12 the frames. At full pace the short hops outrun the engine of one lane: held up, flagged, and still
-    nothing is lost.
+    12 the frames, whose means differ from taxel to taxel. At full pace the short hops outrun the engine of one
+    lane: held up, flagged, and still nothing is lost.
     """
-    config = CONFIGS[name].replace(lanes=lanes)
+    config = CONFIGS[name].replace(lanes=lanes, feature_kinds=("mean",), feature_scale="taxel")
     model = random_integer_model(config, seed=5)
-    data = recordings(config, SEEDS[name] + 40, [150, 60])
+    data = recordings(config, SEED, [150, 60])
     streams, statuses = play(model, data, frame_cycles=lowest_clock_hz(config) / config.sensor.sample_rate_hz)
     check(model, data, streams)
     assert streams["decision"] and [status[1] for status in statuses] == [0, 0]

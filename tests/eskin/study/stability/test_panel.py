@@ -13,6 +13,7 @@ from eskin.choose.cost import Cost
 from eskin.choose.front_ends import Screen
 from eskin.choose.sturdy import SELDOM, Hardening
 from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.study.stability.core import Scene
 from eskin.study.stability.panel import PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.recipe import RECIPES
@@ -170,3 +171,17 @@ def test_weights_come_from_a_file_and_what_is_wrong_in_it_is_named(tmp_path):
         file.write_text(text)
         with pytest.raises(InputError, match=words):
             panel_of(recordings, str(file))
+
+
+def test_columns_of_different_kinds_are_disturbed_by_their_own_deviations():
+    """One taxel in codes 1000 times as large, and a recording of one frame, which has no noise."""
+    bench = stability_case.bench()
+    few = bench.recordings.subset(range(8))
+    few = few.until([1, *few.lengths[1:]])
+    mixed = dataclasses.replace(few, samples=few.samples * np.where(np.arange(few.taxels) == 3, 1000, 1))
+    config = bench.config.replace(onset="immediate", rest="initial", fault_frames=0, fault_activity=0, clip=0)
+    alike, apart = (Scene(config=config, recordings=these, turns=0) for these in (few, mixed))
+    assert np.ptp(alike.sigma) == np.ptp(alike.rest_noise) == 0 < alike.rest_noise[0]
+    for name in ("sigma", "rest_noise"):
+        own = getattr(apart, name)
+        assert own[3] > 100 * np.delete(own, 3).max() > 0, name
