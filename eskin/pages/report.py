@@ -135,7 +135,7 @@ class Result:
         """
         folder = Path(folder)
         if not folder.is_dir():
-            raise InputError(f"result '{folder}': is no folder; name the one that 'eskin run' wrote")
+            raise InputError(f"result '{folder}': is not a folder; name the one that 'eskin run' wrote")
         run, evaluate, cosim = (read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim"))
         training = read_json(folder / "model/training.json")
         config = AcceleratorConfig.from_dict(
