@@ -136,7 +136,7 @@ class _Arrays:
         if named:
             texts = vectors[named]
             if texts is None or texts.dtype.kind != "U":
-                self.refuse("is no list of text", named)
+                self.refuse("is not a list of text", named)
             names = texts
         if named and values.dtype.kind != "U":
             first = int(self.path.suffix.lower() == ".mat")  # MATLAB counts from 1

@@ -109,7 +109,7 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
         worth, of_model = map(in_words, (recordings.volt_per_code, config.sensor.volt_per_code))
         refuse(
             "array lsb_volt",
-            f"says that a code is worth {worth} and configuration '{config.name}', field volt_per_code, {of_model}",
+            f"has a code worth {worth} and configuration '{config.name}', field volt_per_code, {of_model}",
         )
     rate = recordings.sample_rate_hz * recordings.scan_every
     if abs(rate / config.sensor.sample_rate_hz - 1.0) > 0.02:

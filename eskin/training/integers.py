@@ -87,7 +87,7 @@ def quantise(
     Raises
     ------
     InputError
-        When the folder is no model folder, or no format of the asked widths works; naming a field of
+        When the folder is not a model folder, or no format of the asked widths works; naming a field of
         config.json that cannot be kept.
     """
     if aware and recordings is None:

@@ -326,7 +326,7 @@ def check_widths(
         ("state_format", state_bits, 6),
     ):
         if bits is not None and not lowest <= bits <= 16:
-            raise InputError(f"quantisation, field {field}: {bits} bits were asked for; use {lowest} to 16")
+            raise InputError(f"quantisation, field {field}: {bits} bits were requested; use {lowest} to 16")
     config.replace(
         gate_frac=config.formats.gate_frac if gate_bits is None else gate_bits,
         feature_shift=(),

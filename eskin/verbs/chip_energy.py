@@ -124,10 +124,12 @@ def measured(
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
     device.settle()
     device.forget()  # what a chain not yet reset may have offered
-    device.mark_frames()
-    device.frames(chosen.recording(0), 2 * config.sensor.taxels + DRAIN_CYCLES)
+    marks = []
+    for frame in chosen.recording(0):
+        marks.append([device.state.cycle, device.state.edges, device.state.decisions, *joule])
+        device.frames(frame[None], 2 * config.sensor.taxels + DRAIN_CYCLES)
     # a row a frame, to the next one's first taxel: cycles, edges that passed, decisions, joule by kind
-    rows = np.diff(device.marks(3 + len(joule)), axis=0)
+    rows = np.diff(marks, axis=0)
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
     decisions = device.streams()["decision"][0].view(np.uint32).tolist()

@@ -320,7 +320,7 @@ def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndar
     except (TypeError, ValueError, KeyError):  # no sequence, or rows of several lengths
         kind = type(arrays).__name__
         raise InputError(
-            f"{source}: {kind} is no array of numbers; give an array (frames, taxels), or a list of such "
+            f"{source}: {kind} is not an array of numbers; give an array (frames, taxels), or a list of such "
             "arrays"
         ) from None
     return list(whole) if whole.ndim == 3 else [whole]

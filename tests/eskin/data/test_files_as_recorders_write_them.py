@@ -58,7 +58,7 @@ def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path, clocks, runs
 def test_a_header_with_too_few_names_is_refused(tmp_path):
     text = doors.lvm([SIGNALS[0]]).replace("X_Value\tVoltage\t", "X_Value\t").replace("\tComment", "")
     with pytest.raises(InputError, match=r"line 16: has 4 numbers where the header has 3 names"):
-        load_recordings(files(tmp_path, ".lvm", lambda path, number: path.write_text(text)))
+        load_recordings(files(tmp_path, lambda path, number: path.write_text(text), "r{}.lvm"))
 
 
 def test_channels_without_a_common_clock_are_refused(tmp_path):
@@ -299,7 +299,7 @@ def test_dates_in_words_name_the_option_and_columns_their_number_in_the_file(tmp
     odd = lambda path, number: path.write_text(
         "\n".join([*rows(number)[:9], "0.09,1,x,2", *rows(number)[10:]])
     )
-    with pytest.raises(InputError, match="line 10: column 3 holds 'x', which is no number"):
+    with pytest.raises(InputError, match="line 10: column 3 holds 'x', which is not a number"):
         load_recordings(files(tmp_path / "odd", odd), reading=Reading(columns=("3-4",), rate_hz=100))
 
 
@@ -352,7 +352,8 @@ def test_an_array_of_structs(tmp_path):
         assert [recordings.class_names[label] for label in recordings.labels] == ["felt", "silk"] * 2
         assert recordings.groups["person"].tolist() == [0, 0, 1, 1] and recordings.sample_rate_hz == 100
     with pytest.raises(
-        InputError, match="--class touches: is no attribute or column; .* of a struct or group name a field"
+        InputError,
+        match="--class touches: is not an attribute or column; .* of a struct or group name a field",
     ):
         load_recordings(tmp_path / "a.mat", reading=Reading(label="touches"))
 
@@ -361,8 +362,8 @@ def test_an_array_of_structs(tmp_path):
     ("values", "why"),
     [
         ([1, 1, 2, 2], "tells the class, too,"),
-        ([4, 7, 8, 8], "has each of its values in one class alone, so is no group,"),
-        ([3, 1, 2, 4], "has another value in each recording, so is no group,"),
+        ([4, 7, 8, 8], "has each of its values in one class alone, so is not a group,"),
+        ([3, 1, 2, 4], "has another value in each recording, so is not a group,"),
         ([0, 1, 0, 1], ""),
         ([0, 1, 1, 1], ""),
     ],

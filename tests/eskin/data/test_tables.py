@@ -183,7 +183,7 @@ def line_of(number, text):
 
 BROKEN = [
     (line_of(5, "0.015,1,2,3"), "line 5: has 4 cells where the header has 5"),
-    (line_of(5, "0.015,1,off,3,4"), "line 5: column 'b' holds 'off', which is no number"),
+    (line_of(5, "0.015,1,off,3,4"), "line 5: column 'b' holds 'off', which is not a number"),
     (line_of(6, "0.02,1,,3,4"), "line 6: column 'b' holds an empty cell"),
     (
         lambda lines: "\n".join(line.replace(",", "|") for line in lines).encode(),
@@ -205,13 +205,13 @@ BROKEN = [
     (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "differ from those of 'mat2/p0_t1.csv'"),
     (b"", "holds no row of samples"),
     (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
-    ("time,ä\n".encode("utf-16"), "no UTF-8 text"),
+    ("time,ä\n".encode("utf-16"), "not UTF-8 text"),
     (b"time,a\n0,\x001\n", "holds a zero byte"),
     (
         lambda lines: "\n".join(
             [lines[0], *(",".join([*line.split(",")[:4], "soft"]) for line in lines[1:])]
         ).encode(),
-        "line 2: column 'd' holds 'soft', which is no number",
+        "line 2: column 'd' holds 'soft', which is not a number",
     ),
 ]
 
@@ -279,7 +279,7 @@ def test_real_samples_get_a_scale_that_is_kept(tmp_path):
     scaled = load_recordings(folder, config=config)
     assert scaled.volt_per_code == 1e-3 and np.array_equal(scaled.recording(0), np.rint(volts[0] / 1e-3))
     check_fit(scaled, config)
-    with pytest.raises(InputError, match="a code is worth 5e-05"):
+    with pytest.raises(InputError, match="has a code worth 5e-05"):
         check_fit(recordings, config)
 
 
