@@ -85,7 +85,6 @@ struct State {  // as in device.py, as Seen is
   i64 cycle, edges, decisions, stalls, overruns, frame_cycles_max, frame, taxel;
   i64 stop_at;       // from this cycle on nothing waits any more
   i64 poke_at;       // the cycle in which the pokes are put, which are 0 in all others
-  i64 global_after;  // frames end with the first global decision after this cycle
   i64 watch;         // a register that is read in every cycle without another access, or -1
   i64 failed;        // a netlist that did not come to rest
 };
@@ -96,7 +95,7 @@ struct Poke {
   int port;
   u64 value;
 };
-enum { ADDR, W_DATA, W_STB, R_STB, R_DATA, PAYLOAD, VALID, READY, O_VALID, O_PAYLOAD, BUSY, HANG, ROLES };
+enum { ADDR, W_DATA, W_STB, R_STB, R_DATA, PAYLOAD, VALID, READY, O_VALID, BUSY, HANG, ROLES };
 
 struct Device {
   State s{};
@@ -105,20 +104,11 @@ struct Device {
   std::vector<Stage> stages;
   std::vector<Poke> pokes;
   std::vector<Seen> events;
-  std::vector<double> marks;
-  bool taken = false, decided = false, globally = false, marking = false, offers = false;
+  bool taken = false, decided = false, offers = false;
 
   void put(int which, u64 value) { model.put(role[which], value); }
   u64 get(int which) { return model.get(role[which]); }
   bool leaves() { return s.cycle >= s.stop_at || s.failed; }
-
-  void mark() {
-#ifdef NETLIST
-    Chip& c = *model.chip;
-    for (i64 count : {s.cycle, s.edges, s.decisions}) marks.push_back(count);
-    marks.insert(marks.end(), c.joule, c.joule + c.kinds * (c.timed ? 2 : 1));
-#endif
-  }
 
   void tick() {
     for (const Poke& poke : pokes) model.put(poke.port, s.cycle == s.poke_at ? poke.value : 0);
@@ -130,9 +120,7 @@ struct Device {
     for (size_t k = 0; k < stages.size(); k++)
       if (model.get(stages[k].valid))
         events.push_back({int32_t(k), uint32_t(model.get(stages[k].value)), uint32_t(get(R_DATA)), s.cycle});
-    if (marking && taken && s.taxel == 0) mark();
     s.decisions += decided;
-    globally |= decided && get(O_PAYLOAD) >> 29 & 1 && s.cycle > s.global_after;
     if (get(HANG)) events.push_back({HUNG, uint32_t(s.frame), uint32_t(s.taxel + taken), s.cycle});
     bool passed;
     s.failed |= model.edge(passed);
@@ -168,13 +156,10 @@ u64 get_port(Device* d, i64 port) { return d->model.get(port); }
 void set_role(Device* d, i64 which, i64 port) { d->role[which] = port; }
 void add_stage(Device* d, i64 valid, i64 value) { d->stages.push_back({int(valid), int(value)}); }
 void poke(Device* d, i64 port, u64 value) { d->pokes.push_back({int(port), value}); }
-void forget(Device* d) { d->events.clear(), d->globally = false; }
+void forget(Device* d) { d->events.clear(); }
 void unpoke(Device* d) { d->pokes.clear(); }
-void mark_frames(Device* d) { d->marking = true; }
 i64 event_count(Device* d) { return d->events.size(); }
 const Seen* events_of(Device* d) { return d->events.data(); }
-i64 mark_count(Device* d) { return d->marks.size(); }
-const double* marks_of(Device* d) { return d->marks.data(); }
 
 void cycles(Device* d, i64 count) {
   while (count-- > 0 && !d->leaves()) d->tick();
@@ -212,7 +197,7 @@ i64 play_frames(Device* d, const int32_t* samples, i64 frames, i64 taxels, i64 b
   State& s = d->s;
   i64 begun = s.cycle;
   bool hangs = false;
-  for (s.frame = 0; s.frame < frames && !hangs && !d->globally && !d->leaves(); s.frame++) {
+  for (s.frame = 0; s.frame < frames && !hangs && !d->leaves(); s.frame++) {
     i64 offered = s.cycle;
     for (s.taxel = 0; s.taxel < taxels && !hangs && !d->leaves(); s.taxel++) {
       u64 sample = uint32_t(*samples++) & ((1u << bits) - 1);

@@ -19,7 +19,7 @@ from eskin.golden.core import SimulationError
 KERNEL = Path(__file__).with_suffix(".cpp")
 ROLES = (
     *(f"bus__{name}" for name in ("addr", "w_data", "w_stb", "r_stb", "r_data")),
-    *("i__payload", "i__valid", "i__ready", "o__valid", "o__payload", "busy", "hung"),
+    *("i__payload", "i__valid", "i__ready", "o__valid", "busy", "hung"),
 )
 """Ports that the C++ program knows, in its order; a design may lack some."""
 FOREVER = 1 << 62  # no cycle reaches it, and it fits the C program's int64
@@ -30,7 +30,7 @@ QUIET = 4
 FRAME_END, HUNG = -1, -2
 """Events of `Device.seen` that are no stage's: a frame's last taxel is taken; the watchdog acts (``value``
 frames and ``also`` taxels taken)."""
-COUNTS = "cycle edges decisions stalls overruns frame_cycles_max frame taxel stop_at poke_at global_after watch failed"
+COUNTS = "cycle edges decisions stalls overruns frame_cycles_max frame taxel stop_at poke_at watch failed"
 SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
 Write = tuple[int, int]
 """Address and word of a bus write."""
@@ -131,8 +131,7 @@ class Device:
         self._device: int | None = handle
         self.port = functools.cache(lambda name: model.port(handle, name))
         self.state = State.from_address(self._call("state_of"))
-        self.state.stop_at = self.state.global_after = FOREVER
-        self.state.watch = self.state.poke_at = -1
+        self.state.stop_at, self.state.watch, self.state.poke_at = FOREVER, -1, -1
         for role, name in enumerate(ROLES):
             self._call("set_role", role, self.port(name))
         pairs = {stage: (f"probe__{stage}__valid", f"probe__{stage}__value") for stage in stages}
@@ -234,7 +233,8 @@ class Device:
     def seen(self) -> np.ndarray:
         """Events since the last `forget`: rows of ``SEEN``. stage: its place in `stages`; also: the word on
         the bus."""
-        return self._array("event", SEEN)
+        size = self._call("event_count") * SEEN.itemsize
+        return np.frombuffer(ctypes.string_at(self._call("events_of"), size), SEEN)
 
     def streams(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Values (32-bit codes with their sign) and cycles of each stage since the last `forget`."""
@@ -245,19 +245,6 @@ class Device:
     def forget(self) -> None:
         """Drop the events so far."""
         self._call("forget")
-
-    def mark_frames(self) -> None:
-        """Note counts at each frame's first taxel from now on, for `marks`."""
-        self._call("mark_frames")
-
-    def marks(self, width: int) -> np.ndarray:
-        """For each frame the counts (``width`` of them) in the cycle that takes its first taxel, before
-        the edge."""
-        return self._array("mark", np.dtype(float)).reshape(-1, width)
-
-    def _array(self, what: str, row: np.dtype) -> np.ndarray:
-        size = self._call(f"{what}_count") * row.itemsize
-        return np.frombuffer(ctypes.string_at(self._call(f"{what}s_of"), size), row)
 
     def _rested(self, name: str, *given: Any) -> int:
         answer = self._call(name, *given)

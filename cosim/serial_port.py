@@ -31,7 +31,7 @@ class SerialPort:
     def __init__(self, name: str, baud: int) -> None:
         # opened for writing before it is found out to be none
         if Path(name).exists() and not Path(name).is_char_device():
-            raise InputError(f"--port {name}: is no serial port; give the board's, such as /dev/ttyUSB1")
+            raise InputError(f"--port {name}: is not a serial port; give the board's, such as /dev/ttyUSB1")
         try:
             self._port = serial.Serial(name, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except (OSError, termios.error) as error:

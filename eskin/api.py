@@ -273,15 +273,14 @@ class Model(Estimator):
             rate, names = rate or self._asked.sensor.sample_rate_hz, self._asked.network.class_names
         if labels is None or rate is None:
             raise InputError(
-                "fit: arrays say neither their classes nor their rate; give labels and sample_rate_hz, "
-                "or Recordings"
+                "fit: arrays have neither classes nor a rate; give labels and sample_rate_hz, or Recordings"
             )
         labels = array_of(labels, "labels")
         if labels.dtype.kind in "OUT" and all(isinstance(label, str) for label in labels.ravel().tolist()):
             names = names or sorted(set(labels.ravel().tolist()))
             place = {name: index for index, name in enumerate(names)}
             if unknown := sorted(set(labels.ravel().tolist()) - set(place)):
-                raise InputError(f"fit: label {unknown[0]!r} is no class; there are {', '.join(names)}")
+                raise InputError(f"fit: label {unknown[0]!r} is not a class; there are {', '.join(names)}")
             labels = np.array([place[label] for label in labels.ravel().tolist()]).reshape(labels.shape)
         return Recordings.of(arrays, labels, sample_rate_hz=rate, class_names=names)
 
@@ -426,8 +425,8 @@ class Model(Estimator):
         """Class indices, one for ``each`` recording: ``labels``, or those that the recordings have."""
         if labels is None:
             if not isinstance(frames, Recordings):
-                raise InputError(f"{verb}: arrays do not say their classes; give labels, or Recordings")
-            frames = frames.of_classes(self.config.network.class_names, "the model")
+                raise InputError(f"{verb}: arrays have no classes; give labels, or Recordings")
+            frames = frames.with_classes(self.config.network.class_names, "the model")
             labels = frames.labels
         indices = self._indices(labels, verb)
         if indices.shape != (len(each),):
@@ -450,7 +449,7 @@ class Model(Estimator):
         ]
         if unknown:
             raise InputError(
-                f"{verb}: label {unknown[0]!r} is no class of the model; give names ({', '.join(names)}) or "
+                f"{verb}: label {unknown[0]!r} is not a class of the model; give names ({', '.join(names)}) or "
                 "their indices"
             )
         return np.array([place[label] for label in array.ravel().tolist()], dtype=np.int64).reshape(

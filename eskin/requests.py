@@ -63,7 +63,7 @@ def parse_count(text: str) -> int:
     if text == "all":
         return sys.maxsize
     if not (text.isdecimal() and len(text) < 10 and int(text)):
-        raise InputError(f"--recordings {text[:20]}: is no number of recordings; give 1 or more, or all")
+        raise InputError(f"--recordings {text[:20]}: is not a number of recordings; give 1 or more, or all")
     return int(text)
 
 
@@ -315,7 +315,7 @@ class EnrolRequest(GroupOptions, JsonOptions):
         counts = [word.strip() for word in self.k.split(",")]
         if not all(word.isdecimal() and len(word) < 4 and 1 <= int(word) <= 100 for word in counts):
             raise InputError(
-                f"-k {self.k[:40]}: is no list of touches per class; give numbers from 1 to 100, such as 1,2,5"
+                f"-k {self.k[:40]}: is not a list of touches per class; give numbers from 1 to 100, such as 1,2,5"
             )
         return [int(word) for word in counts]
 
@@ -369,14 +369,14 @@ class QuantiseRequest(GroupOptions):
             name, _, number = word.partition("=")
             if name not in FORMATS or not (number.isdecimal() and len(number) < 5):
                 raise InputError(
-                    f"--formats {word[:40]}: is no format; give {', '.join(FORMATS)} with a number, such as "
+                    f"--formats {word[:40]}: is not a format; give {', '.join(FORMATS)} with a number, such as "
                     "gate_bits=9, or the word lean"
                 )
             widths[name] = int(number)
         return widths
 
     @property
-    def of_readout(self) -> dict[str, Any]:
+    def readout_options(self) -> dict[str, Any]:
         """The user's options about prototypes."""
         names = ("groups", "prototypes", "taught", "unknown", "spare_classes")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}

@@ -248,7 +248,7 @@ def network_choice(
     """
     choice = _Choice(front_ends, options, prices, effort)
     if not options.open:
-        return (yield from choice.of_asked()), []
+        return (yield from choice.requested_network()), []
     calm = yield from choice.by_accuracy()
     if hardening is None:
         return calm.candidate, choice.tried
@@ -306,13 +306,13 @@ class _Choice:
         return best_of(outcomes).candidate
 
     # -- choices
-    def of_asked(self) -> Generator[Round, list[ScoredCandidate], Candidate]:
+    def requested_network(self) -> Generator[Round, list[ScoredCandidate], Candidate]:
         """The requested network, on the best front end for it."""
         probes = self.usable(map(self.options.possible, self.front_ends.for_recurrent))
         if not probes:
             cell = self.options.candidate(self.front_ends.taken).config.network.cell  # or says why not
             raise InputError(
-                f"--fits {self.prices.board}: does not hold {cell} on the front end asked for or chosen; name a "
+                f"--fits {self.prices.board}: does not hold {cell} on the requested or chosen front end; name a "
                 "larger board, or leave the network open"
             )
         if len(probes) < 2 or not probes[0].config.recurrent:
@@ -345,7 +345,7 @@ class _Choice:
         if not self.tried:
             board = f" and the board {self.prices.board}" if self.prices.named else ""
             raise InputError(
-                f"configuration '{front_ends.taken.name}': no network of the candidates fits it{board}; name one "
+                f"configuration '{front_ends.taken.name}': no candidate network fits it{board}; name one "
                 "with --cell and --hidden"
             )
         most = best_of(self.tried).accuracy

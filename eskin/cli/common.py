@@ -125,7 +125,7 @@ def check_outputs(verb: str, options: Record) -> None:
             or path.read_bytes().lstrip()[:1] in (b"", b"{", b"[")
         )
         if option == "--json" and not result:
-            raise InputError(f"--json {path}: would overwrite a file that is no JSON; give another name")
+            raise InputError(f"--json {path}: would overwrite a file that is not JSON; give another name")
 
 
 app = Application(

@@ -211,7 +211,9 @@ def replay(request: ReplayRequest) -> Record:
     integer = integer_model(request.model).with_lanes(lanes, lane_type)
     classes = integer.config.network.class_names
     if request.teach is not None and request.teach not in classes:
-        raise InputError(f"--teach {request.teach}: is no class of the model; there are {', '.join(classes)}")
+        raise InputError(
+            f"--teach {request.teach}: is not a class of the model; there are {', '.join(classes)}"
+        )
     recordings = recordings_for(request.data, integer.config)
     with progress_bars() as report:
         result = play(

@@ -57,7 +57,7 @@ def for_model(
     for note in recordings.notes[known:]:
         say(f"recordings '{recordings.source}': {note}")
     if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
-        recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
+        recordings = recordings.with_classes(config.network.class_names, f"configuration '{config.name}'")
     check_fit(recordings, config)
     return recordings
 
@@ -109,7 +109,7 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
         worth, of_model = map(in_words, (recordings.volt_per_code, config.sensor.volt_per_code))
         refuse(
             "array lsb_volt",
-            f"says that a code is worth {worth} and configuration '{config.name}', field volt_per_code, {of_model}",
+            f"has a code worth {worth} and configuration '{config.name}', field volt_per_code, {of_model}",
         )
     rate = recordings.sample_rate_hz * recordings.scan_every
     if abs(rate / config.sensor.sample_rate_hz - 1.0) > 0.02:

@@ -19,9 +19,9 @@ def no_group(values: np.ndarray, labels: np.ndarray) -> str:
     if count == classes > 1 and len(set(zip(keys.tolist(), labels.tolist(), strict=True))) == count:
         return "tells the class, too,"
     if count == len(values) > 1:
-        return "has another value in each recording, so is no group,"
+        return "has another value in each recording, so is not a group,"
     if classes > 1 and len(set(zip(keys.tolist(), labels.tolist(), strict=True))) == count:
-        return "has each of its values in one class alone, so is no group,"
+        return "has each of its values in one class alone, so is not a group,"
     return ""
 
 

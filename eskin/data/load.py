@@ -100,7 +100,7 @@ def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Rec
         return load_archive(path, reading.scale or worth, asked=reading.scale is not None)
     if _kind(path) is None:
         raise InputError(
-            f"recordings '{path}': ends in '{path.suffix}', which is no format of recordings; give {FORMS}"
+            f"recordings '{path}': ends in '{path.suffix}', which is not a format of recordings; give {FORMS}"
         )
     tables = open_file(path, reading, alone=True)
     if is_log(path):

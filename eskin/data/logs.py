@@ -94,7 +94,7 @@ def _topic(log: _Log, reading: Reading, refuse: Refuse) -> str:
     listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:12]) or "none"
     for option, asked in (("--class", reading.label), ("--samples", reading.samples)):
         if asked is not None and asked not in log.topics:
-            refuse(f"{option} {asked}: is no topic of this log; choose one of {listed}")
+            refuse(f"{option} {asked}: is not a topic of this log; choose one of {listed}")
     if reading.samples is not None:
         return reading.samples
     fit = [name for name, kind in log.topics.items() if kind.endswith(TYPES) and name != reading.label]

@@ -72,7 +72,7 @@ def understand(
     found = _Meaning(tables, reading)
     table = found.table
     class_is = found.part(of_one_file)
-    found.of_paths()
+    found.groups_from_paths()
     taxels = found.taxels()
     rate, why = found.rate(config)
     values, scale = table.numbers(taxels), reading.scale
@@ -171,7 +171,9 @@ class _Meaning:
         if asked is not None:
             if self.attributes and asked not in (*self.attributes, *table.names):
                 fields = f"of a struct or group name a field, as in {asked[:40]}.label"
-                table.refuse(f"--class {asked[:40]}: is no attribute or column; there are {there}; {fields}")
+                table.refuse(
+                    f"--class {asked[:40]}: is not an attribute or column; there are {there}; {fields}"
+                )
             return asked if asked in self.attributes else table.find(asked, "--class")
         names = (*self.attributes, *(() if self.on_path else table.names))
         sure, maybe = (
@@ -231,7 +233,7 @@ class _Meaning:
             table.refuse(f"{why}: there are the attributes {', '.join(self.attributes) or 'none'}")
         if all(len(path) > 2 for path in table.paths) and all(map(_CALLED_AS_GROUP.fullmatch, classes)):
             why = f"{some} stand above other folders and are called as groups are; put the folders of the classes first"
-            table.refuse(f"{why}, or name what says the class with --class")
+            table.refuse(f"{why}, or name the column of the class with --class")
         return f"{len(classes)} folders are classes, {len(table.sources)} files recordings"
 
     def _breaks(self) -> list[int]:
@@ -264,7 +266,7 @@ class _Meaning:
         self.groups[name] = values
         self.notes += [f"{called} {why}"] if why else []
 
-    def of_paths(self) -> None:
+    def groups_from_paths(self) -> None:
         """Groups that attributes tell, and names of files and of the folders between: their parts of letters
         and a number that every one has, separated by ``_``, ``-``, ``.`` or a blank; of levels without such
         parts their names."""
@@ -297,7 +299,7 @@ class _Meaning:
                 continue
             called, (role, why) = table.called(column), self._role(column)
             if role == "refused":
-                table.refuse(f"{called} {why}, so is no taxel; choose the taxels with --columns", 0)
+                table.refuse(f"{called} {why}, so is not a taxel; choose the taxels with --columns", 0)
             elif role == "time":
                 self.time = column
             elif role == "left out":
@@ -343,8 +345,8 @@ class _Meaning:
             (text and not any(table.frame[column]), "left out", "is empty"),
             (TIME.match(name), "left out", "is time, too,"),
             (said and level, "group", "describes a recording"),
-            (said, "left out", "changes inside recordings, is no group"),
-            (is_rate, "left out", "is called like a rate and has one value in each recording, so is no taxel,"),
+            (said, "left out", "changes inside recordings, so is not a group"),
+            (is_rate, "left out", "is called like a rate and has one value in each recording, so is not a taxel,"),
             (level and (in_series or same), "taxel", "is constant in each recording and was taken as a taxel"),
             (in_series, "taxel", ""),
             (level and names, "group", "has one value in each recording and is a group"),

@@ -30,9 +30,18 @@ class PiezoArray:
     levels follow from ``seed``.
 
     grid: (taxels, 2), across and down of each taxel's centre, -1..1. time: (frames), seconds.
+
+    Raises
+    ------
+    InputError
+        A rate outside 100..20000 Hz.
     """
 
     def __init__(self, seed: int, rows: int, columns: int, sample_rate_hz: float) -> None:
+        if not 100 <= sample_rate_hz <= 20000:
+            raise InputError(
+                f"synthetic scene, sample_rate_hz: is {sample_rate_hz}; it must lie in 100..20000"
+            )
         across, down = np.meshgrid(
             (2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1
         )
@@ -84,27 +93,6 @@ class PiezoArray:
         volt += NOISE_VOLT * rng.standard_normal(volt.shape, dtype=np.float32)
         volt += _drift(rng, self.time, volt.shape[1:])
         return np.clip(np.rint(volt / VOLT_PER_CODE), 0, 65535).astype(np.int32).transpose(1, 0, 2)
-
-
-def check_sizes(
-    scene: str, persons: int, trials: int, rows: int, columns: int, sample_rate_hz: float
-) -> None:
-    """Refuse sizes that no scene has.
-
-    Raises
-    ------
-    InputError
-        Naming scene, field and range.
-    """
-    for name, value, low, high in (
-        ("persons", persons, 1, 1000),
-        ("trials", trials, 1, 100),
-        ("rows", rows, *SIDES),
-        ("columns", columns, *SIDES),
-        ("sample_rate_hz", sample_rate_hz, 100, 20000),
-    ):
-        if not low <= value <= high:
-            raise InputError(f"{scene}, {name}: is {value}; it must lie in {low}..{high}")
 
 
 def single(value) -> np.ndarray:

@@ -38,7 +38,7 @@ from functools import partial
 import numpy as np
 
 from eskin.data import turns
-from eskin.data.piezo_array import RECORDING_S, SIDES, Person, PiezoArray, bump, check_sizes, single
+from eskin.data.piezo_array import RECORDING_S, SIDES, Person, PiezoArray, bump, single
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.recordings import Recordings
 
@@ -136,11 +136,8 @@ def synthetic_recordings(
     Raises
     ------
     InputError
-        A count, a size or the rate is out of range.
+        As `PiezoArray`.
     """
-    check_sizes("synthetic scene", persons, trials, rows, columns, sample_rate_hz)
-    if classes not in SCENES:
-        raise InputError(f"synthetic scene, classes: is {classes}; it must lie in 2..3")
     array = PiezoArray(seed, rows, columns, sample_rate_hz)
     names = SCENES[classes]
 

@@ -135,7 +135,8 @@ class Table:
             row = int(np.argmax(empty))
             shown = self.frame[column].iloc[row] or "an empty cell"
             self.refuse(
-                f"{self.called(column)} holds {shown}, which is no value; fill it in or remove the line", row
+                f"{self.called(column)} holds {shown}, which is not a value; fill it in or remove the line",
+                row,
             )
 
     def source(self, row: int) -> int:
@@ -164,7 +165,7 @@ class Table:
         self.refuse(f"{option} {name[:40]}: the file {why}")
 
     def parsed(self, column: int) -> np.ndarray:
-        """(rows) float64; NaN where a cell is no number."""
+        """(rows) float64; NaN where a cell is not a number."""
         import pandas as pd
 
         cells = self.frame[column]
@@ -193,7 +194,7 @@ class Table:
             return values
         row, number = place_of(~np.isfinite(values))
         column, cell = columns[number], str(self.frame[columns[number]].iloc[row])[:30]
-        kind = "not a finite number" if NUMBER.fullmatch(cell) else "no number"
+        kind = "not a finite number" if NUMBER.fullmatch(cell) else "not a number"
         else_ = ", or choose the taxels with --columns, and the rate with --rate HZ" * self.is_text(column)
         why = f"holds {repr(cell) if cell else 'an empty cell'}, which is {kind}; repair or remove the line{else_}"
         self.refuse(f"{self.called(column)} {why}", row)
@@ -235,6 +236,6 @@ def check_regular(path: Path, refuse: Refuse) -> None:
     """Raise InputError for anything but a regular file (a pipe without a writer would block for ever), or for
     a file that is too large."""
     if not path.is_file():
-        refuse(f"{path.name} is no regular file; remove it or write it again")
+        refuse(f"{path.name} is not a regular file; remove it or write it again")
     if path.stat().st_size > MOST_BYTES:
         refuse(f"has more than {MOST_BYTES >> 30} GB; split it into files")

@@ -115,10 +115,10 @@ class _File:
             text = raw.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             if not self.lvm:
-                self.refuse(f"is no UTF-8 text (byte {error.start}); save it as CSV in UTF-8")
+                self.refuse(f"is not UTF-8 text (byte {error.start}); save it as CSV in UTF-8")
             text = raw.decode("latin-1")
         if "\0" in text:
-            self.refuse("holds a zero byte, so it is no text; save it as CSV in UTF-8")
+            self.refuse("holds a zero byte, so it is not text; save it as CSV in UTF-8")
         return text
 
     def _without_heads(self) -> tuple[list[dict[str, list[str]]], list[int]]:

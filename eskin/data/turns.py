@@ -23,7 +23,7 @@ works, nothing of a sensor.
 
 import numpy as np
 
-from eskin.data.piezo_array import Person, PiezoArray, bump, check_sizes, single
+from eskin.data.piezo_array import Person, PiezoArray, bump, single
 from eskin.golden.data.recordings import Recordings
 
 TURNS = {"on": 0, "left": 3, "back": 2, "right": 1}
@@ -66,9 +66,8 @@ def turn_recordings(
     Raises
     ------
     InputError
-        A count, a size or the rate is out of range.
+        As `eskin.data.piezo_array.PiezoArray`.
     """
-    check_sizes("synthetic scene", persons, trials, rows, columns, sample_rate_hz)
     array = PiezoArray(seed, rows, columns, sample_rate_hz)
 
     def person_of(rng: np.random.Generator) -> Person:

@@ -114,7 +114,7 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
 
 
 def _check_shapes(layers: Layers) -> None:
-    """Refuse shapes that do not belong together, and values that are no finite numbers."""
+    """Refuse shapes that do not belong together, and values that are not finite numbers."""
     shape = layers.arrays["recurrent"].shape
     if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
         layers.refuse(
@@ -139,7 +139,7 @@ def _check_shapes(layers: Layers) -> None:
                 "one network",
             )
         if not np.isfinite(array).all():
-            layers.refuse(role, "holds values that are no finite numbers; train the network again")
+            layers.refuse(role, "holds values that are not finite numbers; train the network again")
 
 
 # ---------------------------------------------------------------------- into a model
@@ -347,7 +347,7 @@ def _check_scale(mean: float | None, std: float | None) -> None:
     for name, value in (("mean", mean), ("std", std)):
         if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
             raise InputError(
-                f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give "
+                f"--{name} {value:g}: is not a {'spread above 0' if name == 'std' else 'finite number'}; give "
                 "codes"
             )
 

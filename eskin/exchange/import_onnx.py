@@ -89,14 +89,14 @@ class Graph:
             )
         for node in self.graph.node:
             if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
-                self.refuse(node, f"is none of those that are taken: {TAKEN}")
+                self.refuse(node, f"is not supported; use {TAKEN}")
         self.constants = {tensor.name: self._array(tensor) for tensor in self.graph.initializer}
         try:
             onnx.checker.check_model(model)
             inferred = onnx.shape_inference.infer_shapes(model, data_prop=True).graph.value_info
         except Exception as error:
             raise InputError(
-                f"network '{path}': is no valid ONNX ({_first_line(error)}); save it again"
+                f"network '{path}': is not valid ONNX ({_first_line(error)}); save it again"
             ) from None
         for value in inferred:
             if math.prod(dim.dim_value or 1 for dim in value.type.tensor_type.shape.dim) > MOST_VALUES:
@@ -132,7 +132,7 @@ class Graph:
         except Exception:  # a damaged tensor can fail anywhere inside onnx
             raise InputError(f"{where}: is damaged; save the network again") from None
         if array.dtype.kind not in "fiub" or not np.isfinite(array).all():
-            raise InputError(f"{where}: holds values that are no finite numbers; train the network again")
+            raise InputError(f"{where}: holds values that are not finite numbers; train the network again")
         return array.astype(np.float64) if array.dtype.kind == "f" else array
 
     def nodes(self, *kinds: str) -> list[onnx.NodeProto]:
@@ -248,7 +248,7 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
     if not shaped or b.shape != (1, 2 * rows) or not w.shape[2]:
         graph.refuse(
             node,
-            f"has weights of shapes {w.shape}, {r.shape}, {b.shape}, which do not go together; save one direction, whole",
+            f"has weights of shapes {w.shape}, {r.shape}, {b.shape}, which do not match; save one direction, whole",
         )
     if weights.shape[1] != hidden:
         graph.refuse(

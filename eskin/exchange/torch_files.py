@@ -94,5 +94,5 @@ def plain_array(path: Path, name: str, tensor: torch.Tensor) -> np.ndarray:
         return tensor.detach().to(torch.float64).numpy()
     except (RuntimeError, TypeError, NotImplementedError):
         raise InputError(
-            f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised"
+            f"network '{path}', array {name}: is not a plain array of numbers; save it dense and not quantised"
         ) from None

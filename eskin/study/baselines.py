@@ -432,7 +432,7 @@ def results(
             rows.append(row_of(piece.method, piece.groups, outcomes[key]["runs"]))
     if not rows:
         raise InputError(
-            f"baselines: no method can be judged on these recordings; the first says: {left_out[0]['reason']}"
+            f"baselines: no method works on these recordings; the first one reports: {left_out[0]['reason']}"
         )
     order = [list(groups) for groups in splits]
     return {

@@ -27,9 +27,6 @@ from eskin.study.converter_power import converter_power
 BATTERY_J = 1000e-3 * 5.0 * 3600
 """The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
 TOUCHES_PER_S = 1.0
-RAM_READ_ASSUMED_J = 4.4e-12
-"""A block RAM read. Not measured and in no total: a 256 x 16 macro of a 130 nm process (14.2 pJ), scaled by
-40 / 130."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +211,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     dict
         method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j,
         per_touch_parts_j {clock, toggles, multiplies}, preprocessing_per_touch_j, static_w, idle_w (outside
-        clock, always on), ram_reads_per_cycle, ram_read_assumed_j, ram_reads_per_touch_j (in no total);
+        clock, always on);
         choices: list of {name, clock_hz, idle_w, average_w, hours, touch_j, touches} - an outside clock that
         always runs, one that stops between samples where the part allows it, the part's own oscillator at
         each of its clocks that is fast enough. touch_j: of a touch with its touch_s of waiting. ``touches``:
@@ -251,7 +248,6 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         hours, touches = BATTERY_J / average / 3600, BATTERY_J / touch_j
         figures = (name, hertz, idle, average, hours, touch_j, touches)
         choices.append(dict(zip(CHOICE, figures, strict=True)))
-    reads = steps * activity.step_cycles * activity.ram_reads * RAM_READ_ASSUMED_J
     return {
         "method": f"estimate: {activity.source}, times published figures of the part",
         "band": part.band,
@@ -267,15 +263,9 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         "touch_s": touch_s,
         "static_w": part.static_w,
         "idle_w": on,
-        "ram_reads_per_cycle": activity.ram_reads,
-        "ram_read_assumed_j": RAM_READ_ASSUMED_J,
-        "ram_reads_per_touch_j": reads,
         "choices": choices,
         "interface": converter_power(config),
     }
-
-
-"""Keys of a check of `compare`, beside ``met``."""
 
 
 def compare(rows: list[Record], *, what: str = "touch") -> Record:

@@ -433,8 +433,7 @@ def sweep(
             records.append(_record(point, outcome["splits"], cost_of(point.config)))
     if not records:
         raise InputError(
-            "sweep: no point could be quantised to the widths it asks for; the first says: "
-            f"{refused[0]['reason']}"
+            f"sweep: no point could be quantised to its widths; the first one reports: {refused[0]['reason']}"
         )
     front = {number for cost in request.costs for number in pareto(records, cost)}
     for number, record in enumerate(records):

@@ -328,7 +328,7 @@ def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, sou
         shares[signal] = float(np.mean((codes[complete] == fmt.min_code) | (codes[complete] == fmt.max_code)))
         if shares[signal] > MOST_SATURATED:
             raise InputError(
-                f"recordings '{source}': {shares[signal]:.0%} of their {signal}s stand at the limits of "
+                f"recordings '{source}': {shares[signal]:.0%} of their {signal}s are at the limits of "
                 f"{signal}_format, {fmt}, and "
                 "another format would be another bitstream; train a model on these recordings together with "
                 "the old ones"

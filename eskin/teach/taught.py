@@ -45,6 +45,6 @@ def load_taught(model: IntegerModel, path: str | Path) -> IntegerModel:
         raise InputError(f"{path}: {error}; name a file of 'eskin replay --save-taught'") from None
     if str(arrays.get("model")) != _untaught(model) or not arrays.keys() >= set(TAUGHT):
         raise InputError(
-            f"{path}: holds no touches taught to this model; name another file, or delete it to begin anew"
+            f"{path}: holds no touches taught to this model; name another file, or delete it to start again"
         )
     return IntegerModel(model.config, {**model.arrays, **{name: arrays[name] for name in TAUGHT}}, str(path))

@@ -94,7 +94,7 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     Raises
     ------
     InputError
-        The folder is no model folder; config.json says what its network cannot be; it was taught.
+        The folder is not a model folder; config.json says what its network cannot be; it was taught.
     """
     current, record = load_config(model_dir), load_training(model_dir)
 

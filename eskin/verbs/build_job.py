@@ -272,7 +272,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report("placements", request.seeds, request.seeds)
     if not placements:
         raise BuildError(
-            f"no seed from {request.seed} to {request.seed + failures - 1} gives a placement that works (seed "
+            f"no seed from {request.seed} to {request.seed + failures - 1} gives a valid placement (seed "
             f"{request.seed}: {not_taken[str(request.seed)]}); --seeds {2 * failures} tries more"
         )
     best = max(placements, key=lambda placement: placement.fmax_hz)
@@ -332,7 +332,7 @@ def board_of(model: Path) -> tuple[int, int, Any]:
         rate = round(result["baud"]) if with_link else 0
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(
-            f"--port: {builds[0]} is no record of 'eskin build'; build the board again"
+            f"--port: {builds[0]} is not a record of 'eskin build'; build the board again"
         ) from None
     if not with_link:
         raise InputError(

@@ -124,10 +124,12 @@ def measured(
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
     device.settle()
     device.forget()  # what a chain not yet reset may have offered
-    device.mark_frames()
-    device.frames(chosen.recording(0), 2 * config.sensor.taxels + DRAIN_CYCLES)
+    marks = []
+    for frame in chosen.recording(0):
+        marks.append([device.state.cycle, device.state.edges, device.state.decisions, *joule])
+        device.frames(frame[None], 2 * config.sensor.taxels + DRAIN_CYCLES)
     # a row a frame, to the next one's first taxel: cycles, edges that passed, decisions, joule by kind
-    rows = np.diff(device.marks(3 + len(joule)), axis=0)
+    rows = np.diff(marks, axis=0)
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
     decisions = device.streams()["decision"][0].view(np.uint32).tolist()
@@ -195,10 +197,10 @@ def summary(
     ) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
         return float(frame[which].mean() + root_j * (period - rows[which, 1].mean()))
 
-    def of_step(values: np.ndarray) -> float:
+    def step_energy(values: np.ndarray) -> float:
         return float((values[near].sum() - near.sum() * values[plain].mean()) / steps)
 
-    step = of_step(frame)
+    step = step_energy(frame)
     parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
     parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
     parts |= {"step": step, "leakage": leakage_w * hop / rate}

@@ -27,4 +27,4 @@ def array_of(values: Any, name: str, fix: str = "give rows of one length") -> np
     try:
         return np.asarray(values)
     except (TypeError, ValueError, KeyError):
-        raise InputError(f"{name}: {type(values).__name__} is no array of numbers; {fix}") from None
+        raise InputError(f"{name}: {type(values).__name__} is not an array of numbers; {fix}") from None

@@ -34,7 +34,7 @@ def check_target(path: str | Path | None) -> None:
         return
     path = Path(path)
     if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is no regular file; name a file to write")
+        raise InputError(f"{path}: is not a regular file; name a file to write")
     above = next(folder for folder in path.absolute().parents if folder.exists())
     if not above.is_dir():
         raise InputError(f"{path}: cannot be written, because {above} is a file; name a file in a folder")
@@ -178,14 +178,14 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     Raises
     ------
     ArchiveError
-        It is no regular file or no archive, damaged, unpacks to more than MOST_UNPACKED_BYTES, or holds
+        It is not a regular file or no archive, damaged, unpacks to more than MOST_UNPACKED_BYTES, or holds
         Python objects.
     OSError
         It is not there or may not be read.
     """
     path, member = Path(path), ""
     if path.exists() and not path.is_file():
-        raise ArchiveError("is no regular file")  # opening a pipe without a writer would wait for ever
+        raise ArchiveError("is not a regular file")  # opening a pipe without a writer would wait for ever
     arrays: dict[str, np.ndarray] = {}
     with path.open("rb") as file:
         try:
@@ -226,7 +226,7 @@ def check_folder(out: Path, mark: str) -> None:
         raise InputError(f"--out {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
         raise InputError(
-            f"--out {out}: holds other files and no {mark}, so it is no earlier result; name a new folder"
+            f"--out {out}: holds other files and no {mark}, so it is not an earlier result; name a new folder"
         )
 
 
@@ -249,7 +249,7 @@ def check_prefix(option: str, prefix: str) -> str:
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", prefix):
         raise InputError(
-            f"{option} {prefix!r:.60}: is no prefix for names in C and Verilog; give a letter, then letters, digits or _, at most 40"
+            f"{option} {prefix!r:.60}: is not a prefix for names in C and Verilog; give a letter, then letters, digits or _, at most 40"
         )
     return prefix
 

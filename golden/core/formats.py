@@ -93,7 +93,7 @@ class QFormat:
             if kind not in ("S", "U") or not digits.endswith(")"):
                 raise ValueError
         except ValueError:
-            raise ValueError(f"'{text}' is no number format; write SQ(int,frac), as in SQ(4,12)") from None
+            raise ValueError(f"'{text}' is not a number format; write SQ(int,frac), as in SQ(4,12)") from None
         return cls(int_bits, frac_bits, kind == "S")
 
 

@@ -115,7 +115,7 @@ def parse_layer(text: str) -> Layer:
         if not 1 <= numbers[0] <= 256:
             raise ValueError(f"'{text}' has {numbers[0]} outputs; take 1 to 256")
         return Dense(numbers[0])
-    raise ValueError(f"'{text}' is no layer; write 'conv K N', 'pool' or 'dense N', as in 'conv 3 16'")
+    raise ValueError(f"'{text}' is not a layer; write 'conv K N', 'pool' or 'dense N', as in 'conv 3 16'")
 
 
 @dataclass(frozen=True)

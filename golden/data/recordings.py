@@ -269,7 +269,7 @@ class Recordings:
         samples = np.concatenate([self.recording(i)[:end] for i, end in enumerate(ends)])
         return dataclasses.replace(self, samples=samples, offsets=np.cumsum([0, *ends]))
 
-    def of_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
+    def with_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
         """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
         another order.
 
@@ -320,7 +320,7 @@ def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndar
     except (TypeError, ValueError, KeyError):  # no sequence, or rows of several lengths
         kind = type(arrays).__name__
         raise InputError(
-            f"{source}: {kind} is no array of numbers; give an array (frames, taxels), or a list of such "
+            f"{source}: {kind} is not an array of numbers; give an array (frames, taxels), or a list of such "
             "arrays"
         ) from None
     return list(whole) if whole.ndim == 3 else [whole]

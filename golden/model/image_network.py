@@ -65,7 +65,7 @@ class ImageTrace(Decisions):
 def images_of(recordings: Recordings) -> np.ndarray:
     """The images (n, height, width), uint8, of an image archive's recordings."""
     if recordings.image_shape is None:
-        raise InputError(f"recordings '{recordings.source}': are no images; this model takes images")
+        raise InputError(f"recordings '{recordings.source}': are not images; this model takes images")
     return recordings.samples.reshape(len(recordings), *recordings.image_shape).astype(np.uint8)
 
 

@@ -138,7 +138,7 @@ class FloatModel(_Model):
         for name, array in _take(self.arrays, shapes, self.source, self.config).items():
             if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
                 raise InputError(
-                    f"{self.source}, array {name}: holds values that are no finite numbers; train the model "
+                    f"{self.source}, array {name}: holds values that are not finite numbers; train the model "
                     "again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.float64))
@@ -234,7 +234,7 @@ class IntegerModel(_Model):
         if aligned and (checked["mean"] % (1 << aligned)).any():
             step = f"2**{aligned}"
             raise InputError(
-                f"{self.source}, array mean: is no multiple of {step}, which aligned_means requires; "
+                f"{self.source}, array mean: is not a multiple of {step}, which aligned_means requires; "
                 "quantise the model again"
             )
         object.__setattr__(self, "arrays", checked)
@@ -323,7 +323,7 @@ def load_config(folder: str | Path) -> AcceleratorConfig:
     path = Path(folder) / CONFIG_FILE
     if not path.is_file():
         raise InputError(
-            f"model '{folder}': has no {CONFIG_FILE}, so it is no model folder; name the folder that 'eskin "
+            f"model '{folder}': has no {CONFIG_FILE}, so it is not a model folder; name the folder that 'eskin "
             "train' wrote"
         )
     return AcceleratorConfig.load(path)
@@ -341,7 +341,7 @@ def load_training(folder: str | Path) -> Record:
     if not path.exists():
         return {}
     if not path.is_file():
-        raise InputError(f"{path}: is no regular file; train the model again")
+        raise InputError(f"{path}: is not a regular file; train the model again")
     try:
         record = json.loads(path.read_text())
     except (OSError, ValueError, RecursionError) as error:
@@ -389,7 +389,7 @@ def check_model_target(folder: str | Path) -> None:
     foreign = names - set(MODEL_FILES) or (names if CONFIG_FILE not in names else None)
     if foreign:
         raise InputError(
-            f"model '{folder}': holds '{min(foreign)}' and is no model folder; name a new folder or move that away"
+            f"model '{folder}': holds '{min(foreign)}' and is not a model folder; name a new folder or move that away"
         )
 
 

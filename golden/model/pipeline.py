@@ -137,7 +137,7 @@ def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray)
     complete = np.arange(steps) < completed[:, None]
     local, margin = np.where(complete, local, -1), np.where(complete, margin, 0)
     if config.network.decision == "vote":
-        # -1 of a step that was not completed is no class, so it has no vote
+        # -1 of a step that was not completed is not a class, so it has no vote
         votes = (local[..., None] == np.arange(classes)).sum(axis=1)
         decision, lead = first_maximum(votes)
     else:

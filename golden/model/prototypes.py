@@ -143,7 +143,7 @@ def class_index(config: AcceleratorConfig, label: object) -> int:
     Raises
     ------
     InputError
-        It is no class.
+        It is not a class.
     """
     names = config.network.class_names
     if isinstance(label, str) and label in names:

@@ -320,7 +320,7 @@ def _number(text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"'{text[:20]}' is no number")
+        raise ValueError(f"'{text[:20]}' is not a number")
     return value
 
 

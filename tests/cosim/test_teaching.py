@@ -15,12 +15,9 @@ from eskin.golden.core import PRESETS, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream
 from eskin.golden.model.prototypes import forget, taught_in_use
-from eskin.live.feed import Differs
-from eskin.live.feed import Hardware as HardwareEvent
-from eskin.live.sources import BoardSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.export import verilog as text_of
-from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
+from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
@@ -246,26 +243,6 @@ def test_a_damaged_place_is_flagged_and_what_is_taught_stays_equal_with_a_checks
     both.device.frames(recordings.recording(2))
     both.device.settle()
     assert both.device.read(Register.FAULTS) & Fault.CHECKSUM
-
-
-@pytest.mark.timeout(1800)
-def test_a_board_is_taught_over_its_serial_line():
-    """As `eskin watch` does it, on the simulated board: every decision is the model's, and so is what is read out."""
-    model, recordings = forget(taught_model("gru")), scene(10, seed=8)
-    config, differences = model.config, []
-    link = Link(board_of(model), register_map(config), timeout_s=TIMEOUT_BYTES)
-    link.connect()
-    link.load(boot_writes(config, model.arrays))
-    source = BoardSource(model, link, "pins")
-    for index in range(2, len(recordings)):
-        events = [*source.arm(), *source.take(recordings.recording(index)), *source.finish()]
-        events += source.forget(0) if index == 6 else source.teach(index % config.classes)
-        differences += [event for event in events if isinstance(event, Differs)]
-        hardware = [event for event in events if isinstance(event, HardwareEvent)]
-        assert hardware and not any(stage.wrong for event in hardware for stage in event.stages.values())
-    assert not differences
-    same(taught_arrays(config, link.places), source.stream.model)
-    assert taught_in_use(source.stream.model).tolist() == [1, 2, 3]
 
 
 @pytest.mark.timeout(1800)

@@ -64,7 +64,7 @@ def test_labels_by_name_and_of_a_table(lists):
     config = LINEAR.replace(class_names=("hold", "tap"))
     model = eskin.Model(config, folds=0).fit(lists[0], names)
     assert model.classes_.tolist() == ["hold", "tap"] and model.score(lists[0], names) > 0.7
-    with pytest.raises(eskin.InputError, match="label 'push' is no class; there are hold, tap"):
+    with pytest.raises(eskin.InputError, match="label 'push' is not a class; there are hold, tap"):
         eskin.Model(config, folds=0).fit(lists[0], np.where(names == "tap", "push", names))
     parts = {
         number: pd.DataFrame(array, columns=list("abcd")).assign(

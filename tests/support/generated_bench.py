@@ -15,7 +15,7 @@ def make(folder: Path, simulator: str = "icarus") -> subprocess.CompletedProcess
     program, around = verilator_command()
     around["PATH"] = f"{program.parent}:{Path(sys.executable).parent}:{os.environ['PATH']}"
     return subprocess.run(
-        ["make", f"SIM={simulator}", "VLT_VERSION=5.048"],  # the package's --version is no number
+        ["make", f"SIM={simulator}", "VLT_VERSION=5.048"],  # the package's --version is not a number
         cwd=folder,
         env=around,
         stdout=subprocess.PIPE,

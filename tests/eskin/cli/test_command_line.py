@@ -155,7 +155,7 @@ REFUSED = [
     ("generate model --out {0}|run --data data.npz --out {0}", "mine", "other files"),
     ("report {0}", "mine", "run.json"),
     ("train --data data.npz --out {0}", "data.npz", "would overwrite the input"),
-    ("inspect data.npz --json {0}", "/dev/null", "/dev/null: is no regular file"),
+    ("inspect data.npz --json {0}", "/dev/null", "/dev/null: is not a regular file"),
     ("stability model --data data.npz --out t --no-cosim --mode {0}", "tie", "mode 'tie': is unknown"),
     ("stability {0} --data data.npz --out t", "none", "config.json"),
     ("stability model --data data.npz --out {0} --no-cosim --mode frames", "s", "s is a file"),
@@ -163,14 +163,14 @@ REFUSED = [
     (
         "quantise model --formats {0}",
         "weight_bits=4",
-        "--formats weight_bits=4: is no format; give feature_bits, gate_bits, table_entries",
+        "--formats weight_bits=4: is not a format; give feature_bits, gate_bits, table_entries",
     ),
     (
         "quantise model --quantisation-aware --state-bits {0}",
         "12",
         "--quantisation-aware: needs the recordings of the",
     ),
-    ("cosim model --data data.npz --recordings {0}", "0", "--recordings 0: is no number of recordings"),
+    ("cosim model --data data.npz --recordings {0}", "0", "--recordings 0: is not a number of recordings"),
     ("cosim model --data data.npz --clock {0}", "fast", "is no clock; give 1 Hz"),
     (
         "cosim model --data data.npz --clock {0}",

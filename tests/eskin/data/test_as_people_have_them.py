@@ -3,14 +3,17 @@
 import dataclasses
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import eskin
 from eskin.data import Reading, load_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import InputError
-from eskin.golden.data import Recordings
+from eskin.pages.inspect_data import in_rows, inspect
+from eskin.pages.views import words
 from tests.support.table import each_row
+from tests.support.written import texts
 
 CODES = np.random.default_rng(3).integers(100, 900, (6, 20, 3))
 AT = Reading(rate_hz=100)
@@ -31,14 +34,6 @@ def rows(index: int) -> list[str]:
     return [",".join(map(str, codes)) for codes in CODES[index].tolist()]
 
 
-def folder(path, text_of, count=4):
-    for index in range(count):
-        file = path / "ab"[index % 2] / f"r{index}.csv"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text_of(index))
-    return path
-
-
 @each_row(
     ("labels", "names", "expected"),
     [
@@ -57,8 +52,7 @@ def test_labels_that_are_text_are_names(tmp_path, labels, names, expected):
 
 
 def test_text_labels_of_lists_series_and_images(tmp_path):
-    pandas = pytest.importorskip("pandas")
-    for labels in (["b", "a"], np.array(["b", "a"], dtype=object), pandas.Series(["b", "a"])):
+    for labels in (["b", "a"], np.array(["b", "a"], dtype=object), pd.Series(["b", "a"])):
         made = eskin.Recordings.of(CODES[:2], labels, sample_rate_hz=100)
         assert made.class_names == ("a", "b") and made.labels.tolist() == [1, 0]
     np.savez(tmp_path / "i.npz", images=np.zeros((2, 8, 8), np.uint8), labels=np.array(["cup", "ball"]))
@@ -69,10 +63,10 @@ def test_text_labels_of_lists_series_and_images(tmp_path):
 
 def test_classes_are_matched_by_name():
     held = eskin.Recordings.of(CODES, ["c", "a"] * 3, sample_rate_hz=100, class_names=["c", "a", "d"])
-    matched = held.of_classes(("a", "b", "c"), "the model")
+    matched = held.with_classes(("a", "b", "c"), "the model")
     assert matched.class_names == ("a", "b", "c") and matched.labels.tolist() == [2, 0] * 3
     with pytest.raises(InputError, match="has recordings of c, and the model knows a, b; leave those"):
-        held.of_classes(("a", "b"), "the model")
+        held.with_classes(("a", "b"), "the model")
 
 
 @each_row(
@@ -86,21 +80,19 @@ def test_classes_are_matched_by_name():
 )
 def test_units_of_a_header(tmp_path, header, unit, rate):
     text = lambda index: "\n".join([header, *(f"{2 * k},{row}" for k, row in enumerate(rows(index)))])
-    recordings = load_recordings(folder(tmp_path, text))
+    recordings = texts(tmp_path, text)
     assert recordings.unit == unit and recordings.sample_rate_hz == rate and recordings.taxels == 3
 
 
 @each_row("end", ["512,40", "512", '"51'])
 def test_a_cut_last_line_is_dropped_and_said(tmp_path, end):
     text = lambda index: "\n".join(["a,b,c", *rows(index), *([end] if index == 1 else [])])
-    recordings = load_recordings(folder(tmp_path, text), reading=AT)
+    recordings = texts(tmp_path, text, AT)
     assert recordings.lengths.tolist() == [20] * 4
-    assert any(
-        "line 22, the last of 'r1.csv', is cut off and was dropped" in note for note in recordings.notes
-    )
+    assert "line 22, the last of 'r0.csv', is cut off and was dropped" in " ".join(recordings.notes)
     middle = lambda index: "\n".join(["a,b,c", *rows(index)[:5], "512,40", *rows(index)[5:]])
     with pytest.raises(InputError, match="line 7: has 2 cells"):
-        load_recordings(folder(tmp_path, middle), reading=AT)
+        texts(tmp_path, middle, AT)
 
 
 @each_row("cell", ["x", "", "nan", "9" * 400])
@@ -108,9 +100,7 @@ def test_with_columns_no_other_is_read(tmp_path, cell):
     """Its cells may be anything, in a folder and in a long table."""
     reading = dataclasses.replace(AT, columns=("a", "b", "c"))
     text = lambda index: "\n".join(["note,person,a,b,c", *(f"{cell},{cell},{row}" for row in rows(index))])
-    assert np.array_equal(
-        load_recordings(folder(tmp_path / "d", text), reading=reading).recording(1), CODES[2]
-    )
+    assert np.array_equal(texts(tmp_path / "d", text, reading).recording(1), CODES[2])
     lines = ["recording,class,note,person,a,b,c"]
     lines += [f"{r},{'xy'[r % 2]},{cell},{cell if r else 1},{row}" for r in range(4) for row in rows(r)]
     (tmp_path / "all.csv").write_text("\n".join(lines))
@@ -120,37 +110,22 @@ def test_with_columns_no_other_is_read(tmp_path, cell):
     assert {*recordings.groups} == {"recording", *(() if cell in ("", "nan") else ("person",))}
 
 
-@pytest.fixture
-def seen():
-    from eskin.pages.inspect_data import in_rows, inspect
-    from eskin.pages.views import words
-
-    def show(recordings: Recordings) -> str:
-        figures = inspect(recordings)
-        return words("inspect", **figures, **in_rows(recordings, figures, "a.npz"), picture="p.png")
-
-    return show
-
-
-def test_inspect_says_one_class_and_tells_groups_from_values(seen, tmp_path):
-    text = seen(
-        archive(tmp_path / "a.npz", labels=np.array(["silk"] * 6), mass=np.arange(6), day=np.arange(6) // 2)
-    )
+def test_inspect_says_one_class_and_tells_groups_from_values(tmp_path):
+    groups = {"mass": np.arange(6), "day": np.arange(6) // 2}
+    recordings = archive(tmp_path / "a.npz", labels=np.array(["silk"] * 6), **groups)
+    figures = inspect(recordings)
+    text = words("inspect", **figures, **in_rows(recordings, figures, "a.npz"), picture="p.png")
     assert "the only class is silk" in text
     assert "day (3 values)" in text and "| one value a recording | mass |" in text and "mass (6" not in text
 
 
-def test_a_data_card(tmp_path, monkeypatch):
+def test_a_data_card(tmp_path, monkeypatch, call):
     """A README.md with what the archive says and fields to fill, which a second call does not overwrite."""
-    from typer.testing import CliRunner
-
-    from eskin.cli.main import app
-
     monkeypatch.chdir(tmp_path)
     archive("mine.npz", samples=CODES.reshape(-1, 3) / 8, lsb_volt=0.125, unit="mN", day=np.arange(6) // 2)
-    shown = CliRunner().invoke(app, ["inspect", "mine.npz", "--card"])
+    status, out, _ = call("inspect", "mine.npz", "--card")
     card = (tmp_path / "build/inspect/mine/README.md").read_text()
-    assert shown.exit_code == 0 and "build/inspect/mine/README.md" in shown.output
+    assert status == 0 and "build/inspect/mine/README.md" in out
     for line in (
         "# mine",
         "| sample rate | 100 Hz |",
@@ -161,5 +136,5 @@ def test_a_data_card(tmp_path, monkeypatch):
         "| licence | TO FILL IN |",
     ):
         assert line in card.splitlines()
-    again = CliRunner().invoke(app, ["inspect", "mine.npz", "--card"])
-    assert isinstance(again.exception, InputError) and "README.md: exists already" in str(again.exception)
+    status, _, err = call("inspect", "mine.npz", "--card")
+    assert status == 2 and "README.md: exists already" in err

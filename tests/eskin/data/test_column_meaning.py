@@ -11,6 +11,7 @@ from eskin.data.archive import load_archive, save_archive
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from tests.support.table import each_row
+from tests.support.written import by_class, texts
 
 FRAMES = 30
 CODES = np.random.default_rng(1).integers(1900, 2100, (8, FRAMES, 3))
@@ -32,15 +33,6 @@ def table(names="t0,t1,t2", labels="ab", **extra) -> str:
 def read(tmp_path, text: str, reading: Reading = AT) -> Recordings:
     (tmp_path / "all.csv").write_text(text)
     return load_recordings(tmp_path / "all.csv", reading=reading)
-
-
-def folder(tmp_path, text_of):
-    """Two files of each class a and b; text_of(label, file) gives the text."""
-    for label in "ab":
-        (tmp_path / label).mkdir()
-        for number in range(2):
-            (tmp_path / label / f"r{number}.csv").write_text(text_of(label, number))
-    return load_recordings(tmp_path, reading=AT)
 
 
 @each_row(
@@ -84,9 +76,8 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
     assert wave.taxels == 6 and "columns force, t3, dead, t0, t1, t2 are the 6 taxels" in wave.notes[0]
     assert "column 't3' is constant in each recording and was taken as a taxel" in wave.notes
     assert len(wave.notes) == 5
-    assert read(tmp_path, table(tick=lambda r, k: k), Reading(rate_hz=100, columns=("tick", "t1"))).samples[
-        :3, 0
-    ].tolist() == [0, 1, 2]
+    named = read(tmp_path, table(tick=lambda r, k: k), Reading(rate_hz=100, columns=("tick", "t1")))
+    assert named.samples[:3, 0].tolist() == [0, 1, 2]
 
 
 @each_row(
@@ -94,10 +85,10 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
     [
         (table(speed=lambda r, k: 0.1 * k), AT, "line 3: column 'speed' is a group and changes inside "
                                                 "recording r0; name what a recording"),
-        (table(labels=["nan", "x"]), AT, "line 2: column 'class' holds nan, which is no value"),
+        (table(labels=["nan", "x"]), AT, "line 2: column 'class' holds nan, which is not a value"),
         (table(labels=["a", ""]), AT, "line 32: column 'class' holds an empty cell"),
         (table(person=lambda r, k: "" if r == 3 else r), AT, "line 92: column 'person' holds an empty cell"),
-        (table(x=lambda r, k: "12_30"[k % 2 :]), AT, "line 2: column 'x' holds '12_30', which is no number"),
+        (table(x=lambda r, k: "12_30"[k % 2 :]), AT, "line 2: column 'x' holds '12_30', which is not a number"),
         (table(names=f't0,t1,"t2"\n,,,,"{"1" * 131_073}"'), AT, "line 2: has more than 100000 letters"),
         (table(names='t0,t1,t2\nr0,a,1,2,"3'), AT, "line 2: has an unmatched quotation mark"),
         (table(), Reading(rate_hz=100, columns=("9" * 5000,)), "the file has no such column"),
@@ -123,48 +114,33 @@ def test_long_numbers_and_numbers_as_names(tmp_path):
 
 
 def test_decimal_commas_of_three_digits_beside_a_zero(tmp_path):
-    recordings = folder(
-        tmp_path,
-        lambda label, number: (
-            "a;b\n" + "\n".join(f"0,{500 + 7 * k % 91};1,{250 + 5 * k % 83}" for k in range(30))
-        ),
-    )
+    rows = "\n".join(f"0,{500 + 7 * k % 91};1,{250 + 5 * k % 83}" for k in range(30))
+    recordings = texts(tmp_path, lambda number: f"a;b\n{rows}", AT)
     assert recordings.recording(0)[0] @ [1, 1] * recordings.volt_per_code == pytest.approx(1.75)
 
 
 def test_a_column_without_a_name_that_tells_the_class(tmp_path):
+    text = lambda number: "\n".join(
+        f"{','.join(map(str, row))},{number % 2}" for row in CODES[number].tolist()
+    )
     with pytest.raises(
-        InputError, match=r"r0\.csv', line 1: column 4 has one value in each recording, so is no taxel"
+        InputError, match=r"r0\.csv', line 1: column 4 has one value in each recording, so is not a taxel"
     ):
-        folder(
-            tmp_path,
-            lambda label, number: "\n".join(
-                f"{','.join(map(str, row))},{int(label == 'b')}" for row in CODES[number].tolist()
-            ),
-        )
+        texts(tmp_path, text, AT)
 
 
 @each_row("stem", ["labels", "file", "samples", "offsets", "images", "lsb_volt"])
 def test_groups_never_replace_arrays_of_an_archive(tmp_path, stem):
-    for label in "ab":
-        (tmp_path / label).mkdir()
-        for number in range(2):
-            np.savetxt(
-                tmp_path / label / f"{stem.replace('_', '')}{number}_t1.csv",
-                CODES[number],
-                delimiter=",",
-                fmt="%d",
-            )
+    save = lambda path, number: np.savetxt(path, CODES[number], delimiter=",", fmt="%d")
+    by_class(tmp_path, save, f"{stem.replace('_', '')}{{}}_t1.csv")
     groups = {stem: [1, 0], f"group_{stem}": [2, 3]}
     made = Recordings.of(list(CODES[:2]), [0, 1], sample_rate_hz=100, groups=groups)
     assert any(f"group {stem} is called group_{stem}_, since an archive" in note for note in made.notes)
     for recordings in (load_recordings(tmp_path, reading=AT), made):
         save_archive(recordings, tmp_path / "x.npz")
         again = load_archive(tmp_path / "x.npz")
-        assert again.labels.tolist() == recordings.labels.tolist() and np.array_equal(
-            again.samples, recordings.samples
-        )
-        assert set(again.groups) == set(recordings.groups)
+        assert np.array_equal(again.labels, recordings.labels) and set(again.groups) == set(recordings.groups)
+        assert np.array_equal(again.samples, recordings.samples)
 
 
 def test_a_data_frame_is_a_long_table():

@@ -106,7 +106,7 @@ def test_a_bag_with_classes_by_topic_and_by_times(tmp_path, known, kind, plugin)
         match="no column or attribute that names the class .* --class, of a log also with --labels",
     ):
         load_recordings(source)
-    with pytest.raises(InputError, match=r"--samples /x: is no topic of this log; choose one of /skin"):
+    with pytest.raises(InputError, match=r"--samples /x: is not a topic of this log; choose one of /skin"):
         load_recordings(source, reading=Reading(label="/touched", samples="/x"))
 
 
@@ -163,7 +163,7 @@ def test_a_pipe_in_the_folder_of_a_bag_is_refused(tmp_path, known):
     doors.write_bag(known, tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
     (tmp_path / "bag" / "bag.db3").unlink()
     os.mkfifo(tmp_path / "bag" / "bag.db3")
-    with pytest.raises(InputError, match="bag': bag.db3 is no regular file"):
+    with pytest.raises(InputError, match="bag': bag.db3 is not a regular file"):
         load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
 
 
@@ -189,5 +189,5 @@ def test_a_table_of_times_is_for_a_log(tmp_path, known):
 
 def test_an_unknown_ending_is_refused_with_the_formats_there_are(tmp_path):
     (tmp_path / "a.xlsx").write_bytes(b"PK")
-    with pytest.raises(InputError, match=r"ends in '.xlsx', which is no format .* \.npz .*\.h5 .*\.mcap"):
+    with pytest.raises(InputError, match=r"ends in '.xlsx', which is not a format .* \.npz .*\.h5 .*\.mcap"):
         load_recordings(tmp_path / "a.xlsx")

@@ -2,6 +2,7 @@
 
 import bz2
 import struct
+from functools import partial
 
 import h5py
 import numpy as np
@@ -16,20 +17,13 @@ from eskin.golden.data import Recordings
 from eskin.training.splits import check_split
 from tests.support import doors
 from tests.support.table import each_row
+from tests.support.written import by_class
 
 RNG = np.random.default_rng(5)
 FRAMES = 40
 SIGNALS = [np.round(RNG.normal(0, 0.3, (FRAMES, 3)), 4) for _ in range(4)]
 CLASSES = ("felt", "silk")
-
-
-def files(root, suffix, write, between=""):
-    """Two files of each class; ``write`` gets the path and the number of the signal."""
-    for number in range(4):
-        path = root / CLASSES[number % 2] / between.format(number // 2) / f"r{number // 2}{suffix}"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, number)
-    return root
+files = partial(by_class, classes=CLASSES)
 
 
 def check(recordings, taxels=3, signals=SIGNALS, tolerance=1e-3):
@@ -56,7 +50,7 @@ def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path, clocks, runs
         text = doors.lvm(np.split(SIGNALS[number], 2), clocks=clocks, runs_on=runs_on)
         path.write_text(text.replace("Separator\tTab", f"Separator\t{word}").replace("\t", separator))
 
-    recordings = load_recordings(files(tmp_path, ".lvm", write))
+    recordings = load_recordings(files(tmp_path, write, "r{}.lvm"))
     assert len(recordings) == (4 if runs_on and clocks == "One" else 8) and recordings.frames == 4 * FRAMES
     assert recordings.sample_rate_hz == 100
 
@@ -64,13 +58,13 @@ def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path, clocks, runs
 def test_a_header_with_too_few_names_is_refused(tmp_path):
     text = doors.lvm([SIGNALS[0]]).replace("X_Value\tVoltage\t", "X_Value\t").replace("\tComment", "")
     with pytest.raises(InputError, match=r"line 16: has 4 numbers where the header has 3 names"):
-        load_recordings(files(tmp_path, ".lvm", lambda path, number: path.write_text(text)))
+        load_recordings(files(tmp_path, lambda path, number: path.write_text(text), "r{}.lvm"))
 
 
 def test_channels_without_a_common_clock_are_refused(tmp_path):
     text = doors.lvm([SIGNALS[0]]).replace("Delta_X\t0.01\t0.01", "Delta_X\t0.01\t0.02")
     with pytest.raises(InputError, match="several Delta_X"):
-        load_recordings(files(tmp_path, ".lvm", lambda path, number: path.write_text(text)))
+        load_recordings(files(tmp_path, lambda path, number: path.write_text(text), "r{}.lvm"))
 
 
 # ---------------------------------------------------------------------- HDF5
@@ -289,7 +283,7 @@ def test_blank_lines_and_rows_of_separators_part_recordings(tmp_path):
 )
 def test_heads_and_columns_that_are_no_taxels(tmp_path, head, row, notes):
     write = lambda path, number: path.write_text("\n".join([head, *map(row, rows(number))]))
-    recordings = load_recordings(files(tmp_path, ".csv", write))
+    recordings = load_recordings(files(tmp_path, write))
     check(recordings)
     assert all(any(said in note for note in recordings.notes) for said in notes)
 
@@ -298,15 +292,15 @@ def test_dates_in_words_name_the_option_and_columns_their_number_in_the_file(tmp
     dated = lambda path, number: path.write_text(
         "\n".join(["time,a,b,c", *(f"26.11.2026 12:00:{row}" for row in rows(number))])
     )
-    root = files(tmp_path / "dated", ".csv", dated)
+    root = files(tmp_path / "dated", dated)
     with pytest.raises(InputError, match=r"line 2: column 'time' holds '26.11.2026 12:00:0.00'.* --rate HZ"):
         load_recordings(root)
     check(load_recordings(root, reading=Reading(rate_hz=100, columns=("a", "b", "c"))))
     odd = lambda path, number: path.write_text(
         "\n".join([*rows(number)[:9], "0.09,1,x,2", *rows(number)[10:]])
     )
-    with pytest.raises(InputError, match="line 10: column 3 holds 'x', which is no number"):
-        load_recordings(files(tmp_path / "odd", ".csv", odd), reading=Reading(columns=("3-4",), rate_hz=100))
+    with pytest.raises(InputError, match="line 10: column 3 holds 'x', which is not a number"):
+        load_recordings(files(tmp_path / "odd", odd), reading=Reading(columns=("3-4",), rate_hz=100))
 
 
 # ---------------------------------------------------------------------- folders and .mat
@@ -326,7 +320,7 @@ def save_h5(path, number):
 )
 def test_levels_between_class_and_file_are_groups(tmp_path, suffix, write, rate):
     for between, group, values in (("session{}", "session", [0, 1, 0, 1]), ("d{}", "d", [0, 1, 0, 1])):
-        root = files(tmp_path / group, suffix, write, between)
+        root = files(tmp_path / group, write, f"r{{}}{suffix}", between=between)
         recordings = load_recordings(root, reading=Reading(rate_hz=rate))
         check(recordings)
         assert recordings.groups[group].tolist() == values
@@ -358,7 +352,8 @@ def test_an_array_of_structs(tmp_path):
         assert [recordings.class_names[label] for label in recordings.labels] == ["felt", "silk"] * 2
         assert recordings.groups["person"].tolist() == [0, 0, 1, 1] and recordings.sample_rate_hz == 100
     with pytest.raises(
-        InputError, match="--class touches: is no attribute or column; .* of a struct or group name a field"
+        InputError,
+        match="--class touches: is not an attribute or column; .* of a struct or group name a field",
     ):
         load_recordings(tmp_path / "a.mat", reading=Reading(label="touches"))
 
@@ -367,8 +362,8 @@ def test_an_array_of_structs(tmp_path):
     ("values", "why"),
     [
         ([1, 1, 2, 2], "tells the class, too,"),
-        ([4, 7, 8, 8], "has each of its values in one class alone, so is no group,"),
-        ([3, 1, 2, 4], "has another value in each recording, so is no group,"),
+        ([4, 7, 8, 8], "has each of its values in one class alone, so is not a group,"),
+        ([3, 1, 2, 4], "has another value in each recording, so is not a group,"),
         ([0, 1, 0, 1], ""),
         ([0, 1, 1, 1], ""),
     ],

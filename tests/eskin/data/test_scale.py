@@ -171,9 +171,7 @@ def test_a_model_of_mixed_columns_reads_codes_streams_and_other_scales(tmp_path)
     )
     assert np.abs(brought.samples - recordings.samples).max() <= 1
     check_fit(brought, config)
-    with pytest.raises(
-        InputError, match="array lsb_volt: says that a code is worth .* to .* and configuration"
-    ):
+    with pytest.raises(InputError, match="array lsb_volt: has a code worth .* to .* and configuration"):
         check_fit(finer, config)
     stream = Stream(random_integer_model(config, 1))
     real = recordings.recording(0) * np.array(recordings.volt_per_code)

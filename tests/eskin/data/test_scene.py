@@ -13,23 +13,6 @@ from tests.support.table import each_row
 SYNTHETIC = PRESETS["synthetic"]
 
 
-@each_row(
-    "field, value",
-    [
-        ("persons", 0),
-        ("trials", 0),
-        ("rows", 1),
-        ("columns", 9),
-        ("classes", 1),
-        ("classes", 4),
-        ("sample_rate_hz", 0),
-    ],
-)
-def test_what_cannot_be_made_is_refused(field, value):
-    with pytest.raises(InputError, match=f"synthetic scene, {field}: is {value}; it must lie in"):
-        synthetic_recordings(**{field: value})
-
-
 # ---------------------------------------------------------------------- other classes and arrays
 def sized(taxels: int, classes: int, hidden: int = 12, steps: int = 20, **changes) -> AcceleratorConfig:
     """The synthetic configuration of another array and task."""

@@ -14,6 +14,7 @@ from eskin.data.fit import check_fit
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.codes import round_step, to_codes
 from tests.support.table import each_row
+from tests.support.written import by_class, texts
 
 RATE = 200.0
 
@@ -37,11 +38,8 @@ def written(samples, *, time="time", delimiter=",", comma=False, header=True, st
 
 def make_folder(folder, **form):
     """Classes mat2 and mat10, three files each."""
-    for number in range(6):
-        file = folder / ("mat2", "mat10")[number % 2] / f"p{number // 2}_t1.csv"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(written(codes(number), **form))
-    return folder
+    write = lambda path, number: path.write_text(written(codes(number), **form))
+    return by_class(folder, write, "p{}_t1.csv", classes=("mat2", "mat10"), count=6)
 
 
 def check_folder(recordings):
@@ -57,11 +55,7 @@ def check_folder(recordings):
     "form",
     [
         {},
-        {"delimiter": ";"},
         {"delimiter": ";", "comma": True},
-        {"delimiter": "\t"},
-        {"delimiter": " "},
-        {"header": False},
         {"header": False, "delimiter": "\t"},
         {"time": "Time (s)"},
         {"time": "timestamp", "start": 1000.0},
@@ -75,18 +69,8 @@ def test_what_a_file_may_hold_beside_numbers(tmp_path):
     folder = make_folder(tmp_path / "d")
     for file in folder.rglob("*.csv"):
         lines = file.read_text().splitlines()
-        units = ["(s),(N),(N),(N),(N)"]
-        text = "\r\n".join(
-            [
-                "# a comment",
-                "",
-                lines[0].replace("a", '"a"'),
-                *units,
-                *(line + "," for line in lines[1:]),
-                "",
-                "",
-            ]
-        )
+        head = ["# a comment", "", lines[0].replace("a", '"a"'), "(s),(N),(N),(N),(N)"]
+        text = "\r\n".join([*head, *(line + "," for line in lines[1:]), "", ""])
         file.write_bytes(b"\xef\xbb\xbf" + text.encode())
     (folder / "mat2" / "notes.pdf").write_text("not a recording")
     recordings = load_recordings(folder)
@@ -95,25 +79,16 @@ def test_what_a_file_may_hold_beside_numbers(tmp_path):
 
 
 def test_time_in_milliseconds_and_an_index_column(tmp_path):
-    folder = tmp_path / "d"
-    for number in range(4):
-        file = folder / "ab"[number % 2] / f"{number}.csv"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        rows = [
-            f"{frame},{5 * frame},{','.join(map(str, row))}"
-            for frame, row in enumerate(codes(number).tolist())
-        ]
-        file.write_text("\n".join([",time_ms,a,b,c,d", *rows]))
-    recordings = load_recordings(folder)
-    assert recordings.sample_rate_hz == RATE
-    assert recordings.taxels == 4
-    assert np.array_equal(recordings.recording(0), codes(0))
-    text = next(folder.rglob("0.csv")).read_text()
-    for file in folder.rglob("*.csv"):
-        file.write_text(file.read_text().replace("time_ms", "time"))
+    def text(number, time="time_ms"):
+        rows = [f"{k},{5 * k},{','.join(map(str, row))}" for k, row in enumerate(codes(number).tolist())]
+        return "\n".join([f",{time},a,b,c,d", *rows])
+
+    recordings = texts(tmp_path, text)
+    assert recordings.sample_rate_hz == RATE and np.array_equal(recordings.recording(0), codes(0))
+    plain = lambda number: text(number, "time")
     with pytest.raises(InputError, match="name its unit in the header"):
-        load_recordings(folder)
-    assert load_recordings(folder, reading=Reading(rate_hz=50.0)).sample_rate_hz == 50 and text
+        texts(tmp_path, plain)
+    assert texts(tmp_path, plain, Reading(rate_hz=50.0)).sample_rate_hz == 50
 
 
 def test_columns_are_chosen_by_name_and_number(tmp_path):
@@ -141,17 +116,17 @@ def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
 @each_row(("times", "same"), [(1.015, True), (1.03, False)])
 def test_rates_within_two_in_a_hundred_are_one(tmp_path, times, same):
     """Of two recordings, and of recordings and what was asked for."""
-    for number, rate in enumerate((RATE, RATE * times)):
-        file = tmp_path / f"class{number}" / "0.csv"
-        file.parent.mkdir()
-        file.write_text(
-            "time,a,b\n" + "".join(f"{frame / rate:.6f},{frame % 7},{frame % 5}\n" for frame in range(20))
-        )
+
+    def text(number):
+        frames = range(20)
+        rows = (f"{k / (RATE, RATE * times)[number]:.6f},{k % 7},{k % 5}" for k in frames)
+        return "\n".join(["time,a,b", *rows])
+
     if same:
-        assert RATE <= load_recordings(tmp_path).sample_rate_hz <= RATE * times
+        assert RATE <= texts(tmp_path, text, count=2).sample_rate_hz <= RATE * times
     else:
         with pytest.raises(InputError, match="has 200 frames a second and .* 206;"):
-            load_recordings(tmp_path)
+            texts(tmp_path, text, count=2)
     asked = load_recordings(make_folder(tmp_path / "d"), reading=Reading(rate_hz=RATE * times))
     assert asked.sample_rate_hz == RATE * times and ("recordings say" not in "".join(asked.notes)) is same
 
@@ -183,21 +158,14 @@ def test_one_long_table(tmp_path):
     recordings = load_recordings(path)
     assert recordings.class_names == ("felt", "silk") and recordings.labels.tolist() == [1, 0, 1, 0, 1, 0]
     assert recordings.groups["person"].tolist() == [0, 0, 1, 1, 2, 2]
-    assert recordings.groups["recording"][5] == "r5"
-    assert recordings.sample_rate_hz == RATE
+    assert recordings.groups["recording"][5] == "r5" and recordings.sample_rate_hz == RATE
     assert all(np.array_equal(recordings.recording(number), codes(number)) for number in range(6))
     path.write_text("\n".join(long_table()).replace("recording,person,class", "nr,who,what"))
     with pytest.raises(InputError, match="--class"):
         load_recordings(path)
     named = load_recordings(path, reading=Reading(label="what", recording="nr"))
-    assert named.labels.tolist() == recordings.labels.tolist() and named.groups["who"].tolist() == [
-        0,
-        0,
-        1,
-        1,
-        2,
-        2,
-    ]
+    assert np.array_equal(named.labels, recordings.labels)
+    assert named.groups["who"].tolist() == [0, 0, 1, 1, 2, 2]
 
 
 def broken_folder(tmp_path, change):
@@ -215,7 +183,7 @@ def line_of(number, text):
 
 BROKEN = [
     (line_of(5, "0.015,1,2,3"), "line 5: has 4 cells where the header has 5"),
-    (line_of(5, "0.015,1,off,3,4"), "line 5: column 'b' holds 'off', which is no number"),
+    (line_of(5, "0.015,1,off,3,4"), "line 5: column 'b' holds 'off', which is not a number"),
     (line_of(6, "0.02,1,,3,4"), "line 6: column 'b' holds an empty cell"),
     (
         lambda lines: "\n".join(line.replace(",", "|") for line in lines).encode(),
@@ -237,13 +205,13 @@ BROKEN = [
     (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "differ from those of 'mat2/p0_t1.csv'"),
     (b"", "holds no row of samples"),
     (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
-    ("time,ä\n".encode("utf-16"), "no UTF-8 text"),
+    ("time,ä\n".encode("utf-16"), "not UTF-8 text"),
     (b"time,a\n0,\x001\n", "holds a zero byte"),
     (
         lambda lines: "\n".join(
             [lines[0], *(",".join([*line.split(",")[:4], "soft"]) for line in lines[1:])]
         ).encode(),
-        "line 2: column 'd' holds 'soft', which is no number",
+        "line 2: column 'd' holds 'soft', which is not a number",
     ),
 ]
 
@@ -285,19 +253,14 @@ def test_a_broken_table_is_refused_with_its_place(tmp_path, change, said):
 
 # ---------------------------------------------------------------------- real samples
 def test_real_samples_get_a_scale_that_is_kept(tmp_path):
-    folder = tmp_path / "d"
-    volts = {}
-    for number in range(4):
-        file = folder / "ab"[number % 2] / f"{number}.csv"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        volts[file.stem] = (codes(number) - 400) / 977
-        file.write_text(
-            "\n".join(["a,b,c,d", *(",".join(f"{v:.9f}" for v in row) for row in volts[file.stem])])
-        )
-    recordings = load_recordings(folder, reading=Reading(rate_hz=RATE))
+    folder, volts = tmp_path / "d", [(codes(number) - 400) / 977 for number in range(4)]
+    text = lambda number: "\n".join(
+        ["a,b,c,d", *(",".join(f"{v:.9f}" for v in row) for row in volts[number])]
+    )
+    recordings = texts(folder, text, Reading(rate_hz=RATE))
     step = recordings.volt_per_code
     assert recordings.sample_signed and recordings.sample_bits == 16 and step == 5e-5
-    assert np.abs(recordings.recording(0) * step - volts["0"]).max() <= 0.5 * step
+    assert np.abs(recordings.recording(0) * step - volts[0]).max() <= 0.5 * step
     assert any(f"one code is {step:g}" in note for note in recordings.notes)
     save_archive(recordings, tmp_path / "made.npz")
     again = load_archive(tmp_path / "made.npz")
@@ -314,9 +277,9 @@ def test_real_samples_get_a_scale_that_is_kept(tmp_path):
         band_high=2000,
     )
     scaled = load_recordings(folder, config=config)
-    assert scaled.volt_per_code == 1e-3 and np.array_equal(scaled.recording(0), np.rint(volts["0"] / 1e-3))
+    assert scaled.volt_per_code == 1e-3 and np.array_equal(scaled.recording(0), np.rint(volts[0] / 1e-3))
     check_fit(scaled, config)
-    with pytest.raises(InputError, match="a code is worth 5e-05"):
+    with pytest.raises(InputError, match="has a code worth 5e-05"):
         check_fit(recordings, config)
 
 

@@ -181,13 +181,13 @@ def not_numbers(made):
 
         (lambda made: setattr(made.opset_import[0], "version", 3), "has opset 3"),
 
-        (lambda made: setattr(node(made, "cell"), "domain", "mine"), "node 'cell' of type GRU: is none of those"),
+        (lambda made: setattr(node(made, "cell"), "domain", "mine"), "node 'cell' of type GRU: is not supported"),
 
         (lambda made: node(made, "cell").attribute.append(helper.make_attribute("activations", ["Tanh", "Relu"])), "activations Tanh, Relu"),
 
-        (odd_activations, "is no valid ONNX"),
+        (odd_activations, "is not valid ONNX"),
 
-        (lambda made: node(made, "readout_bias").input.append("features"), "is no valid ONNX"),
+        (lambda made: node(made, "readout_bias").input.append("features"), "is not valid ONNX"),
 
 
 
@@ -199,7 +199,7 @@ def not_numbers(made):
 
         (wide, "beyond any that the accelerator takes"),
 
-        (not_numbers, "no finite numbers"),
+        (not_numbers, "not finite numbers"),
 
         (lambda made: node(made, "steps_behind_batch").attribute[0].ints.__setitem__(0, 2), "steps_behind_batch"),
 

@@ -283,7 +283,7 @@ def test_two_models_go_into_one_program(tmp_path):
     subprocess.run(command, cwd=tmp_path, check=True)
     assert subprocess.run([tmp_path / "both"]).returncode == 0
     for wrong in ("", "2left", "a b", "a;x", "é", "x" * 41):
-        with pytest.raises(InputError, match="--prefix .*: is no prefix for names in C"):
+        with pytest.raises(InputError, match="--prefix .*: is not a prefix for names in C"):
             export_c(model_of(RING, 3), tmp_path / "no", prefix=wrong)
     assert not (tmp_path / "no").exists()
 

@@ -5,16 +5,7 @@ import dataclasses
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.study.energy import (
-    BATTERY_J,
-    PARTS,
-    RAM_READ_ASSUMED_J,
-    Activity,
-    Part,
-    compare,
-    counted_activity,
-    estimate,
-)
+from eskin.study.energy import BATTERY_J, PARTS, Activity, Part, compare, counted_activity, estimate
 
 CONFIG = PRESETS["thesis"].replace(feature_shift=(10, 9))
 ACTIVITY = Activity(
@@ -54,7 +45,6 @@ def test_a_step_a_touch_and_the_powers_are_the_sums_by_hand():
     )
     frame = 16 * 50e-12 + 900 * 0.2e-12
     assert energy["preprocessing_per_touch_j"] == pytest.approx(6144 * frame)
-    assert energy["ram_reads_per_touch_j"] == pytest.approx(20 * 200 * 20 * RAM_READ_ASSUMED_J)
     on, stopped, own = energy["choices"]  # 1 MHz of its own would be too slow
     added = 20 * (step - 200 * 50e-12)
     idle = 100e-6 + 2e6 * (50e-12 + 3 * 0.2e-12) + 3000 * 900 * 0.2e-12

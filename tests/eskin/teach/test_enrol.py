@@ -141,7 +141,7 @@ def test_signals_beyond_the_formats_are_refused(tmp_path):
     train(OLD, SMALL.replace(clip=0), TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD)
     strong = mounted(OLD.subset(of_classes(OLD, 2)), np.array([8.0, 8.0, -8.0, 8.0]), 500)
-    with pytest.raises(InputError, match=r"% of their features stand at the limits of feature_format, SQ\("):
+    with pytest.raises(InputError, match=r"% of their features are at the limits of feature_format, SQ\("):
         enrol(tmp_path / "m", strong, tmp_path / "m2")
     assert not (tmp_path / "m2").exists()
 

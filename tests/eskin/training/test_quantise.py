@@ -311,6 +311,6 @@ def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_pat
         arrays = dict(lean.arrays) | {"mean": lean.arrays["mean"] + 1}
         IntegerModel(chosen, arrays).save(tmp_path / "model")
         with pytest.raises(
-            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means requires"
+            InputError, match=r"array mean: is not a multiple of 2\*\*\d+, which aligned_means requires"
         ):
             IntegerModel.load(tmp_path / "model")

@@ -56,8 +56,8 @@ def test_a_bound_is_reached_and_not_passed_by_the_worst_weights():
     [
         ({"layers": ("conv 2 8", "dense 2")}, "field layers: .*has a kernel of 2; take 1, 3 or 5"),
         ({"layers": ("conv 3 0", "dense 2")}, "field layers: .*has 0 channels; take 1 to 64"),
-        ({"layers": ("conv3 8", "dense 2")}, "'conv3 8' is no layer; write 'conv K N'"),
-        ({"layers": ("conv 3 -8", "dense 2")}, "is no layer"),
+        ({"layers": ("conv3 8", "dense 2")}, "'conv3 8' is not a layer; write 'conv K N'"),
+        ({"layers": ("conv 3 -8", "dense 2")}, "is not a layer"),
         ({"layers": ("pool", "dense 2")}, "pool that follows no convolution"),
         ({"layers": ("conv 3 4", "pool")}, "must end with a dense layer"),
         ({"layers": ("dense 8", "conv 3 4", "dense 2")}, "behind a dense layer"),
