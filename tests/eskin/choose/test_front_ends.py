@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from sklearn.linear_model import Ridge
 
 from eskin.choose.candidate import Candidate, ScoredCandidate, choose
 from eskin.choose.choice import Plan, choose_front_end, choose_split, inner_folds, search_inside
@@ -103,10 +104,8 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     for row, penalty in enumerate(PENALTIES):
         for fold in folds:
             rest = np.setdiff1d(np.arange(60), fold)
-            weights = np.linalg.solve(
-                wide[rest].T @ wide[rest] + penalty * unit * np.eye(width + 1),
-                wide[rest].T @ indicators[rest],
-            )
+            ridge = Ridge(penalty * unit, fit_intercept=False, solver="cholesky")
+            weights = ridge.fit(wide[rest], indicators[rest]).coef_.T
             turn, bias = discriminants(wide[rest] @ weights, indicators[rest])
             decided[row, fold] = (wide[fold] @ weights @ turn + bias).argmax(axis=1)
     expected = np.zeros(60, dtype=int)

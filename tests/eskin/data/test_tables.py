@@ -55,11 +55,7 @@ def check_folder(recordings):
     "form",
     [
         {},
-        {"delimiter": ";"},
         {"delimiter": ";", "comma": True},
-        {"delimiter": "\t"},
-        {"delimiter": " "},
-        {"header": False},
         {"header": False, "delimiter": "\t"},
         {"time": "Time (s)"},
         {"time": "timestamp", "start": 1000.0},
