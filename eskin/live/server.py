@@ -1,5 +1,5 @@
-"""The browser page and its messages over one port: HTTP for the page, a websocket for the rest. A thread of
-its own.
+"""The browser page and its messages over one port: HTTP for the page, a websocket for the rest.
+Runs in its own thread.
 
 Each viewer has a queue in the hub; a viewer who does not take his messages fills only that. One who vanished
 is found out by a ping.

@@ -73,8 +73,8 @@ def cut_short(completed: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray
     """Touches to learn from once more, cut short: (their rows, steps of each), for those that hold
     ``completed`` (n) of ``steps``.
 
-    A linear cell sees all windows at once. Where few touches end early it would not learn what the first
-    windows say alone, so others are cut to the lengths of these.
+    A linear cell sees all windows at once. If few touches end early, the fit would not learn to classify by
+    the first windows alone. So other touches are cut to the lengths of these.
     """
     short, whole = np.flatnonzero(completed < steps), np.flatnonzero(completed >= steps)
     count = min(COPIES * len(short), len(whole))

@@ -275,7 +275,7 @@ class Bench(Scene):
         return pipeline.by_recording(decision, touches.first_touch())
 
     def accuracy(self, recordings: Recordings) -> float:
-        """Share of recordings decided as labelled; no decision is wrong."""
+        """Share of recordings that are classified correctly; a missing decision counts as wrong."""
         return float(np.mean(self.decide(recordings) == recordings.labels))
 
     def local(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> np.ndarray:
