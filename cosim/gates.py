@@ -207,7 +207,7 @@ class Chip:
         """(gate, net of its input, net of the state and of its opposite or -1, delay) of each, by gate. clock, data: their
         names in the library.
 
-        An input that is a function of several pins is one more of the functions.
+        An input that depends on several pins counts as one more function.
         """
         states = []
         for _, kind, pins in cells:

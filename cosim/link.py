@@ -366,7 +366,7 @@ class Link:
             # An answer to an earlier question, late, names fewer than were taken already; the next one is not
             # late.
         raise LinkError(
-            "the device counts other packets than were sent: it was reset, or another program uses its port"
+            "the device's packet count differs from the packets sent: it was reset, or another program uses its port"
         )
 
     def _ask(self, register: str) -> Answer:

@@ -426,7 +426,7 @@ class Model(Estimator):
         if labels is None:
             if not isinstance(frames, Recordings):
                 raise InputError(f"{verb}: arrays have no classes; give labels, or Recordings")
-            frames = frames.of_classes(self.config.network.class_names, "the model")
+            frames = frames.with_classes(self.config.network.class_names, "the model")
             labels = frames.labels
         indices = self._indices(labels, verb)
         if indices.shape != (len(each),):

@@ -376,7 +376,7 @@ class QuantiseRequest(GroupOptions):
         return widths
 
     @property
-    def of_readout(self) -> dict[str, Any]:
+    def readout_options(self) -> dict[str, Any]:
         """The user's options about prototypes."""
         names = ("groups", "prototypes", "taught", "unknown", "spare_classes")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}

@@ -168,15 +168,15 @@ class _Finder:
             case ast.If(test=test) | ast.IfExp(test=test):
                 yield self.replaced("condition", test, f"not ({self.source(test)})")
             case ast.Call():
-                yield from self.of_call(node, names)
+                yield from self.call_faults(node, names)
                 words = [word.value for word in node.keywords if word.arg not in ("name", "dtype")]
                 below = [node.func, *node.args, *words]
             case _:
-                yield from self.of_value(node)
+                yield from self.value_faults(node)
         for part in below:
             yield from self.walk(part, names)
 
-    def of_value(self, node: Any) -> Iterator[Fault]:
+    def value_faults(self, node: Any) -> Iterator[Fault]:
         """Faults of an operation, a constant, the bounds of a slice."""
         source, op = self.source, type(getattr(node, "op", None)).__name__
         match node:
@@ -213,7 +213,7 @@ class _Finder:
                     if bound is not None and not _is_text(bound):
                         yield self.replaced("off-by-one", bound, f"{source(bound)} + 1")
 
-    def of_call(self, node: ast.Call, names: Sequence[str]) -> Iterator[Fault]:
+    def call_faults(self, node: ast.Call, names: Sequence[str]) -> Iterator[Fault]:
         """Faults of a call by the name of what is called."""
         name, args, sources = _name(node.func), node.args, list(map(self.source, node.args))
         first, plain = (*args, None)[0], not any(isinstance(arg, ast.Starred) for arg in args)

@@ -160,8 +160,8 @@ class ScoredCandidate:
         if self.stressed is None:
             return self.standard_error
         told = self.stressed[~np.isnan(self.stressed)]
-        of_stressed = float(told.std(ddof=1) / np.sqrt(len(told))) if len(told) > 1 else 0.0
-        return (self.standard_error + of_stressed) / 2
+        stressed_error = float(told.std(ddof=1) / np.sqrt(len(told))) if len(told) > 1 else 0.0
+        return (self.standard_error + stressed_error) / 2
 
     @property
     def figures(self) -> list[Record]:

@@ -76,10 +76,10 @@ LEAST = {
 class Plan:
     """The requested or chosen front end, and the split for the choice.
 
-    config: the configuration. reasons: in words. split, split_from: of ``choose_split``. prices: what
-    candidates cost. front_ends: to choose from again inside folds; None where nothing is to be judged.
-    screened: the front ends judged, best first; none where it was asked for. facts: of the judging, for
-    training.json. guessed: too few recordings to choose on. doubts: about the recordings, of the judging.
+    config: the configuration. reasons: in words. split, split_from: of ``choose_split``. prices: costs of
+    candidates. front_ends: to choose from again inside folds; None if there is no choice to make. screened:
+    the front ends judged, best first; none where it was asked for. facts: of the judging, for training.json.
+    guessed: too few recordings to choose on. doubts: about the recordings, of the judging.
     """
 
     config: AcceleratorConfig

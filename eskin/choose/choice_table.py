@@ -101,8 +101,8 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
     if taken is None:
         return None
     plain = next((row for row in candidates if row.get("calm")), taken)
-    of_plain = {row["mode"]: row["figure"] for row in plain["stress"]}
-    rows = [row | {"plain": of_plain.get(row["mode"])} for row in taken["stress"]]
+    plain_figures = {row["mode"]: row["figure"] for row in plain["stress"]}
+    rows = [row | {"plain": plain_figures.get(row["mode"])} for row in taken["stress"]]
     rows.sort(key=beyond, reverse=True)
     return {
         "rows": rows,

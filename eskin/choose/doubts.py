@@ -48,7 +48,7 @@ def doubt(code: str, text: str, split: Mapping[str, Any] | None = None) -> Recor
     if split is None:
         return {"code": code, "text": text}
     groups = list(split["groups"])
-    return {"code": code, "text": f"leaving out {left_out(groups)}, {text}", "groups": groups}
+    return {"code": code, "text": f"with {left_out(groups)} left out, {text}", "groups": groups}
 
 
 def sentences(found: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -85,11 +85,11 @@ def below_baselines(
     if short <= best["standard_error"] * (1 if best["hardware"] else 2):
         return []
     larger = _larger(candidates or [])
-    fix = "try --cell auto" if candidates is None else larger or "no other candidate does better"
+    fix = "try --cell auto" if candidates is None else larger or "no other candidate is better"
     if not best["hardware"]:
         fix = f"eskin has no hardware for it; {fix}"
     text = (
-        f"the {best['name']} classifies {percent(best['accuracy'])} correctly, the network "
+        f"the {best['name']} classifies {percent(best['accuracy'])} correctly and the network "
         f"{percent(accuracy(best))}, {100 * short:.1f} points less: {fix}"
     )
     return [doubt("below_baselines", text, split)]
@@ -185,8 +185,8 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
         What was left out.
     """
     group = " and ".join(groups)
-    left = f"leaving out {group}, " if groups else ""
-    text = f"{left}the level of the first {frames} frames alone reveals the class of {percent(share)}"
+    left = f"with {group} left out, " if groups else ""
+    text = f"{left}the level of the first {frames} frames alone reveals the class of {percent(share)} of the recordings"
     if without is not None:
         text += f" (a front end that removes this level classifies {percent(without)} correctly)"
     text += ": if each class has its own session, this is the session and not the touch; "

@@ -50,7 +50,7 @@ class FirstTouches:
         """Drop the sums; they are made again where they are asked for."""
         self._known.clear()
 
-    def of_touch(self, index: int) -> np.ndarray:
+    def deviations_of_touch(self, index: int) -> np.ndarray:
         """Deviations (frames, taxels) of one touch's recording."""
         return self.deviations[:, self.offsets[index] : self.offsets[index + 1]].T
 
@@ -161,7 +161,7 @@ def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
             values[touch, window, :, number] = sums.T
     else:
         for index in range(len(touches)):
-            part = touches.of_touch(index)[: lead[index] + held[index]]
+            part = touches.deviations_of_touch(index)[: lead[index] + held[index]]
             values[index] = window_values(config, part, int(lead[index]) + 1, config.window_spans)[0].reshape(
                 values[index].shape
             )

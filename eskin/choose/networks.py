@@ -248,7 +248,7 @@ def network_choice(
     """
     choice = _Choice(front_ends, options, prices, effort)
     if not options.open:
-        return (yield from choice.of_asked()), []
+        return (yield from choice.requested_network()), []
     calm = yield from choice.by_accuracy()
     if hardening is None:
         return calm.candidate, choice.tried
@@ -306,7 +306,7 @@ class _Choice:
         return best_of(outcomes).candidate
 
     # -- choices
-    def of_asked(self) -> Generator[Round, list[ScoredCandidate], Candidate]:
+    def requested_network(self) -> Generator[Round, list[ScoredCandidate], Candidate]:
         """The requested network, on the best front end for it."""
         probes = self.usable(map(self.options.possible, self.front_ends.for_recurrent))
         if not probes:

@@ -67,7 +67,10 @@ class Hardening:
         level = config if config.opens_at_once else valid(config, rest="tracked")
         if level is None or not len(touches := self.screen.touches(level)):
             return []
-        touched = [np.abs(touches.of_touch(i)[max(on - 1, 0) :]) for i, on in enumerate(touches.onset_frame)]
+        touched = [
+            np.abs(touches.deviations_of_touch(i)[max(on - 1, 0) :])
+            for i, on in enumerate(touches.onset_frame)
+        ]
         # what is not taken off is no deviation, so less of it may be cut
         share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
         deviations, before = np.concatenate(touched), config.rest_level.clip

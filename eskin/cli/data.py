@@ -64,7 +64,7 @@ def convert(request: ConvertRequest) -> None:
         reading = replace(reading, columns=reading.columns or columns_of)
         if request.columns is None and not columns_of:
             warn(
-                f"--like {request.like}: does not name its columns, so eskin finds them; --columns overrides this"
+                f"--like {request.like}: does not name its columns, so eskin chooses them; --columns overrides this"
             )
         if model.sensor.volt_per_code and request.scale is None:
             reading = replace(reading, scale=model.sensor.volt_per_code)

@@ -179,9 +179,9 @@ def quantise(request: QuantiseRequest) -> None:
     from eskin.training.formats import describe_formats
     from eskin.training.integers import quantise as to_integers
 
-    of_readout = request.of_readout
+    readout_options = request.readout_options
     if request.readout != "prototypes":
-        for name in of_readout:
+        for name in readout_options:
             raise InputError(
                 f"--{name.removesuffix('s').replace('_', '-')}: needs --readout prototypes; give both"
             )
@@ -201,7 +201,7 @@ def quantise(request: QuantiseRequest) -> None:
     else:
         if request.readout and recordings is not None and recordings.image_shape:
             raise InputError("--readout: models for images have none; leave it out")
-        decided_by = of_readout if request.readout == "prototypes" else request.readout
+        decided_by = readout_options if request.readout == "prototypes" else request.readout
         integer = to_integers(request.model, recordings, readout=decided_by, **widths)
     show("quantise", formats=describe_formats(integer.config))
 

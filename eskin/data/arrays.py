@@ -72,9 +72,9 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, alon
     named = reading.samples or next((name for name in SAMPLES if name in root.arrays), "")
     label = reading.label or next((name for name in LABELS if name in root.arrays), "")
     if alone and named in root.arrays:
-        tables = found.of_one_array(named, label)
+        tables = found.array_tables(named, label)
     else:
-        tables = [] if alone and label in root.arrays else [*found.of_group(root, (), {})]
+        tables = [] if alone and label in root.arrays else [*found.group_tables(root, (), {})]
     if not tables:
         asked = f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) a recording)"
         if reading.samples:
@@ -114,7 +114,7 @@ class _Arrays:
                      units=units, clock=taxels if clock else None, row_is="row", **more)  # fmt: skip
 
     # ------------------------------------------------------------------ an array of all recordings
-    def of_one_array(self, name: str, label: str) -> list[Table]:
+    def array_tables(self, name: str, label: str) -> list[Table]:
         """Samples as cells of (frames, taxels), as (recordings, frames, taxels), or one after the other with
         offsets; labels; class names. Every other array of one value a recording is an attribute."""
         arrays, parts = self.root.arrays, self.parts(self.root.arrays[name], name)
@@ -183,7 +183,7 @@ class _Arrays:
         return parts
 
     # ------------------------------------------------------------------ an array a recording
-    def of_group(self, group: Group, above: Names, known: Facts) -> Iterator[Table]:
+    def group_tables(self, group: Group, above: Names, known: Facts) -> Iterator[Table]:
         """Every table (frames, taxels) of a group and below as a recording, with the attributes of all above
         it; a clock beside it is its time. Vectors of one length, where there is no table, are one's columns."""
         import pandas as pd
@@ -214,7 +214,7 @@ class _Arrays:
             frame = pd.DataFrame(columns)
             yield table_of(frame, where, paths=(above,), attributes=(known,), row_is="row")
         for name in sorted(group.groups, key=natural):
-            yield from self.of_group(group.groups[name], (*above, name), known)
+            yield from self.group_tables(group.groups[name], (*above, name), known)
 
     def asked(self, full: str) -> bool:
         """True if --samples names an array: by its name, its path, its group, or a pattern with a *."""
@@ -242,7 +242,9 @@ class _Arrays:
             self.refuse(f"{why}, or all, where each is one, by a pattern with *")
         fitting = [name for name in clocks if {len(vectors[name])} == lengths]
         if clocks and not fitting:
-            self.refuse(f"{where} a time of another length than the samples: {listed}; write it again")
+            self.refuse(
+                f"{where} a time whose length differs from that of the samples: {listed}; write it again"
+            )
         return (fitting[0], vectors[fitting[0]]) if fitting else None
 
 

@@ -57,7 +57,7 @@ def for_model(
     for note in recordings.notes[known:]:
         say(f"recordings '{recordings.source}': {note}")
     if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
-        recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
+        recordings = recordings.with_classes(config.network.class_names, f"configuration '{config.name}'")
     check_fit(recordings, config)
     return recordings
 

@@ -72,7 +72,7 @@ def understand(
     found = _Meaning(tables, reading)
     table = found.table
     class_is = found.part(of_one_file)
-    found.of_paths()
+    found.groups_from_paths()
     taxels = found.taxels()
     rate, why = found.rate(config)
     values, scale = table.numbers(taxels), reading.scale
@@ -266,7 +266,7 @@ class _Meaning:
         self.groups[name] = values
         self.notes += [f"{called} {why}"] if why else []
 
-    def of_paths(self) -> None:
+    def groups_from_paths(self) -> None:
         """Groups that attributes tell, and names of files and of the folders between: their parts of letters
         and a number that every one has, separated by ``_``, ``-``, ``.`` or a blank; of levels without such
         parts their names."""

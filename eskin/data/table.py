@@ -33,8 +33,8 @@ class Reading:
 
     rate_hz: frames a second. recording, label: columns, by name or by number from 1, or an attribute. columns:
     the taxels. delimiter: what separates columns. scale: what one code is worth. samples: array of a .mat or
-    HDF5 file, topic of a log. labels: of a log, a table of times. clock: whose times the frames of a log have,
-    log or header.
+    HDF5 file, topic of a log. labels: of a log, a table of times. clock: source of a log's frame times, log
+    or header.
     """
 
     rate_hz: float | None = None

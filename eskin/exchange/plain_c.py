@@ -28,7 +28,6 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import ImageTrace, IntegerModel, Trace, completing_frames
 
 HEADER, SOURCE, CHECK, VECTORS = "eskin_model.h", "eskin_model.c", "eskin_check.c", "test_vectors.h"
-BYTES = {"int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "int64_t": 8}
 
 
 class Table(NamedTuple):
@@ -234,7 +233,7 @@ def _state(config: AcceleratorConfig, values: Record) -> list[tuple[str, str, tu
         (True, "uint8_t", "cls", ()),
     ]
     fields = [(kind, name, size) for needed, kind, name, size in wished if needed]
-    return sorted(fields, key=lambda field: -BYTES[field[0]])
+    return sorted(fields, key=lambda field: -int(field[0].strip("uint_")))
 
 
 # ---------------------------------------------------------------------- networks for images
@@ -289,20 +288,6 @@ def _image_values(config: AcceleratorConfig) -> Record:
 
 
 # ---------------------------------------------------------------------- files
-def products(config: AcceleratorConfig) -> dict[str, float]:
-    """Products of a call of `eskin_frame`, or of `eskin_image`: at most, and on the mean of a touch; those of
-    the normaliser among them."""
-    if config.is_image:
-        return {"most": config.multiplies, "mean": config.multiplies}
-    of_step = config.multiplies + config.inputs
-    ends = [end for _, end in config.window_spans]
-    together = max(ends.count(end) for end in ends)
-    if config.windows.window_mode == "touch" and not config.opens_at_once:
-        replayed = sum(end <= config.windows.pretrigger_frames + 1 for end in ends)
-        together = max(together, replayed)
-    return {"most": together * of_step, "mean": round(config.windows.steps * of_step / config.last_frame, 2)}
-
-
 def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
     """``eskin_model.h`` and ``eskin_model.c``, library.properties of Arduino and module.yml of Zephyr with
     what it names: text by path. Their names and everything that they declare begin with ``prefix``.
@@ -333,9 +318,7 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
             "classes": config.classes,
             "names": ", ".join(map(c_string, config.network.class_names)),
             "vote": config.network.decision == "vote",
-            "products": products(config),
             "tables": tables,
-            "table_bytes": table_bytes(model),
             "version": version("eskin"),
         }
     )
@@ -352,12 +335,6 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
 def _rendered(names: dict[str, str], values: Record, prefix: str) -> dict[str, str]:
     fill = lambda name: template(__file__, name, prefix, brackets=_brackets).render(values)
     return {path.replace(f"{PREFIX}_", f"{prefix}_"): fill(name) for path, name in names.items()}
-
-
-def table_bytes(model: IntegerModel) -> int:
-    """Bytes of all tables of constants."""
-    tables = _image_tables(model) if model.config.is_image else _frame_tables(model)
-    return sum(BYTES[table.kind] * int(np.prod(table.size)) for table in tables)
 
 
 def _brackets(size: Iterable[int]) -> str:

@@ -1,5 +1,5 @@
-"""The browser page and its messages over one port: HTTP for the page, a websocket for the rest. A thread of
-its own.
+"""The browser page and its messages over one port: HTTP for the page, a websocket for the rest.
+Runs in its own thread.
 
 Each viewer has a queue in the hub; a viewer who does not take his messages fills only that. One who vanished
 is found out by a ping.
@@ -184,8 +184,8 @@ class PageServer:
 
 def obey(controls: Controls, command: dict) -> None:
     """Do what a viewer asks: ``{"do": "pause", "on": true}``, ``speed`` with ``times`` (0: as fast as
-    possible), ``next``, ``class`` with ``index`` (-1: all), ``teach`` and ``forget`` with ``index``. Anything
-    else is not heard."""
+    possible), ``next``, ``class`` with ``index`` (-1: all), ``teach`` and ``forget`` with ``index``. Other
+    messages are ignored."""
     acts: dict[str, Callable[[], None]] = {
         "pause": lambda: controls.pause(bool(command["on"])),
         "speed": lambda: controls.pace(float(command["times"]) or math.inf),

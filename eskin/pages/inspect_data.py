@@ -177,22 +177,22 @@ def _state(span: int, held: float) -> str:
 
 
 def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
-    """Rows of the terminal beside the figures: of_classes, of_recordings (number, class, onset, frames;
+    """Rows of the terminal beside the figures: class_rows, onset_rows (number, class, onset, frames;
     few of many), and as advice odd (state -> taxels), lost, few (classes), group."""
     onsets, names, labels = figures["onset_frames"], recordings.class_names, recordings.labels
-    of_classes = []
+    class_rows = []
     for label, (name, count) in enumerate(figures["classes"].items()):
         frames = [] if onsets is None else np.array(onsets)[labels == label].tolist()
         seen = sorted(frame for frame in frames if frame >= 0)
         row = {"name": name, "recordings": count, "lost": None if onsets is None else len(frames) - len(seen)}
         row["span"] = [seen[0], seen[len(seen) // 2], seen[-1]] if seen else []
-        of_classes.append(row)
+        class_rows.append(row)
     order = sorted(range(len(onsets)), key=onsets.__getitem__) if onsets and any(onsets) else []
     groups = {name: count for name, count in figures["groups"].items() if count >= 2}
     states = [row["state"] for row in figures["taxel"]]
     return {
-        "of_classes": of_classes,
-        "of_recordings": [
+        "class_rows": class_rows,
+        "onset_rows": [
             (index, names[labels[index]], onsets[index], recordings.lengths[index])
             for index in order[:LISTED]
         ],

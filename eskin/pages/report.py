@@ -22,7 +22,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import jinja2
 import numpy as np
@@ -75,26 +74,10 @@ INTEGER_LINE: Record = {"color": INTEGER_COLOUR, "linewidth": 1.4, "marker": "o"
 
 
 # ---------------------------------------------------------------------- the files
-class _Fields(dict):
-    """A JSON object that answers a missing field with the file's name and the fix."""
-
-    file: Path
-
-    def __missing__(self, field: str) -> Any:
-        raise InputError(f"{self.file}: has no field '{field}'; make the result again with 'eskin run'")
-
-
-def read_json(path: Path) -> _Fields:
-    """A file of a result folder; what is missing or damaged is refused by its name, missing fields when they
-    are read."""
-
-    def fields(pairs: Record) -> _Fields:
-        record = _Fields(pairs)
-        record.file = path
-        return record
-
+def read_json(path: Path) -> Record:
+    """A file of a result folder; what is missing or damaged is refused by its name."""
     try:
-        return json.loads(path.read_text(), object_hook=fields)
+        return json.loads(path.read_text())
     except (OSError, ValueError, RecursionError) as error:
         raise _unreadable(path, error) from None
 
@@ -108,7 +91,7 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 
 @contextmanager
 def well_formed(folder: Path) -> Iterator[None]:
-    """Errors over fields of another type or size than a run writes become one sentence."""
+    """Errors over missing fields, or of another type or size than a run writes, become one sentence."""
     try:
         yield
     except InputError:
@@ -122,7 +105,7 @@ def well_formed(folder: Path) -> Iterator[None]:
         jinja2.TemplateError,
     ) as error:
         raise InputError(
-            f"result '{folder}': a field of its files has another type or size than 'eskin run' writes "
+            f"result '{folder}': a field of its files is missing or has another type or size than 'eskin run' writes "
             f"({error}); make the result again"
         ) from error
 
@@ -156,7 +139,7 @@ class Result:
         run, evaluate, cosim = (read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim"))
         training = read_json(folder / "model/training.json")
         config = AcceleratorConfig.from_dict(
-            dict(read_json(folder / "model/config.json")), str(folder / "model/config.json")
+            read_json(folder / "model/config.json"), str(folder / "model/config.json")
         )
         if run.get("images"):
             return cls(folder, run, evaluate, cosim, training, config)
@@ -544,23 +527,17 @@ def _values(result: Result) -> Record:
         "split_name": _split_name,
         "things": result.things,
         "unseen": unseen,
-        "candidates": [] if result.config.is_image else _candidates(result.run),
-        "fails": where_it_fails([] if result.config.is_image else _candidates(result.run)),
+        "candidates": (candidates := [] if result.config.is_image else result.run.get("candidates") or []),
+        "fails": where_it_fails(candidates),
         "network_name": network_name,
         "front_end_brief": front_end_brief,
         "windows_brief": windows_brief,
     }
 
 
-def _candidates(run: Record) -> list[Record]:
-    """The candidates; none where an earlier version judged them, which had other rows."""
-    rows = run.get("candidates") or []
-    return rows if run.get("images") or all(isinstance(row.get("front_end"), dict) for row in rows) else []
-
-
 def _render(result: Result) -> str:
     splits, config, run = result.training["cross_validation"], result.config, result.run
-    candidates, front_end = _candidates(run), run.get("front_end")
+    candidates, front_end = run.get("candidates") or [], run.get("front_end")
     names = config.network.class_names
     with rc_context(STYLE):
         drawn: dict[str, Figure | None] = {"confusion": draw_confusion(splits, names, result.things)}

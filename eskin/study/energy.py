@@ -13,8 +13,8 @@ measurements, with its band.
 
 Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken
 from the cycles of the schedule (`scheduled_activity`). No board was measured: one published source, one
-board, small designs with little fan-out, no block RAM. A figure is therefore good to a factor, `Part.band`,
-and is never called a measurement.
+board, small designs with little fan-out, no block RAM. A figure is therefore accurate within a factor,
+`Part.band`, and never called a measurement.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""A file of what a model was taught."""
+"""A file of taught touches."""
 
 from pathlib import Path
 

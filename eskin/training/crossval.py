@@ -229,7 +229,7 @@ class FoldDecisions:
     config: AcceleratorConfig
 
     @classmethod
-    def of_images(cls, ideal: np.ndarray, whole: np.ndarray, config: AcceleratorConfig) -> FoldDecisions:
+    def from_images(cls, ideal: np.ndarray, whole: np.ndarray, config: AcceleratorConfig) -> FoldDecisions:
         """Float and integer decisions on images, each made in one step."""
         step, error = np.zeros_like(whole), np.zeros(0)
         return cls(ideal, ideal[:, None], whole, whole[:, None], step, error, config)

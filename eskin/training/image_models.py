@@ -237,7 +237,7 @@ def split_of(
         for test, result in zip(tests, outcomes, strict=True):
             ideal, whole = np.array(result["float"]), np.array(result[integers])
             correct[test] += (whole == recordings.labels[test]) / len(seeds)
-            decided.append([FoldDecisions.of_images(ideal, whole, config)])
+            decided.append([FoldDecisions.from_images(ideal, whole, config)])
         names = [f"part {number + 1}" for number in range(len(tests))]
         records.append(
             split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)])

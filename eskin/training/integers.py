@@ -22,7 +22,7 @@ from eskin.training.image_formats import (
     profile_images,
 )
 from eskin.training.losses import Progress
-from eskin.training.prototypes import of_recordings, training_groups
+from eskin.training.prototypes import prototypes_from_recordings, training_groups
 from eskin.training.quantise import (
     LAST_LOGIT,
     Range,
@@ -117,7 +117,7 @@ def quantise(
         check_given(integer.config, widths.get("feature_bits"))
     if prototypes and recordings is not None:
         groups = training_groups(recordings, record, options.get("groups"))
-        integer = of_recordings(
+        integer = prototypes_from_recordings(
             integer, recordings, groups, **{k: v for k, v in options.items() if k != "groups"}
         )
     trained.check_kept(integer.config, {**widths, **(readout if isinstance(readout, Mapping) else {})})

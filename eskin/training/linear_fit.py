@@ -73,8 +73,8 @@ def cut_short(completed: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray
     """Touches to learn from once more, cut short: (their rows, steps of each), for those that hold
     ``completed`` (n) of ``steps``.
 
-    A linear cell sees all windows at once. Where few touches end early it would not learn what the first
-    windows say alone, so others are cut to the lengths of these.
+    A linear cell sees all windows at once. If few touches end early, the fit would not learn to classify by
+    the first windows alone. So other touches are cut to the lengths of these.
     """
     short, whole = np.flatnonzero(completed < steps), np.flatnonzero(completed >= steps)
     count = min(COPIES * len(short), len(whole))
@@ -215,8 +215,8 @@ def fit_sturdy(
     scales: tuple[Any, Any],
     strength: float,
 ) -> dict[str, np.ndarray]:
-    """Weights and bias of the linear cell that is least squares over touches as recorded and disturbed, in
-    closed form: the expected products of inputs under the disturbances take the place of those recorded.
+    """Weights and bias of the least-squares linear cell for recorded and disturbed touches, in closed form:
+    expected products of inputs under the disturbances replace the recorded ones.
 
     A taxel is lost in a share LOST of the touches, each as often: it reads rest, or is masked. A share CUT of
     the touches ends after some of their windows, a share RATE is sampled at another rate, and to the last

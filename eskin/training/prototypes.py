@@ -224,7 +224,7 @@ def code_shift(config: AcceleratorConfig, values: np.ndarray, bits: int) -> int:
     return min(max(0, int(np.ceil(np.log2(max(largest, 1.0)))) - (bits - 1)), fmt.width - 1)
 
 
-def of_recordings(
+def prototypes_from_recordings(
     model: IntegerModel, recordings: Recordings, groups: Sequence[str], **options: Any
 ) -> IntegerModel:
     """`with_prototypes` of the first touch of each recording."""

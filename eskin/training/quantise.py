@@ -443,15 +443,15 @@ def _linear_formats(
 ) -> AcceleratorConfig:
     """As `choose_formats`, of a linear cell, which multiplies features by weights and nothing else."""
 
-    def of_weights(bits: int) -> AcceleratorConfig:
+    def with_weight_bits(bits: int) -> AcceleratorConfig:
         dense = covering_format(ranges["dense"], bits)
         formats = {"feature_format": feature, "dense_format": dense}
         return _with_logits(config, ranges, lean, dense.frac_bits + feature.frac_bits, **formats)
 
-    chosen = of_weights(weight_bits or WEIGHT_BITS)
+    chosen = with_weight_bits(weight_bits or WEIGHT_BITS)
     low, high = ranges.get(LAST_LOGIT, (-math.inf, math.inf))  # without one the span is infinite: no finer
     while not (weight_bits or plain) and _rounding(chosen) > ROUNDING * (high - low):
-        finer = of_weights(chosen.weight_bits + 1)
+        finer = with_weight_bits(chosen.weight_bits + 1)
         if finer.weight_bits > OPERAND_BITS or finer.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
             break
         chosen = finer

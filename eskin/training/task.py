@@ -60,8 +60,8 @@ class TouchTask:
 
 
 class ImageTask:
-    """A network for images, as `TouchTask`. Errors are taken on LOOKED_AT images at most, evenly over the
-    classes."""
+    """A network for images, as `TouchTask`. Errors are measured on at most LOOKED_AT images, spread evenly
+    over the classes."""
 
     local_agreement = None
 
@@ -94,8 +94,8 @@ class ImageTask:
         return errors
 
     def _alone(self, index: int) -> np.ndarray:
-        """Logits of the float network with the weights, bias and output of one layer as the integer one has
-        them."""
+        """Logits of the float network in which one layer has the weights, bias and output format of the
+        integer network."""
         config, integer = self._integer.config, self._integer.arrays
         layers = layer_formats(config)
         stage, weight, before, after = layers[index]

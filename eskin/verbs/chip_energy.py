@@ -197,10 +197,10 @@ def summary(
     ) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
         return float(frame[which].mean() + root_j * (period - rows[which, 1].mean()))
 
-    def of_step(values: np.ndarray) -> float:
+    def step_energy(values: np.ndarray) -> float:
         return float((values[near].sum() - near.sum() * values[plain].mean()) / steps)
 
-    step = of_step(frame)
+    step = step_energy(frame)
     parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
     parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
     parts |= {"step": step, "leakage": leakage_w * hop / rate}

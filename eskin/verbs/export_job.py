@@ -35,7 +35,7 @@ def export_c(
     Returns
     -------
     dict
-        out, prefix, decisions (that eskin_check compares), table_bytes, products (`plain_c.products`).
+        out, prefix, decisions (that eskin_check compares).
     """
     check_folder(out, prefixed(plain_c.HEADER, check_prefix("--prefix", prefix)))
     files = plain_c.sources(model, prefix)
@@ -45,13 +45,7 @@ def export_c(
         for name, text in files.items():
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text)
-    return {
-        "out": str(out),
-        "prefix": prefix,
-        "decisions": sum(map(len, calls)),
-        "table_bytes": plain_c.table_bytes(model),
-        "products": plain_c.products(model.config),
-    }
+    return {"out": str(out), "prefix": prefix, "decisions": sum(map(len, calls))}
 
 
 ONNX_FILE = "model.onnx"

@@ -117,7 +117,7 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
         held = load_recordings(request.test, config=user_config) if request.test else None
         if held is not None:
             check_alike(held, loaded)
-            held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
+            held = held.with_classes(loaded.class_names, f"--data {loaded.source}")
         if request.groups:
             check_split(loaded, request.groups, 5)
         if loaded.image_shape:

@@ -20,7 +20,7 @@ def frames_of(scene: Scene, count: int) -> np.ndarray:
         zip(scene.touches.recording, scene.touches.start_frame, strict=True)
     ):
         touch = np.zeros((span, scene.config.sensor.taxels))
-        course = held.of_touch(rows[int(recording)])[start - 1 :][:span]
+        course = held.deviations_of_touch(rows[int(recording)])[start - 1 :][:span]
         touch[: len(course)] = course
         frames[number] = in_time(touch, count)
     return frames

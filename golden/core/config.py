@@ -559,7 +559,7 @@ class AcceleratorConfig:
     def feature_unit(self, length: int, kind: str) -> float:
         """Divisor from a window's value to the feature before scaling.
 
-        For a mean: frames of a window of ``length``; for an activity: its blocks; for an integral: two to the
+        Mean: frames of a window of ``length``; activity: its blocks; integral: 2 to the
         power of its fraction bits.
         """
         if kind == "integral":

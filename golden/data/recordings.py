@@ -269,7 +269,7 @@ class Recordings:
         samples = np.concatenate([self.recording(i)[:end] for i, end in enumerate(ends)])
         return dataclasses.replace(self, samples=samples, offsets=np.cumsum([0, *ends]))
 
-    def of_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
+    def with_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
         """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
         another order.
 

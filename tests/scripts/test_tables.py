@@ -49,19 +49,18 @@ def test_the_page_of_figures_names_tables_that_there_are():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scene", "cell", "lanes", "cells", "cycles"),
+    ("scene", "cell", "lanes", "cells"),
     [
-        ("thesis", "gru", 1, (578, 245, 29, 0), (23.2, 19.0, 1172)),
-        ("thesis", "gru", 4, (722, 401, 28, 0), (23.2, 19.0, 281)),
-        ("pvdf", "linear", 4, (836, 620, 10, 4), (15.2, 15.0, 27)),
+        ("thesis", "gru", 1, (578, 245, 29, 0)),
+        ("thesis", "gru", 4, (722, 401, 28, 0)),
+        ("pvdf", "linear", 4, (836, 620, 10, 4)),
     ],
 )
-def test_three_of_the_twelve_designs_get_no_worse(scene, cell, lanes, cells, cycles):
-    """Cells before placement; cycles of a frame (touch, quiet) and of a step."""
+def test_three_of_the_twelve_designs_get_no_larger(scene, cell, lanes, cells):
+    """Cells before placement."""
     front = network(PRESETS[scene].replace(feature_shift=()), cell, 12 if cell == "gru" else None)
-    config = random_integer_model(front.with_lanes(lanes, "dsp"), 1).config
-    touch, quiet = mean_frame_cycles(config)
-    assert (round(touch, 1), round(quiet, 1), step_cycles(config)) == cycles
-    counts = tables.cells_of(Chain(config, readable=False))
+    counts = tables.cells_of(
+        Chain(random_integer_model(front.with_lanes(lanes, "dsp"), 1).config, readable=False)
+    )
     for kind, most in zip(("lut", "ff", "bram", "spram"), cells, strict=True):
         assert counts[kind] <= most, kind

@@ -44,7 +44,7 @@ def sums_alone(config: AcceleratorConfig) -> AcceleratorConfig:
     )
 
 
-def of_each_kind(own: np.ndarray, common: float, told_by: np.ndarray | None = None) -> np.ndarray:
+def per_kind(own: np.ndarray, common: float, told_by: np.ndarray | None = None) -> np.ndarray:
     """(taxels) ``common``, or ``own`` where columns are of different kinds: where those of ``told_by`` (None: own)
     that move by a code differ by more than UNEVEN squared. A common deviation would be many times the whole range
     of a column of small codes."""
@@ -174,20 +174,20 @@ class Scene:
 
     @cached_property
     def sigma(self) -> np.ndarray:
-        """(taxels) standard deviation of the window means, codes: one of all taxels, and of columns of different
-        kinds (`of_each_kind`) the own of each."""
+        """(taxels) standard deviation of the window means, codes: one for all taxels, or with columns of different
+        kinds (`per_kind`) one per taxel."""
         if self.origin:
             return self.origin.sigma
         plain = sums_alone(self.config)
         touches = preprocess.find_touches(plain, self.clean)
         means = preprocess.real_features(plain, touches.sums)
         own = means[np.arange(plain.windows.steps) < touches.completed[:, None]].std(axis=0)
-        return of_each_kind(own, scaling(plain, means, touches.completed)[1])
+        return per_kind(own, scaling(plain, means, touches.completed)[1])
 
     @cached_property
     def rest_noise(self) -> np.ndarray:
         """(taxels) standard deviation of a taxel at rest, codes, from frame to frame: the median over taxels and
-        recordings, and of columns of different kinds (`of_each_kind`) over recordings."""
+        recordings, and of columns of different kinds (`per_kind`) over recordings."""
         quiet = [
             stream[: max(int(onset) - 1, 16)]
             for stream, onset in (
@@ -198,7 +198,7 @@ class Scene:
         # the difference of two frames has twice the variance of one; slow drift does not count
         still = [np.zeros_like(self.sigma)]
         noise = np.array([np.diff(stream, axis=0).std(axis=0) for stream in quiet] or still) / np.sqrt(2)
-        return of_each_kind(np.median(noise, axis=0), float(np.median(noise)), self.sigma)
+        return per_kind(np.median(noise, axis=0), float(np.median(noise)), self.sigma)
 
     @property
     def live(self) -> list[int]:
@@ -275,7 +275,7 @@ class Bench(Scene):
         return pipeline.by_recording(decision, touches.first_touch())
 
     def accuracy(self, recordings: Recordings) -> float:
-        """Share of recordings decided as labelled; no decision is wrong."""
+        """Share of recordings that are classified correctly; a missing decision counts as wrong."""
         return float(np.mean(self.decide(recordings) == recordings.labels))
 
     def local(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> np.ndarray:

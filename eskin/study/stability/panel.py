@@ -206,7 +206,7 @@ class Panel:
             scene, total = Scene(config=config, recordings=brief._recordings, turns=brief._turns), 0.0
             for mode in self._modes(config):
                 assert isinstance(mode.run, Experiment)
-                if mode.run.of_gate or mode.name in LOUDER:
+                if mode.run.gate_only or mode.name in LOUDER:
                     opened = [
                         opened_early(played) if found is None else found
                         for played in mode.run.cases(scene).values()

@@ -136,13 +136,13 @@ class Experiment:
         return Played(where, rebuilt(scene.clean, streams, of[:count]), np.array(of[:count]))
 
     @property
-    def of_gate(self) -> bool:
+    def gate_only(self) -> bool:
         """The gate alone can go wrong."""
         return self.over == "quiet" or self.early
 
     def wrong_by_gate(self, played: Played) -> np.ndarray | None:
         """(n) bool: the gate opened where it must not; None where a decision has to tell."""
-        if not self.of_gate:
+        if not self.gate_only:
             return None
         scene, recordings = played.scene, played.recordings
         if self.over != "quiet":
@@ -155,7 +155,7 @@ class Experiment:
         """The mode's figure of the share of each case that went wrong: a share of false onsets, else accuracy."""
         shares = list(wrong)
         share = float(np.mean(shares) if self.mean else max(shares))
-        return share if self.of_gate else 1.0 - share
+        return share if self.gate_only else 1.0 - share
 
     def _found(self, bench: Bench, level: float | None = None) -> dict[str, Found]:
         found = {}
@@ -181,7 +181,7 @@ class Experiment:
         return [Curve(self.xlabel, ylabel, levels, of, self.log) for of in (lines, backwards)]
 
     def __call__(self, bench: Bench) -> Outcome:
-        accuracy = not self.of_gate
+        accuracy = not self.gate_only
         found, curves = bench.remember(
             replace(self, mean=False), lambda: (self._found(bench), self._curve(bench, accuracy))
         )

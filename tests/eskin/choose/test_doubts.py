@@ -41,7 +41,7 @@ VECTORS, WHOLE = "RBF-SVM on the same features", "linear classifier on whole rec
 LINEAR = {"cell": "linear", "hidden": 0, "accuracy": 0.9}
 SMALL, LARGE = ({"cell": "gru", "hidden": hidden, "accuracy": 0.91} for hidden in (8, 12))
 BEST_IS_LARGEST = [LINEAR, SMALL, LARGE | {"accuracy": 0.92}]
-NONE_BETTER = "no other candidate does better"
+NONE_BETTER = "no other candidate is better"
 
 
 @each_row(
@@ -66,7 +66,7 @@ def test_a_network_below_its_best_baseline(rows, candidates, parts):
     found = doubts.below_baselines(split(), rows, candidates)
     assert [one["code"] for one in found] == ["below_baselines"] * (parts is not None)
     for one in found:
-        assert one["groups"] == ["person"] and one["text"].startswith("leaving out person, the ")
+        assert one["groups"] == ["person"] and one["text"].startswith("with person left out, the ")
         assert all(part in one["text"] for part in parts)
 
 

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from sklearn.linear_model import Ridge
 
 from eskin.choose.candidate import Candidate, ScoredCandidate, choose
 from eskin.choose.choice import Plan, choose_front_end, choose_split, inner_folds, search_inside
@@ -103,10 +104,8 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     for row, penalty in enumerate(PENALTIES):
         for fold in folds:
             rest = np.setdiff1d(np.arange(60), fold)
-            weights = np.linalg.solve(
-                wide[rest].T @ wide[rest] + penalty * unit * np.eye(width + 1),
-                wide[rest].T @ indicators[rest],
-            )
+            ridge = Ridge(penalty * unit, fit_intercept=False, solver="cholesky")
+            weights = ridge.fit(wide[rest], indicators[rest]).coef_.T
             turn, bias = discriminants(wide[rest] @ weights, indicators[rest])
             decided[row, fold] = (wide[fold] @ weights @ turn + bias).argmax(axis=1)
     expected = np.zeros(60, dtype=int)
@@ -221,7 +220,7 @@ def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
     shifted = recordings.samples + 3000 * np.repeat(recordings.labels, recordings.lengths)[:, None]
     recordings = replace(recordings, samples=shifted)
     for groups, split, advice in (
-        (recordings.groups, ["day"], "leaving out day, .*record every class at every day"),
+        (recordings.groups, ["day"], "with day left out, .*record every class at every day"),
         ({}, [], "name these in an array of the archive and give it with --group"),
     ):
         front_end = choose_front_end(replace(recordings, groups=groups), priced())

@@ -63,10 +63,10 @@ def test_text_labels_of_lists_series_and_images(tmp_path):
 
 def test_classes_are_matched_by_name():
     held = eskin.Recordings.of(CODES, ["c", "a"] * 3, sample_rate_hz=100, class_names=["c", "a", "d"])
-    matched = held.of_classes(("a", "b", "c"), "the model")
+    matched = held.with_classes(("a", "b", "c"), "the model")
     assert matched.class_names == ("a", "b", "c") and matched.labels.tolist() == [2, 0] * 3
     with pytest.raises(InputError, match="has recordings of c, and the model knows a, b; leave those"):
-        held.of_classes(("a", "b"), "the model")
+        held.with_classes(("a", "b"), "the model")
 
 
 @each_row(

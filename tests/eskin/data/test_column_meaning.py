@@ -87,7 +87,6 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
                                                 "recording r0; name what a recording"),
         (table(labels=["nan", "x"]), AT, "line 2: column 'class' holds nan, which is not a value"),
         (table(labels=["a", ""]), AT, "line 32: column 'class' holds an empty cell"),
-        (table(person=lambda r, k: "" if r == 3 else r), AT, "line 92: column 'person' holds an empty cell"),
         (table(x=lambda r, k: "12_30"[k % 2 :]), AT, "line 2: column 'x' holds '12_30', which is not a number"),
         (table(names=f't0,t1,"t2"\n,,,,"{"1" * 131_073}"'), AT, "line 2: has more than 100000 letters"),
         (table(names='t0,t1,t2\nr0,a,1,2,"3'), AT, "line 2: has an unmatched quotation mark"),

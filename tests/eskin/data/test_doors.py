@@ -10,9 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
-from typer.testing import CliRunner
 
-from eskin.cli.main import app
 from eskin.data import Reading, load_recordings
 from eskin.extras import EXTRAS
 from eskin.golden.core import InputError
@@ -71,10 +69,8 @@ def test_hdf5_that_says_its_classes_in_attributes(tmp_path, known):
         load_recordings(tmp_path / "a.hdf5")
 
 
-def test_parquet_and_a_folder_of_it(tmp_path, known):
+def test_a_data_frame_and_a_folder_of_parquet(tmp_path, known):
     table = doors.long_table(known)
-    table.to_parquet(tmp_path / "all.parquet")
-    check(load_recordings(tmp_path / "all.parquet"), known, "mV")
     check(load_recordings(table), known, "mV")
     for (recording, name, person), rows in table.groupby(["recording", "class", "person"]):
         file = tmp_path / "by" / name / f"p{person}_{recording}.parquet"
@@ -121,12 +117,14 @@ def test_a_bag_with_classes_by_topic_and_by_times(tmp_path, known, kind, plugin)
         ("b.bag", lambda known, path: doors.write_bag(known, path, plugin=None), ["--class", "/touched"]),
     ],
 )
-def test_convert_gives_the_archive_that_it_came_from(tmp_path, monkeypatch, known, name, write, options):
+def test_convert_gives_the_archive_that_it_came_from(
+    tmp_path, monkeypatch, call, known, name, write, options
+):
     monkeypatch.chdir(tmp_path)
     write(known, Path(name))
     Path("times.csv").write_text(doors.times_table(known))
-    done = CliRunner().invoke(app, ["convert", name, *options, "--out", "made.npz"])
-    assert done.exit_code == 0, done.output
+    status, out, err = call("convert", name, *options, "--out", "made.npz")
+    assert status == 0, out + err
     check(load_recordings("made.npz"), known, "" if options else "mV", groups="--class" not in options)
 
 

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.data import synthetic_recordings
 from eskin.exchange.import_network import import_network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, find_touches, real_features
 from eskin.training.datasets import find_dataset, touch_rows
 from eskin.training.fit import fit_networks
 from eskin.training.recipe import Recipe
 from tests.support.table import each_row
+from tests.support.touch_scenes import SMALL, scene
 
 SYNTHETIC = PRESETS["synthetic"]
 SCALE = {"mean": -3.5, "std": 140.0}
@@ -168,39 +167,20 @@ def test_code_in_a_file_is_never_run(tmp_path):
 
 
 # ---------------------------------------------------------------------- on to the integer model
-@pytest.fixture(scope="module")
-def scene() -> Recordings:
-    """A few touches at 500 Hz."""
-    return synthetic_recordings(persons=4, trials=2, sample_rate_hz=500.0)
-
-
-SLOW = SYNTHETIC.replace(
-    sample_rate_hz=500.0,
-    hop=51,
-    window=103,
-    touch_frames=1024,
-    pretrigger_frames=8,
-    onset_mean_frames=16,
-    onset_check_frames=4,
-    rest_frames=16,
-    decision="last",
-)
-
-
-def test_measured_normalisation_is_that_of_training(tmp_path, scene):
+def test_measured_normalisation_is_that_of_training(tmp_path):
     """The same mean and deviation as a training on the same recordings writes."""
-    file = torch_file(tmp_path)
-    record = import_network(file, SLOW, out=tmp_path / "model", reset="after", recordings=scene)
-    data = find_dataset(scene, SLOW, Recipe(name="one"))
-    everything = [touch_rows(data, np.arange(len(scene)))]
-    (trained,) = fit_networks(data, SLOW, Recipe(name="one", updates=1), everything, 0, lambda *_: None)
-    model = FloatModel.load(tmp_path / "model")
-    assert model.arrays["mu"] == trained.arrays["mu"] and model.arrays["sigma"] == trained.arrays["sigma"] > 1
-    assert record["normalisation"] == {
-        "mean": float(model.arrays["mu"]),
-        "std": float(model.arrays["sigma"]),
-        "source": "synthetic scene",
-    }
-    touches = find_touches(SLOW, scene)
-    features = model.features(real_features(SLOW, touches.sums))[touches.completed == SLOW.windows.steps]
+    recordings, file, recipe = (
+        scene(30),
+        torch_file(tmp_path, torch.nn.GRU, 4, 6),
+        Recipe(name="one", updates=1),
+    )
+    record = import_network(file, SMALL, out=tmp_path / "model", reset="after", recordings=recordings)
+    data = find_dataset(recordings, SMALL, recipe)
+    everything = [touch_rows(data, np.arange(len(recordings)))]
+    (trained,) = fit_networks(data, SMALL, recipe, everything, 0, lambda *_: None)
+    model, touches = FloatModel.load(tmp_path / "model"), find_touches(SMALL, recordings)
+    mu, sigma = (float(model.arrays[name]) for name in ("mu", "sigma"))
+    assert (mu, sigma) == (trained.arrays["mu"], trained.arrays["sigma"]) and sigma > 1
+    assert record["normalisation"] == {"mean": mu, "std": sigma, "source": "scene"}
+    features = model.features(real_features(SMALL, touches.sums))[touches.completed == SMALL.windows.steps]
     assert abs(features.mean()) < 0.05 and abs(features.std() - 1) < 0.05

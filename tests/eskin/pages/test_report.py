@@ -213,9 +213,8 @@ def test_the_page_stands_alone_and_is_the_same_when_made_again(made):
 def test_a_missing_field_is_named(result, name, field):
     whole = (result / name).read_bytes()
     edit(result / name, **{field: None})
-    with pytest.raises(InputError, match=field) as caught:
+    with pytest.raises(InputError, match=rf"field of its files is missing .*{field}"):
         write_report(result)
-    assert (result / name).name in str(caught.value)
     (result / name).write_bytes(whole)
 
 

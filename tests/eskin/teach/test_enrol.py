@@ -29,11 +29,23 @@ GAINS = np.array([0.4, -0.8, 1.2, 1.6])
 """Of the new mounting, by taxel: one is turned over."""
 
 
+def updates(monkeypatch, count: int) -> None:
+    """Of the first training."""
+    few = {name: dataclasses.replace(one, updates=count) for name, one in recipe.RECIPES.items()}
+    monkeypatch.setattr(recipe, "RECIPES", few)
+
+
+def fewer_after(monkeypatch, known: bool, count: int) -> None:
+    """Updates of an enrolment with or without known recordings."""
+    monkeypatch.setitem(
+        enrolling.SETTINGS, known, dataclasses.replace(enrolling.SETTINGS[known], updates=count)
+    )
+
+
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
-    """Fewer updates of the first training: this scene is learnt sooner than recordings are."""
-    few = {name: dataclasses.replace(recipe, updates=200) for name, recipe in recipe.RECIPES.items()}
-    monkeypatch.setattr(recipe, "RECIPES", few)
+    """Fewer updates: this scene is learnt sooner than recordings are."""
+    updates(monkeypatch, 200)
 
 
 def mounted(recordings: Recordings, gains: np.ndarray = GAINS, offset: int = 40) -> Recordings:
@@ -135,9 +147,11 @@ def test_what_cannot_be_enrolled_is_refused(model, tmp_path, change, says):
     assert not (tmp_path / "m").exists()
 
 
-def test_signals_beyond_the_formats_are_refused(tmp_path):
+def test_signals_beyond_the_formats_are_refused(tmp_path, monkeypatch):
     """A mounting eight times as strong, of which no clip takes anything: its features would need another
     format, so another bitstream."""
+    updates(monkeypatch, 10)
+    fewer_after(monkeypatch, False, 2)
     train(OLD, SMALL.replace(clip=0), TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD)
     strong = mounted(OLD.subset(of_classes(OLD, 2)), np.array([8.0, 8.0, -8.0, 8.0]), 500)
@@ -159,8 +173,7 @@ def trial(**changes) -> EnrolmentTrial:
 
 
 def test_enrolment_is_judged_on_what_no_training_saw(monkeypatch):
-    fewer = dataclasses.replace(enrolling.SETTINGS[True], updates=100)
-    monkeypatch.setitem(enrolling.SETTINGS, True, fewer)
+    fewer_after(monkeypatch, True, 100)
     rows = judge(BOTH, trial())
     assert [(row["value"], row["k"]) for row in rows] == [("0", 1), ("1", 1), ("0", 2), ("1", 2)]
     for row in rows:
@@ -214,8 +227,8 @@ def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
     """The labels of a value left out change nothing that is chosen for it; its part's values share one front
     end."""
     monkeypatch.setattr(evaluating, "CHOICES", 2)
-    mounting = np.arange(len(BOTH)) // 3 % 3
-    three = dataclasses.replace(BOTH, groups={"mounting": mounting})
+    mounting = np.arange(72) // 3 % 3
+    three = dataclasses.replace(BOTH.subset(np.arange(72)), groups={"mounting": mounting})
     values = evaluating.group_values(three, ["mounting"], [1])
     configs = evaluating.front_ends_without(three, values, ["mounting"], priced())
     assert configs[0] == configs[2]

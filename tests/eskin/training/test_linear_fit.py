@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+from sklearn.linear_model import Ridge
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.training import linear_fit
@@ -147,12 +148,11 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     weight = np.repeat([of for of, _ in copies], 50)
     weight = weight / weight.sum()
     indicators = np.tile(np.eye(2)[labels], (len(copies), 1))
-    mean, share = weight @ x, weight @ indicators
     unit = features.reshape(50, -1).var(axis=0).sum()
-    gram = (x - mean).T @ (weight[:, None] * (x - mean)) + linear_fit.SMOOTH * unit / 50 * np.eye(24)
-    gram += linear_fit.SPIKED * (clip / 2.0) ** 2 / config.windows.window * np.eye(24)
-    weights = np.linalg.solve(gram, (x - mean).T @ (weight[:, None] * (indicators - share)))
-    fitted = (x - mean) @ weights + share
-    turn, bias = linear_fit.discriminants_of((weight[:, None] * indicators).T @ fitted, np.array([25, 25]))
-    due = ((features.reshape(50, -1) - mean) @ weights + share) @ turn + bias
+    penalty = linear_fit.SMOOTH * unit / 50 + linear_fit.SPIKED * (clip / 2.0) ** 2 / config.windows.window
+    ridge = Ridge(penalty, solver="cholesky").fit(x, indicators, sample_weight=weight)
+    turn, bias = linear_fit.discriminants_of(
+        (weight[:, None] * indicators).T @ ridge.predict(x), np.array([25, 25])
+    )
+    due = ridge.predict(features.reshape(50, -1)) @ turn + bias
     assert np.allclose(logits(arrays, features), due, rtol=1e-6, atol=1e-9)

@@ -6,6 +6,7 @@ import fcntl
 import json
 import shutil
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ class Chain:
         assert IntegerModel.load(folder).config.features.feature_shift
         return self.evaluation
 
-    def yardsticks(self, loaded, config, groups, folds, progress):
+    def yardsticks(self, *_):
         self.call("yardsticks")
         return []
 
@@ -102,17 +103,13 @@ class Chain:
             self.played[name] = archive["numbers"].tolist(), int(archive["offsets"][-1])
 
     def cosim(self, design, vectors, *, cocotb, work, builds, pace="full"):
-        name = {"full": "cosim", "declared": "declared"}[pace]
+        name, changes = ("cosim", self.full) if pace == "full" else ("declared", self.declared)
         self.play(name, design, vectors)
-        outcome = cosimulation(
-            len(self.played[name][0]), pace=pace, **(self.full if pace == "full" else self.declared)
-        )
+        outcome = cosimulation(len(self.played[name][0]), pace=pace, **changes)
+        work.mkdir(exist_ok=True, parents=True)
         if outcome["mismatches"]:
-            waves = work / "waves_recording3"
-            waves.mkdir(parents=True)
-            (waves / "waves.vcd").write_text("dump")
-            outcome["waves"] = str(waves)
-        work.mkdir(exist_ok=True)
+            outcome["waves"] = str(work / "waves_recording3")
+            Path(outcome["waves"]).mkdir()
         return outcome
 
     def lowest_clock(self, design, vectors, *, cocotb, work, builds, cycles):
@@ -141,30 +138,14 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
     assert not all(row["met"] for row in cosimulation(1)["budgets"]), "a reference row never decides"
     record = run(out)
     assert chain.calls == ORDER
-    assert {path.name for path in out.iterdir()} == {
-        "run.json",
-        "evaluate.json",
-        "cosim.json",
-        "cosim_declared.json",
-        "cosim_lowest.json",
-        "model",
-        "rtl",
-        "trace.npz",
-        "report.html",
-    }
+    files = "run.json evaluate.json cosim.json cosim_declared.json cosim_lowest.json model rtl trace.npz report.html"
+    assert {path.name for path in out.iterdir()} == {*files.split()}
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     assert record["passed"] and record == json.loads((out / "run.json").read_text())
     assert record["cosimulated"] == list(range(12)) and record["lowest_clock_hz"] == 711e3
-    assert [timing["stage"] for timing in record["timings"]] == [
-        "training",
-        "quantisation",
-        "evaluation",
-        "other classifiers",
-        "Verilog",
-        "co-simulation",
-        "pace of the sensor",
-        "lowest clock",
-    ]
+    stages = [timing["stage"] for timing in record["timings"]]
+    assert stages[:4] == ["training", "quantisation", "evaluation", "other classifiers"]
+    assert stages[4:] == ["Verilog", "co-simulation", "pace of the sensor", "lowest clock"]
     assert not any(timing["cached"] for timing in record["timings"])
 
 
@@ -267,46 +248,36 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
         samples=np.concatenate([loaded.recording(0)[:ends], loaded.samples[300:]]),
         offsets=np.concatenate([[0], ends + 300 * np.arange(12)]),
     )
-    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1e12)
-    run(tmp_path / "run")
-    numbers, length = chain.played["declared"]
-    assert numbers == list(range(12))
-    starts = touches.start_frame[touches.first_touch()]
-    assert length == sum(
-        min(ends if number == 0 else 300, int(starts[number]) - 1 + frames) for number in numbers
-    )
-    monkeypatch.setattr(
-        main_job, "DECLARED_CYCLES", 3.2 * 80 * CONFIG.hardware.clock_hz / CONFIG.sensor.sample_rate_hz
-    )
-    run(tmp_path / "run")
-    numbers, length = chain.played["declared"]
-    assert 1 <= len(numbers) < 12 and set(numbers) <= set(range(12))
-    assert length < 300 * len(numbers)
-    assert 0 in numbers  # the shortest
-    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
-    run(tmp_path / "run")
-    numbers, length = chain.played["declared"]
-    third = int(starts[numbers[0]]) - 1 + CONFIG.window_spans[2][1] + CONFIG.windows.hop
-    assert len(numbers) == 1 and length == min(third, ends if numbers == [0] else 300)
+
+    def played(cycles: float) -> tuple[list[int], int]:
+        monkeypatch.setattr(main_job, "DECLARED_CYCLES", cycles)
+        run(tmp_path / "run")
+        return chain.played["declared"]
+
+    numbers, length = played(1e12)
+    starts = touches.start_frame[touches.first_touch()].tolist()
+    whole = [min(300 if number else ends, start - 1 + frames) for number, start in enumerate(starts)]
+    assert numbers == list(range(12)) and length == sum(whole)
+    numbers, length = played(3.2 * 80 * CONFIG.hardware.clock_hz / CONFIG.sensor.sample_rate_hz)
+    assert 0 in numbers and len(numbers) < 12 and length < 300 * len(numbers)  # 0 is the shortest
+    (number,), length = played(1.0)
+    third = starts[number] - 1 + CONFIG.window_spans[2][1] + CONFIG.windows.hop
+    assert length == min(third, 300 if number else ends)
 
 
 def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch, tmp_path):
     loaded = chain.recordings
     held = dataclasses.replace(loaded, samples=loaded.samples ^ 1, source="held")
     monkeypatch.setattr(main_job, "load_recordings", lambda data, config: held if data == "held" else loaded)
-    judged = []
-    monkeypatch.setattr(
-        main_job.evaluate, "evaluate", lambda folder, given: judged.append(given.source) or chain.evaluation
-    )
-    record = run(tmp_path / "run", test="held")
-    assert judged.count("held") == 1
-    assert record["test"]["source"] == "held" and record["test"]["seen_in_training"] == 0
-    assert not any("held back" in sentence for sentence in record["warnings"])
-    held = dataclasses.replace(loaded, source="held")
-    record = run(tmp_path / "again", test="held")
-    assert record["test"]["seen_in_training"] == 12 and any(
-        "held back" in sentence for sentence in record["warnings"]
-    )
+    judge = Mock(wraps=chain.evaluate)
+    monkeypatch.setattr(main_job.evaluate, "evaluate", judge)
+    for seen in (0, 12):
+        if seen:
+            held = dataclasses.replace(loaded, source="held")
+        record = run(tmp_path / f"run{seen}", test="held")
+        assert record["test"]["source"] == "held" and record["test"]["seen_in_training"] == seen
+        assert any("held back" in sentence for sentence in record["warnings"]) == bool(seen)
+    assert [call.args[1].source for call in judge.call_args_list].count("held") == 2
     held = dataclasses.replace(loaded, class_names=("a", "b"))
     with pytest.raises(InputError, match="array class_names: has recordings of .*, and --data .* knows"):
         run(tmp_path / "third", test="held")

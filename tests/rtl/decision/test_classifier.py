@@ -83,10 +83,12 @@ RULES = (
     "number", range(len(RULES)), ids=[" ".join(map(str, rule.values())) for rule in RULES]
 )
 def test_decisions(number):
-    """Numbers of classes in turn, stalls in every other: votes, last and early decisions meet each of
+    """Numbers of classes in turn, stalls in every other, both searches: votes, last and early decisions meet each of
     them."""
     rule, classes, stall = RULES[number], (2, 3, 32)[number % 3], 0.6 * (number % 2)
-    config = PRESETS["thesis"].replace(steps=4, class_names=tuple(map(str, range(classes))), **rule)
+    config = PRESETS["thesis"].replace(
+        lanes=(3, 4)[number // 2 % 2], steps=4, class_names=tuple(map(str, range(classes))), **rule
+    )
     rng = random.Random(classes)
     low, high = config.formats.logit_format.min_code, config.formats.logit_format.max_code
 

@@ -16,7 +16,6 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import schedule
 from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, put, simulate, values
-from tests.support.table import each_row
 
 
 class EngineBench(wiring.Component):
@@ -127,31 +126,6 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     return seen, rows, decisions
 
 
-FORMATS = {
-    "the finest states": {
-        "state_format": QFormat(2, 14),
-        "weight_format": QFormat(1, 7),
-        "recurrent_format": QFormat(3, 5),
-        "feature_format": QFormat(3, 8),
-    },
-    "features wider than states": {"state_format": QFormat(2, 8)},
-    "features narrower than states": {"state_format": QFormat(6, 8)},
-    "on the one lane": {"lanes": 1, "lane_type": "dsp"},
-    "cell state": {"cell": "lstm", "state_format": QFormat(4, 12)},
-    "a cell state that saturates before features": {
-        "cell": "lstm",
-        "table_entries": 1024,
-        "state_format": QFormat(4, 8),
-        "feature_format": QFormat(6, 8),
-    },
-    "an index with one fraction bit less than a state": {
-        "cell": "lstm",
-        "table_entries": 1024,
-        "state_format": QFormat(4, 8),
-    },
-}
-
-
 @pytest.mark.parametrize(
     ("cell", "reset", "lanes", "decision"),
     [
@@ -187,14 +161,6 @@ def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
     local = [d.cycle for d in decisions if not d.value["is_global"]]
     assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [plan.decision_cycles] * len(local)
     assert set(seen["slots"]) == {plan.step_cycles}
-
-
-@each_row("changes", FORMATS.values())
-def test_bit_exact_in_other_formats(changes):
-    """Of features, states and cell states against each other."""
-    cell = changes.get("cell", "gru")
-    model = random_integer_model(small(cell, "before", 2).replace(**changes), seed=3)
-    check_exact(model, windows(model.config, touches=1, seed=1))
 
 
 @pytest.mark.parametrize("lanes", [3, 12])

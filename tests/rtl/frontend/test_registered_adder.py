@@ -11,7 +11,7 @@ from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from tests.support.table import each_row
 from tests.support.vendor_cells import SETTLED, differences, with_parameter
 
-OPERATIONS = 3000
+OPERATIONS = 1000
 CONFIG = PRESETS["thesis"].with_lanes(1, "dsp")
 
 

@@ -94,18 +94,19 @@ def test_loading_and_a_refused_write():
         (lambda dut: (dut.engine.overrun,), Fault.OVERRUN),
         (lambda dut: (dut.detector.raised,), Fault.TAXEL),
         (lambda dut: (dut.hung,), Fault.WATCHDOG),
+        (lambda dut: (dut.check_failed,), Fault.CHECKSUM),
     ],
 )
 def test_faults(signals, fault):
     async def body(ctx, dut, write, read):
         await pulse(ctx, *signals(dut))
         assert await read(Register.FAULTS) == fault
-        broken = fault == Fault.WATCHDOG
+        broken = fault in (Fault.WATCHDOG, Fault.CHECKSUM)
         assert bool(await read(Register.STATUS) & Status.FAULT) == broken
         await write(Register.CONTROL, Control.CLEAR_FAULTS)
         assert await read(Register.FAULTS) == 0
 
-    play(body, fault_frames=16, watchdog=True)
+    play(body, fault_frames=16, watchdog=True, checksum=True)
 
 
 def test_a_mask_or_measure_as_it_woke_up_or_was_written_is_no_fault():

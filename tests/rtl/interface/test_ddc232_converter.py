@@ -13,7 +13,7 @@ from tests.support.converter_bench import play_frames
 from tests.support.pin_chips import DdcSlave
 from tests.support.table import each_row
 
-PERIOD, QUIET, WARM_UP = 1800, 30, 3
+PERIOD, QUIET, WARM_UP = 900, 30, 2
 DEADLINE = PERIOD - QUIET - (2 * 2 * 20 * 5 + 8)
 """Of DVALID: behind it come five words of 20 bits and the quiet time."""
 
