@@ -242,7 +242,9 @@ class _Arrays:
             self.refuse(f"{why}, or all, where each is one, by a pattern with *")
         fitting = [name for name in clocks if {len(vectors[name])} == lengths]
         if clocks and not fitting:
-            self.refuse(f"{where} a time of another length than the samples: {listed}; write it again")
+            self.refuse(
+                f"{where} a time whose length differs from that of the samples: {listed}; write it again"
+            )
         return (fitting[0], vectors[fitting[0]]) if fitting else None
 
 

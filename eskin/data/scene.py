@@ -80,7 +80,7 @@ def synthetic_scene(config: AcceleratorConfig) -> Recordings:
     if not rows:
         raise InputError(
             f"configuration '{config.name}', field taxels: is {config.sensor.taxels}; the synthetic scene "
-            f"has {SIDES[0]} to {SIDES[1]} rows and as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
+            f"has {SIDES[0]} to {SIDES[1]} rows and columns; use the product of two such numbers, such as 16"
         )
     named = config.network.class_names
     turning = named == turns.CLASSES

@@ -184,8 +184,8 @@ class PageServer:
 
 def obey(controls: Controls, command: dict) -> None:
     """Do what a viewer asks: ``{"do": "pause", "on": true}``, ``speed`` with ``times`` (0: as fast as
-    possible), ``next``, ``class`` with ``index`` (-1: all), ``teach`` and ``forget`` with ``index``. Anything
-    else is not heard."""
+    possible), ``next``, ``class`` with ``index`` (-1: all), ``teach`` and ``forget`` with ``index``. Other
+    messages are ignored."""
     acts: dict[str, Callable[[], None]] = {
         "pause": lambda: controls.pause(bool(command["on"])),
         "speed": lambda: controls.pace(float(command["times"]) or math.inf),

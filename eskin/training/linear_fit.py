@@ -215,8 +215,8 @@ def fit_sturdy(
     scales: tuple[Any, Any],
     strength: float,
 ) -> dict[str, np.ndarray]:
-    """Weights and bias of the linear cell that is least squares over touches as recorded and disturbed, in
-    closed form: the expected products of inputs under the disturbances take the place of those recorded.
+    """Weights and bias of the least-squares linear cell for recorded and disturbed touches, in closed form:
+    expected products of inputs under the disturbances replace the recorded ones.
 
     A taxel is lost in a share LOST of the touches, each as often: it reads rest, or is masked. A share CUT of
     the touches ends after some of their windows, a share RATE is sampled at another rate, and to the last

@@ -60,8 +60,8 @@ class TouchTask:
 
 
 class ImageTask:
-    """A network for images, as `TouchTask`. Errors are taken on LOOKED_AT images at most, evenly over the
-    classes."""
+    """A network for images, as `TouchTask`. Errors are measured on at most LOOKED_AT images, spread evenly
+    over the classes."""
 
     local_agreement = None
 

@@ -27,7 +27,7 @@ class ToolError(RuntimeError):
 
 
 def need_tool(tool: str) -> None:
-    """See that a tool's package is installed, before there is work that would be lost.
+    """Check that a tool's package is installed before any work starts.
 
     Raises
     ------

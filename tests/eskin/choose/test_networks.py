@@ -147,7 +147,7 @@ def test_what_does_not_fit_a_named_board_is_not_judged():
     asked, *_ = played([CONFIG], lambda one: 360, named=True, fits=lambda config: not config.recurrent)
     assert {units for units, *_ in asked} == {"linear"}
     nothing = {"named": True, "fits": lambda config: False}
-    with pytest.raises(InputError, match="no network of the candidates fits it and the board icebreaker"):
+    with pytest.raises(InputError, match="no candidate network fits it and the board icebreaker"):
         played([CONFIG], lambda one: 360, **nothing)
     with pytest.raises(InputError, match="--fits icebreaker: does not hold gru"):
         played([CONFIG], lambda one: 360, SearchOptions(cell="gru"), **nothing)
