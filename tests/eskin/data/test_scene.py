@@ -52,10 +52,7 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
 @each_row(
     "config, match",
     [
-        (
-            SYNTHETIC.replace(taxels=7),
-            "field taxels: is 7; the synthetic scene has 2 to 8 rows and as many columns",
-        ),
+        (SYNTHETIC.replace(taxels=7), "field taxels: is 7; the synthetic scene has 2 to 8 rows and columns"),
         (SYNTHETIC.replace(taxels=160), "field taxels: is 160; the synthetic scene has 2 to 8 rows"),
         (
             PRESETS["pvdf"],
