@@ -15,6 +15,9 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from eskin.cosim.device import FOREVER, Design, Device
 from eskin.golden.core import (
     PRESETS,
     AcceleratorConfig,
@@ -25,11 +28,15 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel
+from eskin.golden.model import FloatModel, IntegerModel, find_touches
+from eskin.golden.model import run as run_golden
 from eskin.jobs import Function, Jobs
 from eskin.memo import Memo, code_version
 from eskin.pages.stability_page import PAGE, write_page
 from eskin.requests import StabilityRequest
+from eskin.rtl.fpga.export import export
+from eskin.rtl.fpga.generate import boot_writes, pack_decision
+from eskin.rtl.program.memory_map import Control, Register
 from eskin.study import defences
 from eskin.study.stability import suite as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Mode, Outcome
@@ -48,6 +55,11 @@ STREAMED = 3
 
 CODE = partial(code_version, *LEARNING, "rtl", "cosim")
 """Code on which records depend beside their data and model."""
+
+LEFT = 150
+"""Random cycles at which a recording is left; a quarter of the bench's ``flips`` where that is less."""
+AROUND = range(-9, 3)
+"""Cycles around a decision's offer at which it is left, too: `arm` falls before, into and behind it."""
 
 
 def run(
@@ -95,7 +107,7 @@ def run(
     options = [few, bench.flips, bench.seed, bench.points, bench.long]
     content = content_key(bench.model, recordings, code_version(*LEARNING), options, bench.real)
     keep = _Records(cache, content, Jobs(workers=workers, dask=request.dask, progress=progress, version=CODE))
-    hardware = _Hardware(bench, keep) if request.cosim else None
+    hardware = _Hardware(bench, keep, progress) if request.cosim else None
 
     def records(modes: Sequence[Mode]) -> list[Record]:
         golden = {mode.name: mode.name for mode in modes if not isinstance(mode.run, str)}
@@ -221,6 +233,7 @@ class _Hardware:
 
     bench: Any
     keep: _Records
+    progress: Progress | None = None
     work: Path = flow.BUILD / "stability"
     simulator: str = "verilator"
 
@@ -247,8 +260,70 @@ class _Hardware:
         )
 
     def measure(self, key: str, **options: Any) -> Outcome:
-        """The figure of such a mode by its key, always measured: a few recordings in co-simulation, with ``stalls`` or
-        with a ``probe`` that writes a weight during a touch."""
+        """The figure of such a mode by its key, always measured; options: of the function that does it."""
+        return self.leave(**options) if key == "reset" else self.play(key, **options)
+
+    def leave(self, ways: Sequence[str] = ("reset", "arm")) -> Outcome:
+        """A recording that is broken off at random cycles and around its last two decisions, in each of
+        ``ways``: by a reset, by `arm` for the next recording, or by ``neither``, which must fail. Counted are
+        the following recordings whose decisions are not those of the golden model."""
+        model, clean = self.bench.model, self.bench.clean
+        touched = np.flatnonzero(find_touches(model.config, clean).first_touch() >= 0)
+        pair = clean.subset(touched[np.argsort(clean.lengths[touched])[:2]])
+        rows, offsets = run_golden(model, pair).streams["decision"]
+        expected = [pack_decision(model.config, row) for row in rows]
+        design = Design(
+            export(model.config, model.arrays), flow.BUILD / "simulators", "leaving a recording at any cycle"
+        )
+        boot = boot_writes(model.config, model.arrays)
+
+        def play(way: str, at: int = FOREVER) -> tuple[list[int], list[int], int]:
+            """Decisions of the last recording played, their cycles, and the cycles of the first recording."""
+            device = Device(design, model.config.sensor.sample_bits)
+            device.reset(boot)
+            device.write(Register.CONTROL, Control.ARM)
+            device.cycle()  # it clears the chain at the end of the cycle behind it
+            begun = device.state.cycle
+            device.state.stop_at = min(begun + at + 1, FOREVER)
+            if way == "reset":
+                device.poke(begun + at, rst=1)
+            device.frames(pair.recording(0))
+            if device.state.cycle < device.state.stop_at:
+                device.write(Register.CONTROL, Control.FINISH)
+                device.settle()
+            cycles = device.state.cycle - begun
+            if way:
+                device.cycle(max(0, device.state.stop_at - device.state.cycle))
+                device.state.stop_at = FOREVER
+                if way != "neither":
+                    device.write(Register.CONTROL, Control.ARM)
+                    device.cycle()
+                    device.forget()  # what was offered up to here belongs to the first recording
+                device.frames(pair.recording(1))
+                device.write(Register.CONTROL, Control.FINISH)
+                device.settle()
+            events = device.seen()
+            events = events[events["stage"] == 0]
+            return events["value"].tolist(), (events["cycle"] - begun).tolist(), cycles
+
+        first, offered, cycles = play("")
+        if first != expected[: offsets[1]]:
+            raise RuntimeError("the hardware does not decide as the golden model does")
+        times = np.random.default_rng(self.bench.seed).integers(0, cycles, min(LEFT, self.bench.flips // 4))
+        near = {max(at + shift, 0) for at in offered[-2:] for shift in AROUND}
+        leavings = [(ways[number % len(ways)], int(at)) for number, at in enumerate(times)]
+        leavings += [(way, at) for at in sorted(near) for way in ways]
+        value = 0
+        for number, (way, at) in enumerate(leavings, 1):
+            value += play(way, at)[0] != expected[offsets[1] :]
+            if self.progress:
+                self.progress("resets in simulation", number, len(leavings))
+        words = f"{len(leavings)} times in a recording, at every cycle around a decision too"
+        return Outcome(value, f"a reset or a new arm {words}", detail={"runs": len(leavings)})
+
+    def play(self, key: str, **options: Any) -> Outcome:
+        """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during
+        a touch."""
         clean = self.bench.clean
         case = Case(clean.subset(clean.evenly(STREAMED)))
         rtl = play_case(self.bench, case, self.work, self.simulator, **{key: True}, **options)

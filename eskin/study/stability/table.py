@@ -254,6 +254,8 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
     Mode("memory", "weight write during a touch", "probe",
         "values that differ, or a write that is not refused and flagged",
         "one touch must use one set of weights", at_most=0, needs=("loadable",)),
+    Mode("stream", "reset at any cycle", "reset", "touches that differ afterwards",
+        "a reset clears everything", at_most=0),
 )}
 # fmt: on
 """Every mode by its name, in the order of the report."""

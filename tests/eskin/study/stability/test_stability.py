@@ -72,10 +72,17 @@ def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypat
     assert sound.rtl["compared_values"] > 100
 
 
+@pytest.mark.slow
+def test_a_recording_that_is_left_leaves_nothing_behind_but_without_arm_or_reset_it_does(tmp_path):
+    case = dataclasses.replace(stability_case.bench(), flips=200)
+    hardware = in_hardware(case, tmp_path)
+    assert hardware.measure("reset").value == 0 < hardware.measure("reset", ways=("neither",)).value
+
+
 def test_there_are_modes_enough_in_every_group_and_each_has_a_broken_variant():
     groups = [mode.group for mode in MODES.values()]
     assert len(MODES) >= 40 and all(groups.count(group) >= 5 for group in GROUPS)
-    assert set(BROKEN) == set(GOLDEN) and {mode.run for mode in HARDWARE} == {*BROKEN_DESIGNS}
+    assert set(BROKEN) == set(GOLDEN) and {mode.run for mode in HARDWARE} == {*BROKEN_DESIGNS, "reset"}
 
 
 def a_mode(value: float = 2.0, name: str = "state bits", **bound):
