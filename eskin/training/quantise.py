@@ -373,9 +373,9 @@ def choose_formats(
     check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
     if not config.recurrent:
         feature = covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS)
-        frac = min(feature.frac_bits, feature_frac_limit)
-        # features that are 0 in every training touch have no range; a format keeps at least 4 bits
-        feature = QFormat(max(feature.int_bits, 4 - frac), frac)
+        feature = QFormat(
+            _whole_bits(feature, feature_frac_limit), min(feature.frac_bits, feature_frac_limit)
+        )
         gate_frac = config.formats.gate_frac if gate_bits is None else gate_bits
         return _linear_formats(config.replace(gate_frac=gate_frac), ranges, weight_bits, feature, lean, plain)
     weight_bits = weight_bits or WEIGHT_BITS
@@ -387,6 +387,7 @@ def choose_formats(
     )
     weight = covering_format(ranges["weight"], weight_bits)
     feature = covering_format(ranges[COVERED_FEATURE], OPERAND_BITS if lean else feature_bits or FEATURE_BITS)
+    feature = QFormat(_whole_bits(feature, feature_frac_limit), feature.frac_bits)
     # Integer bits of features and fraction bits of states share what a 16-bit operand leaves when recurrent
     # weights are as fine as they can be.
     shared = weight.frac_bits + OPERAND_BITS - covering_format(ranges["recurrent"], weight_bits).frac_bits
@@ -431,6 +432,12 @@ def choose_formats(
         gate_frac=gate_bits,
         table_entries=table_entries or config.formats.table_entries,
     )
+
+
+def _whole_bits(feature: QFormat, limit: int) -> int:
+    """Integer bits of features of at most ``limit`` fraction bits. Features that are 0 in every training touch have no
+    range; a format keeps at least 4 bits."""
+    return max(feature.int_bits, 4 - min(feature.frac_bits, limit))
 
 
 def _linear_formats(

@@ -11,6 +11,7 @@ from formal.proof import Bug, assume, before, free, placed, proof, prove
     "own address and data, which hold until the shell is done; a read does not wait for two writes",
     depth=3,
     reduced="none",
+    quick=True,
     bugs=(
         Bug(
             "a write acts again while its response waits",

@@ -34,6 +34,7 @@ def _is(request, register, write):
     "no wait that only the CPU could end",
     depth=3,
     reduced="5 taxels, no queue",
+    quick=True,
     bugs=(
         Bug(
             "an access acts while it is answered", "acts.eq(request.valid & ~done)", "acts.eq(request.valid)"

@@ -32,6 +32,7 @@ BUGS = (
     "where none waits and 0 where it is not asked for",
     depth=2,
     reduced="a queue of 4, 3 classes, 20 steps",
+    quick=True,
     bugs=BUGS,
 )
 def once_and_in_order(m: Module) -> None:

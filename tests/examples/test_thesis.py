@@ -37,10 +37,10 @@ def exported(path):
 
 
 def test_the_methods_write_the_rows_of_baselines(thesis, tmp_path, monkeypatch, capsys):
-    archived(scene(45, seed=3), tmp_path)
+    archived(scene(30, seed=3), tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # no processes, each of which would import torch
-    monkeypatch.setattr(sys.modules["images"], "UPDATES", 40)
+    monkeypatch.setattr(sys.modules["images"], "UPDATES", 30)
     few = {name: dataclasses.replace(one, updates=100) for name, one in recipe.RECIPES.items()}
     monkeypatch.setattr(recipe, "RECIPES", few)
     names = "tensor-svm,tensor-rls,cnn-lstm,convlstm,dcnn,gru12-n20,gru12-n256"

@@ -150,6 +150,7 @@ def test_what_config_json_says_stays(tmp_path):
         ({}, {"feature_bits": 40}, "field feature_format: 40 bits"),
         ({}, {"table_entries": 100}, "table_entries"),
         ({}, {"gate_bits": 20}, "gate_frac"),
+        ({}, {"aware": True}, "aware: needs the recordings"),
     ],
 )
 @each_row("quantised", [False, True])
@@ -196,6 +197,13 @@ def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurr
     for widths in ({"feature_bits": 12}, {"state_bits": 14}):
         assert in_words(chosen(30.0, **widths)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
     assert in_words(chosen(30.0, lean=True)).startswith("SQ(4,")
+
+
+@each_row("cell", ["gru", "linear"])
+def test_features_without_a_range_keep_a_format(cell):
+    ranges = UNIT | {"feature": (0.0, 0.0), COVERED_FEATURE: (0.0, 0.0), LAST_LOGIT: (-1.0, 1.0)}
+    chosen = choose_formats(with_network(PRESETS["fabric"], cell=cell), ranges, feature_frac_limit=-2)
+    assert str(chosen.formats.feature_format) == "SQ(6,-2)"
 
 
 @pytest.mark.parametrize(

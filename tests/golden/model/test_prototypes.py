@@ -1,11 +1,13 @@
 """golden/model/prototypes.py: distances against a plain walk through the specification; what teaching and
 forgetting leave, in a model and in the middle of a stream."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model import IntegerModel, Stream
+from eskin.golden.model import IntegerModel, Stream, run
 from eskin.golden.model.prototypes import forget, taught_in_use, teach
 from eskin.training.formats import with_network
 from tests.support.random_models import random_integer_model
@@ -20,6 +22,18 @@ def taught_model(cell: str, decision: str = "last", seed: int = 3, **rule: int) 
     """Random weights and prototypes, some places in use."""
     config = with_network(SMALL, cell=cell).replace(decision=decision)
     return random_integer_model(config.with_readout(**RULE, state_code_shift=SHIFTS[cell], **rule), seed)
+
+
+def test_a_touch_further_from_all_than_its_step_allows_is_unsure():
+    model = taught_model("gru", "last")
+    nearest = -run(model, scene(20, seed=6)).scores.max(axis=-1)
+    limit = int(np.median(nearest[:, -1])) // SMALL.windows.steps
+    rule = dataclasses.replace(model.config.readout_rule, unknown_above=limit)
+    model = dataclasses.replace(model, config=dataclasses.replace(model.config, readout_rule=rule))
+    trace, rows = run(model, scene(20, seed=6)), np.arange(len(nearest))
+    far = nearest[rows, trace.global_step] > limit * (trace.global_step + 1)
+    whole = trace.touches.completed > 0
+    assert set(far[whole]) == {False, True} and trace.unsure[whole].tolist() == far[whole].tolist()
 
 
 def test_the_oldest_taught_touch_goes_and_a_class_is_forgotten_alone():

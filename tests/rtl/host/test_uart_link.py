@@ -307,6 +307,17 @@ def bits_of(byte: int) -> list[int]:
     return [0, *(byte >> k & 1 for k in range(8))]
 
 
+def test_after_a_break_of_any_length_bytes_back_to_back_are_received():
+    """The receiver began anew in the break, then met each byte in its middle: five bytes back to back became
+    four wrong ones."""
+    sent = [0x7E, 0x55, 0x00, 0xFF, 0x31]
+    # in bits: it ends at every phase of a byte that the receiver could take it for
+    breaks = [9.8 + 0.6 * k for k in range(35)]
+    back_to_back = [(level, 1) for byte in sent for level in [*bits_of(byte), 1]]
+    line = [part for length in breaks for part in [(0, length), (1, 0.3), *back_to_back, (1, 2)]]
+    assert received(4, line) == sent * len(breaks)
+
+
 @each_row(("divisor", "error"), [(4, -0.02), (6, 0.02), (25, -0.02), (25, 0.02)])
 def test_bytes_of_a_sender_two_percent_off(divisor, error):
     sent = [0x00, 0xFF, 0x55, 0xAA, 0x01, 0x80] * 2

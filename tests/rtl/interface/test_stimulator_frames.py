@@ -4,8 +4,6 @@ word whatever happens.
 That OFF follows another electrode, a fault and the time limit is proved in formal/interface/stimulator_frames.py.
 """
 
-from amaranth.hdl import ResetInserter, Signal
-
 from eskin.golden.core.groups import Interface
 from eskin.rtl.interface.stimulator_frames import StimulatorFrames
 from tests.support.stimulator import PLACES, StimulatorModel, table_frames
@@ -16,9 +14,9 @@ ON_CYCLES = 512  # takes one bit more than any number below it
 
 
 def play(body) -> None:
-    """Run ``body(ctx, dut, reset, run)``; ``run(cycles)`` lets time pass and returns the bytes that were
+    """Run ``body(ctx, dut, run)``; ``run(cycles)`` lets time pass and returns the bytes that were
     taken."""
-    dut, reset = StimulatorFrames(Interface(), ON_CYCLES), Signal()
+    dut = StimulatorFrames(Interface(), ON_CYCLES)
 
     async def bench(ctx):
         async def run(cycles: int) -> bytes:
@@ -30,13 +28,13 @@ def play(body) -> None:
             return bytes(taken)
 
         ctx.set(dut.byte.ready, 1)
-        await body(ctx, dut, reset, run)
+        await body(ctx, dut, run)
 
-    simulate(ResetInserter(reset)(dut), bench)
+    simulate(dut, bench)
 
 
 def test_every_byte_for_every_electrode_is_that_of_the_table():
-    async def body(ctx, dut, reset, run):
+    async def body(ctx, dut, run):
         ctx.set(dut.settings, {"amplitude": 17, "delay": 0x1234, "frequency": 9, "width": 255})
         assert await run(120) == b">OFF<" * 16
         model = StimulatorModel(LIMITS)
@@ -51,5 +49,19 @@ def test_every_byte_for_every_electrode_is_that_of_the_table():
             assert taken == b">OFF<" * 2 and ctx.get(dut.resting)
             model.feed(taken)
         assert not model.is_on and model.frames.count("ON") == 24
+
+    play(body)
+
+
+def test_an_electrode_is_off_at_its_time_limit():
+    async def body(ctx, dut, run):
+        ctx.set(dut.settings, {"amplitude": 17, "delay": 3, "frequency": 9, "width": 255})
+        model = StimulatorModel(LIMITS)
+        model.feed(await run(120))
+        ctx.set(dut.request, 1)
+        model.feed(await run(ON_CYCLES))
+        assert model.is_on
+        model.feed(await run(20))
+        assert not model.is_on and ctx.get(dut.resting) and not model.wrong
 
     play(body)
