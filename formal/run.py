@@ -223,11 +223,10 @@ def proofs(words: list[str] | None = None, quick: bool = False) -> list[Proof]:
     """All proofs by title, or the requested ones."""
     for module in MODULES.values():
         importlib.import_module(module)
-    chosen = (PROOFS[title] for title in sorted(PROOFS))
     return [
         proof
-        for proof in chosen
-        if (proof.quick or not quick) and (not words or any(word in proof.title for word in words))
+        for title, proof in sorted(PROOFS.items())
+        if (proof.quick or not quick) and (not words or any(word in title for word in words))
     ]
 
 
@@ -261,7 +260,7 @@ COLUMNS = {
 def main(arguments: list[str] | None = None) -> int:
     """The command; its exit status."""
     parser = argparse.ArgumentParser(
-        prog="python -m formal.run", description="Prove the hardware's properties; find the seeded bugs."
+        "python -m formal.run", description="Prove the hardware's properties; find the seeded bugs."
     )
     parser.add_argument("words", nargs="*", help="only proofs whose title has one of these")
     parser.add_argument("--quick", action="store_true", help="only the proofs of make test")

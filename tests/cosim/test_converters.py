@@ -253,7 +253,7 @@ REFUSED = [
 
 
 @each_row(("fields", "said", "rate"), REFUSED)
-def test_what_cannot_keep_up_is_refused_with_the_rate_that_works(fields, said, rate):
+def test_what_cannot_keep_up_is_refused(fields, said, rate):
     with pytest.raises(InputError, match=said):
         PRESETS["thesis"].replace(**fields)
     if rate:

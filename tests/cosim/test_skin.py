@@ -154,7 +154,7 @@ TWO_CHIPS = CONFIG.replace(
 )
 
 
-def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_path):
+def test_an_electrode_chip_that_reads_0_is_a_fault(tmp_path):
     """It loses its supply while nobody touches. Its zeros look like the hardest touch; then somebody does
     touch, row 2, column 5."""
     model = random_integer_model(TWO_CHIPS, 1)

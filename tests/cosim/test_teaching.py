@@ -222,7 +222,7 @@ def board_of(model: IntegerModel) -> PinPort:
 
 
 @pytest.mark.timeout(1800)
-def test_a_damaged_place_is_flagged_and_what_is_taught_stays_equal_with_a_checksum():
+def test_a_damaged_place_is_flagged():
     plain = forget(taught_model("gru"))
     model = IntegerModel(plain.config.replace(checksum=True, watchdog=True), plain.arrays, plain.source)
     recordings = scene(12, seed=8)

@@ -140,7 +140,7 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
         ),
     ],
 )
-def test_windows_cut_from_touches_found_once_are_those_of_the_whole_search(changes):
+def test_windows_cut_from_touches_found_once(changes):
     recordings, config = touched_at_random(12), BASE.replace(**changes)
     decisions = find_touches(config, recordings)
     first = decisions.first_touch()

@@ -54,7 +54,7 @@ def resting(recordings=60, seed=2):
 
 # ---------------------------------------------------------------------- what is judged
 @each_row("left_in", [0, 7, 10**6])
-def test_the_lead_in_repeated_stands_where_the_touch_was(left_in):
+def test_the_lead_in_repeated(left_in):
     recordings = scene(20)
     onsets = find_onsets(SMALL, recordings)
     replaced = without_touches(recordings, SMALL, onsets, left_in)

@@ -113,7 +113,7 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
         SMALL.replace(feature_kinds=FEATURE_KINDS, activity_block=2, integral_knee=4, feature_scale="taxel"),
     ],
 )
-def test_training_features_go_through_the_integer_normaliser(config):
+def test_training_features_are_those_of_integers(config):
     data, part = touches_of(scene(30, seed=4), config)
     models = fit(data, [part, part[::2]], few(2), config)
     starts = [fitting.post_training(model, data, part, {}) for model in models]

@@ -220,9 +220,7 @@ class Player:
         ("linear", "last", 0.4, 0, 1),
     ],
 )
-def test_taught_and_forgotten_at_random_it_is_as_far_from_every_class_as_the_model_says(
-    cell, decision, stall, spare, shift
-):
+def test_taught_and_forgotten_at_random(cell, decision, stall, spare, shift):
     """With a spare class, which has no prototype until it is taught, and none again when it is forgotten."""
     unknown = {} if decision == "vote" else {"unknown_above": 9 if cell == "linear" else 15}
     unknown |= {"spare_classes": spare, "taught_shift": shift}
@@ -248,7 +246,7 @@ def test_taught_and_forgotten_at_random_it_is_as_far_from_every_class_as_the_mod
 
 
 @pytest.mark.parametrize("decision", ["last", "vote"])
-def test_a_place_with_a_damaged_code_is_left_out_and_flagged(decision):
+def test_a_damaged_code_is_left_out(decision):
     """From the code on, until the touch ends; what was right of it before counts."""
     model = forget(small_model(7, "gru", decision, checksum=True))
     player = Player(model, 11, 0.2)

@@ -21,7 +21,7 @@ from tests.support.table import each_row
         {"state_format": QFormat(2, 8)},
     ],
 )
-def test_hardware_gives_every_entry_one_cycle_later(changes):
+def test_every_entry_one_cycle_later(changes):
     """One table for both where their codes differ by a constant, two otherwise; held while not enabled.
 
     With 8 fraction bits tanh(4) rounds to 1: its complement needs every bit of the state's format.

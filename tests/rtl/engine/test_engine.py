@@ -135,7 +135,7 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
         ("lstm", "before", 4, "vote"),
     ],
 )
-def test_bit_exact_and_cycles_of_the_schedule(cell, reset, lanes, decision):
+def test_bit_exact_in_the_schedule(cell, reset, lanes, decision):
     check_exact_and_cycles(small(cell, reset, lanes, decision=decision), touches=3)
 
 

@@ -33,7 +33,7 @@ def play(*cycles: tuple[int, dict]) -> list[dict[str, int]]:
 BEGINS, DECIDED = (1, {"detector.started": 1}), (1, {"global_taken": 1})
 
 
-def test_finish_waits_for_beats_engine_and_classifier():
+def test_finish_waits():
     for waits in ({"moving": 1}, {"engine.working": 1}, {"decider_idle": 0}):
         seen = play((1, {"finish_asked": 1} | waits), (40, waits), (30, {}))
         finishes = [cycle["finish"] for cycle in seen]

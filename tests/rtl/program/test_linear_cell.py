@@ -36,7 +36,7 @@ def bound(config: AcceleratorConfig) -> int:
     ("inputs", "classes", "lanes", "lane_type"),
     [(8, 5, 1, "plain"), (8, 5, 4, "dsp"), (8, 5, 6, "plain"), (5, 3, 1, "dsp"), (9, 11, 4, "plain")],
 )
-def test_bit_exact_in_the_cycles_of_the_formula(inputs, classes, lanes, lane_type):
+def test_bit_exact_in_cycles(inputs, classes, lanes, lane_type):
     """Groups of rows that fill 4 and 6 lanes and do not, and one group alone."""
     config = linear(
         lanes,
@@ -75,7 +75,7 @@ def test_bit_exact_with_stalls(decision, lanes, lane_type):
 
 # ---------------------------------------------------------------------- checksum and images
 @each_row(("lanes", "sets"), [(1, "window"), (4, "window"), (4, "one"), (6, "window")])
-def test_every_constant_of_every_window_is_under_the_checksum(lanes, sets):
+def test_every_constant_is_under_the_checksum(lanes, sets):
     config = linear(
         lanes,
         classes=5,
@@ -104,7 +104,7 @@ def test_every_constant_of_every_window_is_under_the_checksum(lanes, sets):
 
 
 # ---------------------------------------------------------------------- fit, quantise, train
-def test_the_fit_is_logistic_regression_on_all_windows():
+def test_the_fit_is_logistic_regression():
     """Probabilities of scikit-learn's own pipeline, standardised inputs and all; one set: on the sum over the
     windows."""
     from sklearn.linear_model import LogisticRegression

@@ -43,7 +43,7 @@ def play(case, folder, name: str, old: str = "", new: str = ""):
 
 
 @pytest.mark.timeout(1800)
-def test_bit_exact_with_the_clock_stopped_between_frames(case):
+def test_bit_exact_with_the_clock_stopped(case):
     result = play(*case, "gated")
     assert result["bit_exact"] and result["compared_values"] > 100, result["mismatch_list"]
     assert result["registers"]["FAULTS"] == 0

@@ -63,7 +63,7 @@ def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
     assert 20 < longest[0] <= longest_wait(config) and not any(s[1] & Fault.WATCHDOG for s in statuses)
 
 
-def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monkeypatch):
+def test_reset_once_after_a_touch(monkeypatch):
     """At a pace at which the engine waits between the steps, and is not yet through its prologue when the
     decision is taken."""
     resets = []
@@ -91,7 +91,7 @@ def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monk
     assert arms[0] < steps[0] and ends[0] + 1 < rests[0], "the engine was not busy: nothing had to wait"
 
 
-def test_an_engine_or_a_classifier_that_stands_still_is_found(monkeypatch):
+def test_what_stands_still_is_found(monkeypatch):
     """Either alone, while nothing else is due: no frame is offered, and the other part has or gets nothing to
     do."""
     runs, parts = Signal(3, init=7), []
