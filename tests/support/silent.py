@@ -5,12 +5,12 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 
 
-def _forget(part: wiring.Component) -> None:
+def forget(part: wiring.Component) -> None:
     """Say to Amaranth that ``part`` and its parts are made on purpose and never built."""
     part._MustUse__silence = True
     for inner in vars(part).values():
         if isinstance(inner, wiring.Component):
-            _forget(inner)
+            forget(inner)
 
 
 class Silent(wiring.Component):
@@ -18,7 +18,7 @@ class Silent(wiring.Component):
 
     def __init__(self, part: wiring.Component, **attributes) -> None:
         super().__init__(part.signature)
-        _forget(part)
+        forget(part)
         for name, value in attributes.items():
             setattr(self, name, value)
 

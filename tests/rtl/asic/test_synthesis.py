@@ -55,7 +55,7 @@ def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cell
     # A gate a word, one in front of them that a write opens, one of the word that was read, one of the count:
     # nothing else on the clock.
     on_the_clock = [nets.cells[name].kind for name, *_ in nets.receivers[nets.clock]]
-    assert on_the_clock == ["gate"] * 3 and len(chip.program.gates) == 9
+    assert on_the_clock == ["gate"] * 3 and len(chip.gates) == 9
     device, rng = Device(chip), random.Random(6)
     words: dict[int, int] = {}
     seen, count = None, None

@@ -12,7 +12,7 @@ from eskin.golden.core import PRESETS, InputError
 from eskin.rtl.host.flash_loader import WAKE_S
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from eskin.rtl.top import board
-from tests.support.silent import Silent
+from tests.support.silent import Silent, forget
 
 CLOCK_HZ = 4 * STIMULATOR_BAUD
 CONFIG = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.03)
@@ -83,8 +83,9 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
 
 @pytest.mark.parametrize("host", [{"baud": CLOCK_HZ / 4}, {"shell": True}])
 def test_a_flash_beside_a_host_is_refused(monkeypatch, host):
-    with pytest.raises(InputError, match="from the flash or from a host"):
+    with pytest.raises(InputError, match="from the flash or from a host") as refused:
         skin(monkeypatch, flash=True, **host)
+    forget(refused.traceback[-1].frame.f_locals["self"])
 
 
 def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
