@@ -77,6 +77,8 @@ INTEGER_LINE: Record = {"color": INTEGER_COLOUR, "linewidth": 1.4, "marker": "o"
 def read_json(path: Path) -> Record:
     """A file of a result folder; what is missing or damaged is refused by its name."""
     try:
+        if path.exists() and not path.is_file():
+            raise OSError(0, "is not a regular file")  # a pipe without a writer would wait for ever
         return json.loads(path.read_text())
     except (OSError, ValueError, RecursionError) as error:
         raise _unreadable(path, error) from None

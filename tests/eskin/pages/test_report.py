@@ -2,6 +2,7 @@
 
 import base64
 import json
+import os
 import re
 import shutil
 from html.parser import HTMLParser
@@ -216,6 +217,12 @@ def test_a_missing_field_is_named(result, name, field):
     with pytest.raises(InputError, match=rf"field of its files is missing .*{field}"):
         write_report(result)
     (result / name).write_bytes(whole)
+
+
+def test_a_pipe_in_the_place_of_a_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "run.json")
+    with pytest.raises(InputError, match="not a regular file"):
+        write_report(tmp_path)
 
 
 def test_the_drawing_shows_the_codes_of_the_trace(made):
