@@ -96,7 +96,7 @@ def quantise(
         return _quantise_images(model_dir, recordings, aware, **widths)
     trained = load_trained(model_dir, ranges=recordings is None)
     model, record = trained.model, trained.record
-    options: Mapping[str, Any] = readout if isinstance(readout, Mapping) else {}
+    asked: Mapping[str, Any] = readout if isinstance(readout, Mapping) else {}
     prototypes = readout != "dense" and (readout is not None or model.config.has_prototypes)
     if prototypes and aware:
         raise InputError(
@@ -104,7 +104,7 @@ def quantise(
             "it with --readout dense first"
         )
     if prototypes:
-        options = _of_prototypes(trained, options, recordings)
+        options = _of_prototypes(trained, asked, recordings)
     if aware and recordings is not None:
         integer, ranges = _trained_on(model, record, recordings, aware, widths)
     else:
@@ -120,14 +120,14 @@ def quantise(
         integer = prototypes_from_recordings(
             integer, recordings, groups, **{k: v for k, v in options.items() if k != "groups"}
         )
-    trained.check_kept(integer.config, {**widths, **(readout if isinstance(readout, Mapping) else {})})
+    trained.check_kept(integer.config, {**widths, **asked})
     record |= {
         "quantisation_aware": bool(aware),
         "widths": widths,
         "ranges": range_records(integer.config, ranges),
         **written_by(model.config, integer),
     }
-    integer.save(model_dir, training=record)
+    model.save(model_dir, record, integer, trained.check_unchanged)
     return integer
 
 
@@ -233,7 +233,7 @@ def _quantise_images(
         **written_by(trained.model.config, integer),
     }
     # the float network too: the same function at other scales, beside which the integers are judged layer by layer
-    model.save(model_dir, record, integer)
+    model.save(model_dir, record, integer, trained.check_unchanged)
     return integer
 
 

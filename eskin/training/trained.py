@@ -50,7 +50,8 @@ OF_RANGES = ("rest_level", "windows", "features")
 class Trained:
     """A float model and the configuration that quantisation starts from, both read from its folder.
 
-    current: config.json. edited: fields of CHOSEN that somebody changed in it. record: training.json.
+    current: config.json. edited: fields of CHOSEN that somebody changed in it. record: training.json. files: content
+    of each file in the folder.
     """
 
     folder: str
@@ -58,6 +59,15 @@ class Trained:
     current: AcceleratorConfig
     edited: tuple[str, ...]
     record: Record
+    files: dict[str, bytes]
+
+    def check_unchanged(self) -> None:
+        """Refuse to overwrite files that another program wrote after they were read."""
+        if _contents(self.folder) != self.files:
+            raise InputError(
+                f"model '{self.folder}': was changed by another program in the meantime and was not overwritten; "
+                "run the command again"
+            )
 
     def check_kept(self, config: AcceleratorConfig, options: Mapping[str, Any]) -> None:
         """Refuse to lose what config.json says.
@@ -96,7 +106,7 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     InputError
         The folder is not a model folder; config.json says what its network cannot be; it was taught.
     """
-    current, record = load_config(model_dir), load_training(model_dir)
+    files, current, record = _contents(model_dir), load_config(model_dir), load_training(model_dir)
 
     def noted(values: Record, name: str, otherwise: AcceleratorConfig) -> AcceleratorConfig:
         where = f"{model_dir}/{TRAINING_FILE}, field {name}"
@@ -106,7 +116,7 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     quantised = quantised if isinstance(quantised, dict) else {}
     before = noted(quantised, "start", trained)
     # a folder of an earlier version does not say what its quantisation wrote
-    written = noted(quantised, "config", current if (Path(model_dir) / INTEGER_FILE).exists() else trained)
+    written = noted(quantised, "config", current if INTEGER_FILE in files else trained)
     _check_network(model_dir, current, trained, before if ranges else None)
     _check_untaught(model_dir)
     edited = tuple(
@@ -119,7 +129,12 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     start = {field: before.value(field) for field in CHOSEN if field not in edited and "shift" not in field}
     model = FloatModel.load(model_dir, images=images)
     config = current.replace(**start, feature_shift=())
-    return Trained(str(model_dir), FloatModel(config, model.arrays, model.source), current, edited, record)
+    model = FloatModel(config, model.arrays, model.source)
+    return Trained(str(model_dir), model, current, edited, record, files)
+
+
+def _contents(folder: str | Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in Path(folder).glob("*") if path.is_file()}
 
 
 def written_by(start: AcceleratorConfig, integer: IntegerModel) -> Record:

@@ -8,6 +8,7 @@ from eskin.golden.core.errors import InputError, SimulationError, array_of
 from eskin.golden.core.files import (
     PREFIX,
     ArchiveError,
+    Check,
     check_folder,
     check_prefix,
     check_target,

@@ -10,7 +10,7 @@ import secrets
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,10 @@ from eskin.golden.core.errors import InputError
 
 MOST_UNPACKED_BYTES = 4 << 30
 """Largest unpacked size of an archive: a few kB can unpack to more than any memory."""
+
+
+Check = Callable[[], None]
+"""Raises an error where a folder may not be replaced."""
 
 
 def check_target(path: str | Path | None) -> None:
@@ -81,11 +85,12 @@ def _parents(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def replacing_folder(folder: str | Path) -> Iterator[Path]:
+def replacing_folder(folder: str | Path, check: Check = lambda: None) -> Iterator[Path]:
     """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends
     without an error; who may read it is as for any new folder of the process (its umask).
 
-    The caller decides whether it may be replaced.
+    The caller decides whether it may be replaced. ``check`` is called immediately before, while no other process
+    replaces a folder beside it; if it raises, ``folder`` stays as it is.
 
     Raises
     ------
@@ -99,12 +104,12 @@ def replacing_folder(folder: str | Path) -> Iterator[Path]:
         try:
             fresh.mkdir()
             yield fresh
-            exchange(fresh, folder, old)
+            exchange(fresh, folder, old, check)
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
 
-def exchange(fresh: Path, folder: Path, old: Path) -> None:
+def exchange(fresh: Path, folder: Path, old: Path, check: Check = lambda: None) -> None:
     """Rename ``fresh`` to ``folder``; the earlier ``folder`` becomes ``old``. All three are on one file
     system.
 
@@ -118,6 +123,7 @@ def exchange(fresh: Path, folder: Path, old: Path) -> None:
     parent = os.open(folder.absolute().parent, os.O_RDONLY)
     try:
         fcntl.flock(parent, fcntl.LOCK_EX)
+        check()
         if folder.exists():
             os.replace(folder, old)
         try:

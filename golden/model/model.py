@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from eskin.golden.core import (
     AcceleratorConfig,
     ArchiveError,
     Arrays,
+    Check,
     InputError,
     QFormat,
     Record,
@@ -162,16 +162,21 @@ class FloatModel(_Model):
         return _run(Float(self.config), self.config, self.arrays, features)
 
     def save(
-        self, folder: str | Path, training: Mapping[str, Any], integer: IntegerModel | None = None
+        self,
+        folder: str | Path,
+        training: Record,
+        integer: IntegerModel | None = None,
+        check: Check = lambda: None,
     ) -> None:
         """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz, training.json
-        and, of its integer model, weights.npz, in one exchange."""
+        and, of its integer model, weights.npz, in one exchange. check: as of `replacing_folder`."""
 
         def write(temporary: Path) -> None:
             np.savez(temporary / FLOAT_FILE, allow_pickle=False, **self.arrays)
-            _write(temporary, self.config, integer, training)
+            (temporary / TRAINING_FILE).write_text(json.dumps(training, indent=1) + "\n")
+            _write(temporary, self.config, integer)
 
-        replace_folder(folder, write)
+        replace_folder(folder, write, check)
 
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> FloatModel:
@@ -259,29 +264,25 @@ class IntegerModel(_Model):
         config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it", images)
         return cls(config, arrays, source)
 
-    def save(self, folder: str | Path, *, training: Mapping[str, Any] | None = None) -> None:
-        """Write config.json, weights.npz and, when given, a new training record into ``folder``, new or a
-        model folder, in one exchange. The folder's other files are kept."""
+    def save(self, folder: str | Path) -> None:
+        """Write config.json and weights.npz into ``folder``, new or a model folder, in one exchange. The folder's
+        other files are kept."""
 
         def write(temporary: Path) -> None:
             for name in (FLOAT_FILE, TRAINING_FILE):
                 if (Path(folder) / name).exists():
                     shutil.copyfile(Path(folder) / name, temporary / name)
-            _write(temporary, self.config, self, training)
+            _write(temporary, self.config, self)
 
         replace_folder(folder, write)
 
 
-def _write(
-    folder: Path, config: AcceleratorConfig, integer: IntegerModel | None, training: Mapping[str, Any] | None
-) -> None:
-    """The configuration, and the integers and training record that exist."""
-    if integer is not None:
+def _write(folder: Path, config: AcceleratorConfig, integer: IntegerModel | None) -> None:
+    """The configuration, and the integers if there are any."""
+    if integer:
         config = integer.config
         np.savez(folder / INTEGER_FILE, allow_pickle=False, **integer.arrays)
     (folder / CONFIG_FILE).write_text(config.to_json())
-    if training is not None:
-        (folder / TRAINING_FILE).write_text(json.dumps(training, indent=1) + "\n")
 
 
 def _run(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Arrays, features: np.ndarray):
@@ -393,9 +394,9 @@ def check_model_target(folder: str | Path) -> None:
         )
 
 
-def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
+def replace_folder(folder: str | Path, write: Callable[[Path], None], check: Check = lambda: None) -> None:
     """Make a model folder in one exchange: ``write`` fills a temporary folder beside it, which then takes the
-    name.
+    name. check: as of `replacing_folder`.
 
     Raises
     ------
@@ -405,7 +406,7 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
     folder = Path(folder)
     check_model_target(folder)
     try:
-        with replacing_folder(folder) as fresh:
+        with replacing_folder(folder, check) as fresh:
             write(fresh)
     except OSError as error:
         raise InputError(

@@ -166,6 +166,20 @@ def test_what_cannot_be_is_refused_by_name_and_nothing_changes(tmp_path, fields,
     assert contents(tmp_path) == before
 
 
+def test_a_folder_that_changed_meanwhile_is_not_overwritten(tmp_path, monkeypatch):
+    saved(tmp_path / "model")
+    newer = float_model(seed=1)
+
+    def slow(*given, **widths):
+        newer.save(tmp_path / "model", {})
+        return quantise_model(*given, **widths)
+
+    monkeypatch.setattr("eskin.training.integers.quantise_model", slow)
+    with pytest.raises(InputError, match="changed by another program"):
+        quantise(tmp_path / "model")
+    assert FloatModel.load(tmp_path / "model").content == newer.content
+
+
 def test_weights_of_16_bits_widen_the_accumulator():
     model = float_model()
     ranges = profile(model, find_touches(SMALL, scene(20, seed=2)))
