@@ -167,7 +167,7 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
     words.
 
     The requested groups; otherwise the archive's first group array with at least two values in every class
-    (not those in ``no_group``); otherwise none, which leaves out single recordings.
+    (except those that ``no_group`` rejects); otherwise none, which leaves out single recordings.
     """
     if groups is not None:
         return list(groups), "as asked for"

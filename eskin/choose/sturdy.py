@@ -31,7 +31,7 @@ GATES = (
 the rule's mean for four judged frames."""
 
 SELDOM = 0.1
-"""Disturbances open a gate seldom where the shares of recordings in which each opens it sum to this at most."""
+"""Disturbances open a gate seldom if the shares of recordings, one share a disturbance, sum to at most this."""
 
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
 """A tighter clip is a factor times the level that this share of a touch's samples exceeds."""
@@ -77,9 +77,8 @@ class Hardening:
         most, spans = np.quantile(deviations, 1 - share), np.quantile(deviations, 1 - share, axis=0)
         clips = [min(max(int(np.ceil(over * most)), 1), before or 65535) for over in CLIPS]
         if spans.max() > UNEVEN**2 * max(spans.min(), 1):
-            clips = [
-                before
-            ]  # columns of different kinds: one clip would cut those of the largest codes alone
+            # columns of different kinds: one clip would cut those of the largest codes alone
+            clips = [before]
         if config.opens_at_once:
             found = [valid(level, clip=clip) for clip in clips]
         else:

@@ -68,9 +68,9 @@ class Application(typer.Typer):
 
 
 def check_outputs(verb: str, options: Record) -> None:
-    """Raise InputError for an output that is also an input or another output (by any name), lies in an input
-    folder, or is a folder to replace that holds an input; and for --json over a file that is not an earlier
-    result.
+    """Raise InputError for an output that is also an input or another output (by any name), an existing file of
+    an input folder, or a folder to replace that holds an input; and for --json over a file that is not an
+    earlier result.
 
     Raises
     ------

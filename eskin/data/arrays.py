@@ -35,7 +35,8 @@ class Group:
     of_arrays: dict[str, Facts] = field(default_factory=dict)
 
     def take(self, name: str, array: np.ndarray) -> None:
-        """An array by its name. A single value may also be an attribute; fields are a group."""
+        """An array by its name. A single number or text is also an attribute; an array with fields
+        is a group."""
         if array.dtype.names:
             self.groups[name] = Group({each: array[each] for each in array.dtype.names})
             return

@@ -233,7 +233,7 @@ class _Meaning:
             table.refuse(f"{why}: there are the attributes {', '.join(self.attributes) or 'none'}")
         if all(len(path) > 2 for path in table.paths) and all(map(_CALLED_AS_GROUP.fullmatch, classes)):
             why = f"{some} stand above other folders and are called as groups are; put the folders of the classes first"
-            table.refuse(f"{why}, or name the column of the class with --class")
+            table.refuse(f"{why}, or name the column or attribute of the class with --class")
         return f"{len(classes)} folders are classes, {len(table.sources)} files recordings"
 
     def _breaks(self) -> list[int]:

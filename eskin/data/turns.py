@@ -15,7 +15,7 @@ speeds and pressures.
 
 **Independent of the class.** Length of a touch, shares of its strokes, the pause between them, pressure,
 place, lead-in and direction of the first stroke do not depend on the class. Recordings are equally long, and
-rest levels belong to the taxels. tests/eskin/data/test_turns.py checks this.
+each taxel has its own rest level. tests/eskin/data/test_turns.py checks this.
 
 The scene's figures were chosen so that networks of several sizes differ. Accuracies on it say how the product
 works, nothing of a sensor.

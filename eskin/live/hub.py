@@ -174,7 +174,7 @@ class Hub:
             self._send(0, text, keep=False)
 
     def tally(self, tally: Tally) -> None:
-        """Send a message that late viewers also get, such as the counts so far."""
+        """Send the counts so far; late viewers get the last ones."""
         figures = vars(tally) | {
             "behind_s": round(tally.behind_s, 3),
             "frames_per_s": round(tally.frames_per_s),

@@ -1,4 +1,4 @@
-"""Plays recordings through a source at their own pace, under the control of the viewers. Only this class
+"""Plays recordings through a source at their own pace, under the control of the viewers. Only `Player`
 keeps time and counts.
 
 The player's thread goes: frames to the source, events to the hub. Neither waits for a viewer.

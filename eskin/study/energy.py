@@ -120,7 +120,6 @@ more with an onset detector, and of an idle cycle. All but the last are fitted t
 
 
 def counted_activity(
-    config: AcceleratorConfig,
     full: Mapping[str, Any],
     slow: Mapping[str, Any] | None = None,
     *,

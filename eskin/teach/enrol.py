@@ -3,9 +3,9 @@ its formats unchanged.
 
 A new mounting shifts the signal of every taxel in a way that other mountings do not predict. One to five
 touches of each class do. Quantisation-aware training goes on with them: configuration and formats stay, so
-that the host loads the new weights into the bitstream of the old model. Two measures preserve the old
-classes: the recordings of the first training, if available (new touches are then a quarter of the draws), and
-a penalty on the distance to the old weights. A model whose readout is prototypes is taught: touches are
+that the host loads the new weights into the bitstream of the old model. Two measures preserve what the
+network has learned: the recordings of the first training, if available (new touches are then a quarter of the
+draws), and a penalty on the distance to the old weights. A model whose readout is prototypes is taught: touches are
 stored.
 """
 
@@ -84,8 +84,8 @@ def _of_weights(before: FloatModel, weights: Arrays) -> FloatModel:
 
 
 def load_pair(folder: str | Path) -> Pair:
-    """Both forms of the model in a folder. If the integers had quantisation-aware training, training
-    continues from them.
+    """Both forms of the model in a folder. If the integers were trained themselves
+    (quantisation-aware), training continues from them, otherwise from the float weights.
 
     Raises
     ------

@@ -25,6 +25,6 @@ def paired_shortfall(best: np.ndarray, other: np.ndarray) -> tuple[float, float]
 
 
 def is_level(best: np.ndarray, other: np.ndarray, errors: float = TIE) -> bool:
-    """The shortfall is 0, or at most a number of standard errors of the paired difference."""
+    """The shortfall is 0, or at most ``errors`` standard errors of the paired difference."""
     shortfall, error = paired_shortfall(best, other)
     return shortfall <= errors * error * (1 + 1e-9)  # one recording lost, none won: exactly one

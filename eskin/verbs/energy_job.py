@@ -123,7 +123,6 @@ def counted(
         cycles = results[0]["cycles"]["decision_latency_max"]
     frame_cycles, quiet_frame_cycles = mean_frame_cycles(config)
     activity = energy.counted_activity(
-        config,
         *counts,
         frames=results[0]["frames"],
         steps=results[0]["steps"],

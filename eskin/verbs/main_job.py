@@ -239,7 +239,7 @@ class _Steps:
         config = self.config = model.config
         numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
         evaluated = self.stage(
-            "evaluation", GOLDEN, None, lambda folder, notify: self._evaluate(quantised, folder, notify)
+            "evaluation", GOLDEN, None, lambda folder, _: self._evaluate(quantised, folder)
         )
         self.say(_accuracy(training, config.is_image))
         baselines = [] if config.is_image else self._baselines(training)
@@ -347,7 +347,7 @@ class _Steps:
         prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
         integers.quantise(folder / "model", self.recordings if prototypes else None)
 
-    def _evaluate(self, quantised: Path, folder: Path, notify: Progress) -> None:
+    def _evaluate(self, quantised: Path, folder: Path) -> None:
         write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
 
     def _yardsticks(self, training: Record, folder: Path, notify: Progress) -> None:

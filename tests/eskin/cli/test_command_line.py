@@ -103,7 +103,7 @@ def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
 
 
 # ---------------------------------------------------------------------- what is refused
-def bad_files(folder: Path, model: Path) -> None:
+def bad_files(model: Path) -> None:
     """Archives, configurations, models and folders that the table of refusals names."""
     for name, changes in {
         "bare": dict(offsets=None),
@@ -190,7 +190,7 @@ def test_what_is_refused_is_one_sentence_and_changes_no_file(call, folder, model
     def too_late(*_, **__):
         raise AssertionError("recordings were read before the configuration was refused")
 
-    bad_files(folder, model)
+    bad_files(model)
     Path("build/cosim").mkdir(parents=True, exist_ok=True)  # where runs of cosim have their own folders
     before = contents(folder)
     for commands, name, sentence in REFUSED:

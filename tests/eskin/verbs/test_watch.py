@@ -135,8 +135,8 @@ def test_the_page_in_a_browser():
     assert watched.result["recordings"] == 4
 
 
-def all_wrong(model, label: int):
-    """The model with every prototype where a touch of ``label`` is not: what it was trained for is of no use,
+def all_wrong(model):
+    """The model with every prototype where no touch is: what it was trained for is of no use,
     and one touch taught is nearer."""
     far = np.full_like(model.arrays["prototypes"], -8)
     return type(model)(model.config, {**forget(model).arrays, "prototypes": far}, model.source)
@@ -149,7 +149,7 @@ def all_wrong(model, label: int):
 def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
     """A button says what the touch was; the next one is decided so, by the model and by the simulated RTL
     beside it; a touch under way is refused; `forget` takes it back."""
-    model = all_wrong(taught_model("gru"), 2)
+    model = all_wrong(taught_model("gru"))
     recordings = scene(9, seed=2).subset([2, 2, 2, 2])
     assert run(model, recordings).decision.tolist() != [2] * 4
     with Watched(model, recordings, speed=5, simulate=simulate) as watched, browser.opened() as page:
