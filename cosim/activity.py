@@ -27,7 +27,7 @@ ADDER, ADDER_BITS = re.compile(r"TOPADDSUB_LOWERINPUT\(\d+'\w*?0+\)"), 32
 """A block that adds its operands as they are: its output is a register like others."""
 OPERANDS = {"SB_MAC16": re.compile(r"[AB]"), "MULT18X18D": re.compile(r"[AB]\d+")}
 READ_ENABLES = {"DP16KD": (("CEA",), ("CEB",))}
-"""Of others: RE and RCLKE."""
+"""Ports that enable a read, one tuple per read port; iCE40 memories have RE and RCLKE."""
 LARGE = "SB_SPRAM256KA"
 FILE = "activity.txt"
 

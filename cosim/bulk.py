@@ -43,7 +43,7 @@ def play(run: "Run", chip: Callable[[int], Model], *, seed: int = 1, threads: in
     idle = [chip(seed) for _ in range(threads)]
 
     def played(place: int) -> tuple[Device, int, dict[str, int]]:
-        """The device, the cycle of ARM, and the registers at the end; none: it stands still."""
+        """The device, the cycle of ARM, and the registers at the end, empty if it stands still."""
         model, status = idle.pop(), dict[str, int]()
         model.begin(seed + place)
         device = Device(model, config.sensor.sample_bits, stages)

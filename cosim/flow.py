@@ -390,7 +390,7 @@ def _open_touch(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]:
 
 
 def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> Path:
-    """Play the recording of the mismatch alone, with waves around it. The folder."""
+    """Play the recording of the mismatch alone, with waves around it; returns the folder."""
     position = run.expected["numbers"].tolist().index(mismatch["recording"])
     folder = work / f"waves_recording{mismatch['recording']}"
     since = mismatch["since_arm"] if mismatch["cycle"] >= 0 else 0

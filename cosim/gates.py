@@ -54,7 +54,7 @@ _Function = tuple[int, list[int], int, int]
 
 
 class Chip:
-    """A module of Yosys' JSON, one flat netlist, at work; its states begin at random.
+    """A module of Yosys' JSON, one flat netlist, in simulation; its states begin at random.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class Chip:
         Parameters
         ----------
         joule:
-            Behind the kinds the changes that a net takes back within a cycle, with delays.
+            Twice as many places as kinds; with delays the second half is for changes that a net takes back within a cycle.
         costs:
             Joule a change, kind, of every net; joule of an edge, kind, of every gate; joule of a read and a write,
             kind, of every macro. Kinds are places in ``joule``.

@@ -159,7 +159,7 @@ FLAGS = [
     # a flag that nobody raised
     ([[False] * 4] * 2, (0x42, 0), (0x02, 0), "recording 5, stage status, index 4 .TAXEL of FAULTS"),
 ]
-"""Flags expected; FAULTS and TAXEL_FAULTS behind the two recordings: the second's may be left of the first."""
+"""Flags expected of recordings 5 and 9; FAULTS and TAXEL_FAULTS after each. TAXEL of FAULTS may be left from the first."""
 
 
 @each_row(("number", "stage", "change", "told"), CHANGES)

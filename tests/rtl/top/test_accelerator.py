@@ -127,7 +127,7 @@ def play(
     writes: list[tuple[int, int]] | None = None,
     prepare: Callable[[Bench], None] = lambda bench: None,
 ):
-    """Simulate all recordings; returns streams by stage, ``beats`` of decisions with their cycles among them, and
+    """Simulate all recordings; returns streams by stage, under ``beats`` the decisions with their cycles, and
     per-recording status words.
 
     ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many
