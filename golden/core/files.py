@@ -184,7 +184,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     Raises
     ------
     ArchiveError
-        It is not a regular file or no archive, damaged, unpacks to more than MOST_UNPACKED_BYTES, or holds
+        It is not a regular file or not an archive, is damaged, unpacks to more than MOST_UNPACKED_BYTES, or holds
         Python objects.
     OSError
         It is not there or may not be read.

@@ -1,5 +1,7 @@
 """A scene unlike the synthetic one: a grip that lasts from the first frame to the last."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from eskin.golden.data import Recordings
@@ -78,13 +80,12 @@ def gripped_recordings(
                 labels.append(label)
                 of_person.append(person)
                 of_trial.append(trial)
-    return Recordings(
-        samples=np.concatenate(parts),
-        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64),
-        labels=np.array(labels, dtype=np.int64),
-        class_names=tuple(f"object{label}" for label in range(classes)),
-        sample_rate_hz=float(sample_rate_hz),
-        groups={"person": np.array(of_person), "trial": np.array(of_trial)},
+    made = Recordings.of(
+        parts,
+        labels,
+        class_names=[f"object{label}" for label in range(classes)],
+        sample_rate_hz=sample_rate_hz,
+        groups={"person": of_person, "trial": of_trial},
         source="gripped objects",
-        sample_bits=8,
     )
+    return replace(made, sample_bits=8)

@@ -65,10 +65,9 @@ def recordings(count: int = 24, seed: int = 1) -> Recordings:
             + shape[:, None] * PATTERNS[label] * height
             + NOISE * rng.standard_normal((len(time), CONFIG.sensor.taxels))
         )
-    return Recordings(
-        samples=np.rint(np.concatenate(streams)).astype(np.int32),
-        offsets=np.cumsum([0, *map(len, streams)]),
-        labels=labels,
+    return Recordings.of(
+        [np.rint(stream).astype(int) for stream in streams],
+        labels,
         class_names=CONFIG.network.class_names,
         sample_rate_hz=CONFIG.sensor.sample_rate_hz,
         groups={"trial": np.arange(count) // 3 % 4},

@@ -57,10 +57,9 @@ def scene(recordings: int = 60, seed: int = 0) -> Recordings:
         parts.append(
             np.rint(1000 + rng.integers(-50, 50, 4) + part + rng.normal(0, 2, part.shape)).astype(np.int32)
         )
-    return Recordings(
-        samples=np.concatenate(parts),
-        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64),
-        labels=labels.astype(np.int64),
+    return Recordings.of(
+        parts,
+        labels,
         class_names=SMALL.network.class_names,
         sample_rate_hz=SMALL.sensor.sample_rate_hz,
         groups={"person": (np.arange(recordings) // 3) % 5},

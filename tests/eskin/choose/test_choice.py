@@ -1,5 +1,5 @@
 """What is chosen and noted, what the command line fixes, and figures of folds that chose nothing: no label of
-a fold is seen by what is chosen for it, and noise stays at chance."""
+a fold is seen by what is chosen for it."""
 
 import dataclasses
 import json

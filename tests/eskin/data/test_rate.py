@@ -10,10 +10,8 @@ from tests.support.table import each_row
 
 
 def recordings(rate: float, frames: int = 600, groups: dict | None = None) -> Recordings:
-    samples = np.random.default_rng(1).integers(0, 100, (10 * frames, 4)).astype(np.int32)
-    return Recordings(
-        samples, frames * np.arange(11), np.arange(10) % 2, ("a", "b"), rate, groups or {}, source="made"
-    )
+    samples = np.random.default_rng(1).integers(0, 100, (10, frames, 4))
+    return Recordings.of(samples, np.arange(10) % 2, sample_rate_hz=rate, groups=groups)
 
 
 @each_row("rate", [0.5, 50, 100, 3000, 10_000])

@@ -12,7 +12,6 @@ from eskin.golden.core import PRESETS, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
 from eskin.training.derive import derive_config
-from tests.support.parts import of_parts
 from tests.support.prices import priced
 from tests.support.table import each_row
 
@@ -33,9 +32,10 @@ def cut(recordings: Recordings, *, taxels=None, decimate=1, shift=0, begin=0, en
     """``recordings`` as another sensor would have given them: fewer taxels, a lower rate, fewer bits, another
     part of the time."""
     parts = [recordings.recording(i)[begin:end:decimate, :taxels] >> shift for i in range(len(recordings))]
-    return of_parts(
+    return replace(
         recordings,
-        parts,
+        samples=np.concatenate(parts),
+        offsets=np.cumsum([0, *map(len, parts)]),
         sample_rate_hz=recordings.sample_rate_hz / decimate,
         sample_bits=recordings.sample_bits - shift,
         volt_per_code=recordings.volt_per_code * 2**shift,
@@ -106,7 +106,7 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
     """Every recording is cut 1300 frames after its onset: the preset's windows need 2016."""
     ends = find_touches(PRESETS["pvdf"], pvdf, steps=0)
     ends = ends.onset_frame[ends.first_touch()] + 1300
-    short = of_parts(pvdf, [pvdf.recording(i)[: ends[i]] for i in range(len(pvdf))])
+    short = pvdf.until(ends)
     config, reasons = derive_config(short)
     assert config.name == "derived"
     assert "preset 'pvdf'" in reasons[0]

@@ -240,15 +240,15 @@ def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "shares"),
-    [("pvdf_indent", {"trial": 0.99, "speed": 0.97, "seq": 0.70}), ("fabric_slide", {"": 0.94})],
+    ("name", "shares", "agreement"),
+    [("pvdf_indent", {"trial": 0.99, "speed": 0.97, "seq": 0.70}, 0.995), ("fabric_slide", {"": 0.94}, 0.99)],
 )
-def test_accuracy_on_real_recordings(shared_data, name, shares):
+def test_accuracy_on_real_recordings(shared_data, name, shares, agreement):
     recordings, config = load_recordings(shared_data / name / "recordings.npz"), PRESETS[name.split("_")[0]]
     splits = [[group] for group in shares if group] or default_splits(recordings, config)
     results = cross_validate(recordings, config, splits, (0, 1, 2))
     for result, share in zip(results, shares.values(), strict=True):
-        assert result["integer_accuracy"] >= share and result["agreement"] >= 0.99
+        assert result["integer_accuracy"] >= share and result["agreement"] >= agreement
 
 
 # ---------------------------------------------------------------------- the fault detector's masks

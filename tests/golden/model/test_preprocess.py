@@ -20,17 +20,6 @@ REST = 26400  # inside the thesis band, codes
 OUT = 27000  # outside it
 
 
-def recordings_of(config: AcceleratorConfig, *streams: np.ndarray) -> Recordings:
-    """The streams (frames, taxels) as a set of recordings, all of class 0."""
-    return Recordings(
-        samples=np.concatenate([np.asarray(stream, dtype=np.int32) for stream in streams]),
-        offsets=np.cumsum([0, *(len(stream) for stream in streams)]),
-        labels=np.zeros(len(streams), dtype=np.int64),
-        class_names=config.network.class_names,
-        sample_rate_hz=config.sensor.sample_rate_hz,
-    )
-
-
 def quiet_stream(frames: int, config: AcceleratorConfig = THESIS, level: int = REST) -> np.ndarray:
     return np.full((frames, config.sensor.taxels), level, dtype=np.int32)
 
@@ -59,7 +48,7 @@ def test_thesis_windows_hold_an_impulse():
         stream[onset - 1, 3] = OUT
         stream[start + position - 2, taxel] += height  # positions count from 1 at the start frame, frames too
         streams.append(stream)
-    touches = find_touches(THESIS, recordings_of(THESIS, *streams))
+    touches = find_touches(THESIS, Recordings.of(streams, sample_rate_hz=3000))
     assert set(touches.start_frame) == {start} and set(touches.completed) == {20}
     assert touches.recording.tolist() == [*range(len(IMPULSES))] and not touches.partial.any()
     for sums, windows in zip(touches.sums[..., taxel], IMPULSES.values(), strict=True):
@@ -74,7 +63,7 @@ def test_the_word_of_a_window_sum_holds_a_jump_from_end_to_end_and_a_bit_less_do
     ends = [config.sample_format.min_code, config.sample_format.max_code]
     level, taxels = np.repeat(ends, (1000, 8000))[:, None], config.sensor.taxels
     streams = [np.broadcast_to(codes, (9000, taxels)) for codes in (level, sum(ends) - level)]
-    peak = np.abs(find_touches(config, recordings_of(config, *streams)).sums).max()
+    peak = np.abs(find_touches(config, Recordings.of(streams, sample_rate_hz=3000)).sums).max()
     assert signed_bits(int(peak)) == config.sum_bits
 
 

@@ -27,13 +27,7 @@ def one_touch(onset: int, frames: int, config: AcceleratorConfig = CONFIG) -> Re
     """At rest but for one sample in frame ``onset``."""
     samples = np.full((frames, config.sensor.taxels), 26400, dtype=np.int32)
     samples[onset - 1, 1] = 30000
-    return Recordings(
-        samples=samples,
-        offsets=np.array([0, frames]),
-        labels=np.array([0]),
-        class_names=config.network.class_names,
-        sample_rate_hz=3000.0,
-    )
+    return Recordings.of(samples, sample_rate_hz=3000.0, class_names=config.network.class_names)
 
 
 # start frame 30: windows end in 38, 42, 46, 50, 54, 58; the first three were over before the onset was seen
