@@ -155,7 +155,7 @@ class FrameSource:
         if stalls is None:
             return
         for pattern in (self._dut.offers, self._dut.accepts):
-            # mostly short gaps, now and then a long one
+            # stretches of 64 cycles without gaps, with short gaps (twice as often) or with long ones
             shares = np.repeat(stalls.choice([1.0, 0.5, 0.5, 0.02], PATTERN // 64), 64)
             open_ = np.packbits(stalls.random(PATTERN) < shares)
             pattern.value = int.from_bytes(open_.tobytes())

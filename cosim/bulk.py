@@ -2,7 +2,7 @@
 cocotb.
 
 A Verilated design is faster here than in a simulator that Python drives. A chip's netlist is compiled in
-seconds. Every recording starts with random contents in every flip-flop, latch and macro.
+seconds, and starts every recording with random contents in every flip-flop, latch and macro.
 """
 
 import time

@@ -337,10 +337,10 @@ def lowest_clock(
 ) -> Record:
     """The declared-pace run at the lowest clock that meets every budget; ``options`` as for ``cosim``.
 
-    ``cycles``, the counts of a declared-pace run (default: twice what the multiplies alone ask for), ask for a clock. It is
-    tried, raised until a run meets every budget, and lowered as long as the run's own counts ask for less (at a clock
-    that is too slow, steps wait for one another and their latencies count more). It is a multiple of 1 kHz. A run
-    that differs or gives up ends the search and is what comes back: no clock mends that.
+    The search begins at the clock that ``cycles``, the counts of a declared-pace run, ask for (default: at twice the clock
+    that the multiplies alone need). The clock is raised until a run meets every budget, and lowered as long as the run's own
+    counts ask for less (at a clock that is too slow, steps wait for one another and their latencies count more). It is
+    a multiple of 1 kHz. A run that differs or gives up ends the search and is returned: no clock mends that.
 
     Raises
     ------

@@ -38,6 +38,7 @@ QUICKLY_COMPILED = ("OPT_FAST=-O1", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
 for a flat netlist with delays."""
 PACKAGES = {"vvp": "iverilog"}
 """Debian's packages of tools, where they have other names."""
+PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
 PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
 RUNTIMES = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "eskin"
 """Verilator's own runtime, compiled once a machine."""
@@ -234,12 +235,13 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
 
 
 def kept(root: Path, kind: str, described: Sequence[Any], make: Callable[[Path], None]) -> Path:
-    """A folder of ``root`` by what went into it, as of `content_key`. Where it is not there ``make`` fills it, in /tmp:
-    make takes no path with a blank."""
+    """A folder of ``root`` by what went into it, as of `content_key`. If it is missing, ``make`` fills a temporary one
+    first: in /tmp if TMPDIR has a blank or another character that make does not take."""
     folder = root.resolve() / f"{kind}-{content_key(*described)[:16]}"
     with locked(folder.with_suffix(".lock")):
         if not folder.exists():
-            with tempfile.TemporaryDirectory(dir="/tmp") as work:
+            usual = tempfile.gettempdir()
+            with tempfile.TemporaryDirectory(dir=usual if PLAIN.fullmatch(usual) else "/tmp") as work:
                 make(Path(work))
                 with replacing_folder(folder) as fresh:
                     shutil.copytree(work, fresh, symlinks=True, dirs_exist_ok=True)

@@ -49,6 +49,6 @@ TEACHING = wiring.Signature(
 teach, forget: pulses. label: the class. option: teach the next touch; forget all classes. loaded: teach the touch
 whose codes the host has written into the touch's own place. locked: a touch is open. look: read the word at the load
 port's address, only while the readout is idle; place: that word from the next cycle on, while the address stays and
-nothing else happens. refused: pulse, the readout ignored a command. done: pulse, a touch is taught. in_use: number
-of places that hold a taught touch.
+nothing else happens. refused: pulse, the readout ignored a command, or the touch that it was to teach next ended
+incomplete. done: pulse, a touch is taught. in_use: number of places that hold a taught touch.
 """

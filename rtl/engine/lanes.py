@@ -34,7 +34,7 @@ def lane_signature(
         The sum restarts from ``load``.
     load : In(signed(acc_bits))
     valid : In(1)
-        ``acc = (load if swap else acc) + a * b``; without it no product is added. It is valid `Timing.valid`
+        ``acc = (load if swap else acc) + a * b``; without it no product is added. It comes `Timing.valid`
         slots after the operands are issued, one slot earlier for the plain lane. The DSP block's own
         accumulator cannot load and add in one slot: `Timing.gap`.
     acc : Out(signed(acc_bits))

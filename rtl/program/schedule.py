@@ -47,8 +47,8 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
     A frame that ends a window takes three cycles an input, four for windows of 2 hop + 1, and one more if
     means differ from input to input. Any other takes one a taxel, two where a block of activity ends with it,
     or where a ring of one port takes a beat and gives one. The onset rule adds FRAME_EXTRA_CYCLES, features
-    beyond the mean three. With fewer than 4 taxels this is more than the spacing of frames. A row of an image
-    takes one a pixel.
+    beyond the mean three. This also covers the cycles for which frames of fewer than 4 taxels wait for
+    each other. A row of an image takes one a pixel.
     """
     if config.is_image:
         return config.sensor.taxels

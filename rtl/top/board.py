@@ -109,7 +109,8 @@ class Board(wiring.Component):
     Raises
     ------
     InputError
-        A baud rate that this clock cannot make; a flash beside a link or a shell, which would drive the bus, too.
+        A baud rate that this clock cannot make; a flash together with a link or a shell: both would drive the
+        bus.
     """
 
     def __init__(

@@ -24,7 +24,7 @@ from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 
 COSIM = Path(flow.__file__).parent
-BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"
+BUILDS = Path("build/simulators")
 LENGTHS, NUMBERS = (400, 700, 30, 5), (11, 4, 25, 7)
 """Several touches, a partial one, one without a step, and no touch at all."""
 DECLARED = {"pace": "declared", "clock_hz": 1e6}
@@ -314,10 +314,11 @@ def test_a_build_is_kept_a_changed_source_is_another_and_a_failing_one_shows_its
 
 
 @pytest.mark.parametrize("simulator", runner.SIMULATORS)
-def test_folders_may_have_any_name(design, play, tmp_path, simulator):
+def test_folders_may_have_any_name(design, play, tmp_path, simulator, monkeypatch):
     """Make takes no blank."""
     odd = tmp_path / "it's my (own) $data"
     shutil.copytree(design, odd / "design")
+    monkeypatch.setattr("tempfile.tempdir", str(odd))
     assert play(simulator, design=odd / "design", work=odd / "work", builds=odd / "builds")["bit_exact"]
 
 

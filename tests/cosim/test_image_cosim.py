@@ -25,7 +25,6 @@ from tests.support.generated_bench import make
 from tests.support.image_scenes import random_image_model
 from tests.support.link_flow import play_link
 
-ROOT = Path(__file__).resolve().parents[2]
 CLASSES = ("cone", "cube", "ball", "ring")
 LAYERS = ["conv 5 6", "pool", "conv 3 5", "pool", "dense 4"]
 
@@ -138,7 +137,7 @@ def test_images_over_the_serial_pins_of_the_board_with_damaged_packets(small, tm
     vectors = write_image_vectors(tmp_path / "vectors.npz", run_images(small, images).streams, images)
     verilog = tmp_path / "board_top.sv"
     verilog.write_text(text_of(Board(config, clock_hz=12e6, baud=3e6), "board_top"))
-    where = dict(work=tmp_path / "work", builds=ROOT / "build" / "simulators")
+    where = dict(work=tmp_path / "work", builds=Path("build/simulators"))
     order, loads = [*range(4), *(k % 4 for k in range(14))], boot_writes(config, small.arrays)
     map_ = register_map(config)
     result = play_link(verilog, config, map_, loads, vectors, corruptions=True, seed=3, order=order, **where)

@@ -19,8 +19,7 @@ from tests.support.noisy_port import NoisyPort
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 
-ROOT = Path(__file__).resolve().parents[2]
-BUILDS = ROOT / "build" / "simulators"
+BUILDS = Path("build/simulators")
 CONFIG = SMALL.replace(
     hop=4,
     window=9,

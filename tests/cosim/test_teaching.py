@@ -34,7 +34,7 @@ from tests.support.table import each_row
 from tests.support.touch_cuts import beginnings
 from tests.support.touch_scenes import scene
 
-BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"
+BUILDS = Path("build/simulators")
 PURPOSE = "a test"
 NEXT = ALL = 1 << 7
 NONE = 0xFFFF

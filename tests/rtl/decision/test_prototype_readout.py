@@ -247,7 +247,7 @@ def test_taught_and_forgotten_at_random(cell, decision, stall, spare, shift):
 
 @pytest.mark.parametrize("decision", ["last", "vote"])
 def test_a_damaged_code_is_left_out(decision):
-    """From the code on, until the touch ends; what was right of it before counts."""
+    """From the code on, until the touch ends; what was right of it before counts. Teaching its place anew mends it."""
     model = forget(small_model(7, "gru", decision, checksum=True))
     player = Player(model, 11, 0.2)
 
@@ -267,6 +267,14 @@ def test_a_damaged_code_is_left_out(decision):
             await player.touch(ctx, steps)
             await ctx.tick()
             assert player.wrong - before == (steps > step)
+        await player.pulse(ctx, forget=1, label=2, option=0)
+        player.damage, player.model, before = None, forget(player.model, 2), player.wrong
+        for _ in range(3):
+            await player.touch(ctx, config.windows.steps)
+            await player.pulse(ctx, teach=1, label=2, option=0)
+            player.model = teach(player.model, player.last, 2)
+            await player.rest(ctx)
+        assert player.wrong == before
 
     config = player.config
     player.run(act)

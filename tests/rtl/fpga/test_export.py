@@ -16,10 +16,9 @@ def test_text_is_deterministic_portable_and_complete():
     config = PRESETS["pvdf"].replace(feature_shift=(3,), hidden=4)
     text = export(config)
     script = (
-        "from eskin.golden.core.config import PRESETS; from eskin.rtl.fpga.export import export; import "
-        "hashlib;"
-        "print(hashlib.sha256(export(PRESETS['pvdf'].replace(feature_shift=(3,), "
-        "hidden=4)).encode()).hexdigest())"
+        "import hashlib; from eskin.golden.core import PRESETS; from eskin.rtl.fpga.export import export; "
+        "text = export(PRESETS['pvdf'].replace(feature_shift=(3,), hidden=4)); "
+        "print(hashlib.sha256(text.encode()).hexdigest())"
     )
     other = subprocess.run(
         [sys.executable, "-c", script],
@@ -34,15 +33,5 @@ def test_text_is_deterministic_portable_and_complete():
         "always @* misses its time-zero event in Icarus"
     )
     assert str(ROOT) not in text and "/src" not in text, "no path of the machine that generated it"
-    for port in (
-        "i__payload",
-        "i__valid",
-        "i__ready",
-        "o__payload",
-        "bus__addr",
-        "busy",
-        "probe__state__value",
-        "clk",
-        "rst",
-    ):
+    for port in "i__payload i__valid i__ready o__payload bus__addr busy probe__state__value clk rst".split():
         assert port in text

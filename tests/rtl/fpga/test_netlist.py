@@ -17,7 +17,7 @@ from eskin.verbs.flow import netlist_of
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL
 
-BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
+BUILDS = Path("build/simulators")
 CONFIG = SMALL.replace(
     hop=8,
     window=17,

@@ -29,15 +29,16 @@ def write(number: int, address: int, word: int) -> bytes:
 
 
 def play(line, *, divisor=4, config=CONFIG, decisions=(), until=0, quiet=40, read_value=lambda address: 0):
-    """What the link makes of ``line``: bytes, ``None`` (10 bits of idle), or (byte, stop bit).
+    """What the link makes of ``line``: bytes, ``None`` (10 bits of idle), or (byte, stop bit). until: cycles before
+    frames are taken.
 
-    until: cycles before frames are taken. frames: complete lists of samples. writes, reads: bus accesses. bodies: of packets it sent. expected,
-    damaged.
+    frames: complete lists of samples. writes, reads: bus accesses. bodies: of packets it sent. expected, damaged.
     """
     dut = UartLink(config, divisor)
     seen = SimpleNamespace(frames=[], writes=[], reads=[], sent=bytearray(), expected=0, errors=[])
 
     async def talk(ctx):
+        ctx.set(dut.rx, 1)
         for item in line:
             byte, stop = item if isinstance(item, tuple) else (item, 1)
             for bit in [1] * 10 if byte is None else [0, *(byte >> k & 1 for k in range(8)), stop]:
@@ -99,11 +100,7 @@ def play(line, *, divisor=4, config=CONFIG, decisions=(), until=0, quiet=40, rea
             await ctx.tick().until(dut.decision.ready)
             ctx.set(dut.decision.valid, 0)
 
-    async def init_and_talk(ctx):
-        ctx.set(dut.rx, 1)
-        await talk(ctx)
-
-    simulate(dut, init_and_talk, hear, sink, become_ready, decide)
+    simulate(dut, talk, hear, sink, become_ready, decide)
     unpacker = link.Unpacker()
     seen.bodies = unpacker.feed(bytes(seen.sent))
     seen.damaged = unpacker.damaged
@@ -113,13 +110,7 @@ def play(line, *, divisor=4, config=CONFIG, decisions=(), until=0, quiet=40, rea
 
 def test_frames_writes_and_reads():
     samples = [[1, 2, 3, 4], [0x7E7E, 0x7D7D, 0x5E7D, 0xFFFF], [0, 0x7D5D, 0x8000, 0x7E]]
-    line = (
-        frame(0, samples[0])
-        + write(1, 0x02, 0x7D7E)
-        + frame(2, samples[1])
-        + link.read_packet(0x13)
-        + bytes(0)
-    )
+    line = frame(0, samples[0]) + write(1, 0x02, 0x7D7E) + frame(2, samples[1]) + link.read_packet(0x13)
     seen = play(
         [*line, *[None] * 20, *frame(3, samples[2]), *write(4, 0x3F, 0xABCD)],
         read_value=lambda address: 0x7E00 | address,

@@ -86,7 +86,7 @@ def test_every_file_says_the_same(config, shell, tmp_path):
             if reset is not None:
                 checks.append(f"(ESKIN_{name}_RESET & ESKIN_{name}_{field}_MASK) >> {low} == {reset}u")
     text = header + "".join(f'_Static_assert({check}, "{check}");\n' for check in checks)
-    command = ["gcc", "-std=c11", "-Wall", "-Werror", "-fsyntax-only", "-x", "c", "-"]
+    command = "gcc -std=c11 -Wall -Werror -fsyntax-only -x c -".split()
     done = subprocess.run(command, input=text, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[:2000]
     assert {name for name in view if f"| {name} |" not in markdown()} == set()
