@@ -104,7 +104,7 @@ class Experiment:
 
     @property
     def averaged(self) -> Experiment:
-        """The same, the mean over the taxels. A fault that both find is reported once."""
+        """The same, the mean over the taxels. Results that both need are computed once."""
         return replace(self, mean=True)
 
     # -- what is played
