@@ -1,9 +1,8 @@
 """Counts what a netlist does in a co-simulation: the input of an energy estimate.
 
 A counter beside the cells sees every cycle, so nothing is sampled: register bits that change, by block;
-multipliers whose operands change (a multiplier with still operands does not switch); block RAM reads; reads
-and writes of the large memories of one port. It counts from a recording's first frame to its last decision,
-not while weights are loaded.
+multipliers whose operands change (a multiplier with still operands does not switch). It counts
+from a recording's first frame to its last decision, not while weights are loaded.
 
 Two runs over the same recordings, at full pace and at a slower declared one, do the same frames and steps and
 differ only in cycles without work: their difference is what an idle cycle costs, the rest is what frames and
@@ -13,11 +12,11 @@ steps cost.
 import re
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 CELL = re.compile(
-    r"^  (?P<type>SB_DFF\w*|TRELLIS_FF|SB_MAC16|MULT18X18D|SB_RAM40_4K\w*|DP16KD|SB_SPRAM256KA) "
+    r"^  (?P<type>SB_DFF\w*|TRELLIS_FF|SB_MAC16|MULT18X18D) "
     r"(?:#\(\n(?P<parameters>.*?)\n  \) )?(?P<name>\\\S+|\w+) *\(\n"
     r"(?P<ports>.*?)\n  \);$",
     re.MULTILINE | re.DOTALL,
@@ -26,22 +25,16 @@ PORT = re.compile(r"^    \.(\w+)\((.*)\),?$", re.MULTILINE)
 ADDER, ADDER_BITS = re.compile(r"TOPADDSUB_LOWERINPUT\(\d+'\w*?0+\)"), 32
 """A block that adds its operands as they are: its output is a register like others."""
 OPERANDS = {"SB_MAC16": re.compile(r"[AB]"), "MULT18X18D": re.compile(r"[AB]\d+")}
-READ_ENABLES = {"DP16KD": (("CEA",), ("CEB",))}
-"""Ports that enable a read, one tuple per read port; iCE40 memories have RE and RCLKE."""
-LARGE = "SB_SPRAM256KA"
 FILE = "activity.txt"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Count:
-    """One run: cycles counted, register-bit toggles by block, multiplies (operands changed), block RAM reads,
-    uses of large memories."""
+    """One run: cycles counted, register-bit toggles by block, multiplies (operands changed)."""
 
     cycles: int
     toggles: dict[str, int]
     multiplies: int
-    ram_reads: int
-    large_uses: int = 0
 
 
 def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
@@ -56,22 +49,14 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
     """
     bits: dict[str, list[tuple[int, str]]] = defaultdict(list)
     operands: list[str] = []
-    uses: dict[str, list[str]] = {"ram_reads": [], "large_uses": []}
     for cell in CELL.finditer(verilog):
         ports, kind = dict(PORT.findall(cell["ports"])), cell["type"]
         adds = ADDER.search(cell["parameters"] or "")
         if adds or "Q" in ports:
             register = (ADDER_BITS, ports["O"]) if adds else (1, ports["Q"])
             bits[block_of(cell["name"].lstrip("\\"))].append(register)
-        elif kind in OPERANDS:
-            operands.append(", ".join(net for port, net in ports.items() if OPERANDS[kind].fullmatch(port)))
-        elif kind == LARGE:
-            uses["large_uses"].append(ports["CHIPSELECT"])
         else:
-            enables = READ_ENABLES.get(kind, (("RE", "RCLKE"),))
-            uses["ram_reads"] += [
-                " && ".join(ports.get(port) or "1'h1" for port in names) for names in enables
-            ]
+            operands.append(", ".join(net for port, net in ports.items() if OPERANDS[kind].fullmatch(port)))
     lines = ["// what the netlist does while recordings are played", "integer activity_file;"]
     counts = {"cycles": "1"}
 
@@ -85,8 +70,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
         width, nets = sum(wide for wide, _ in registers), ", ".join(net for _, net in registers)
         counts[f"toggles {block}"] = f"64'($countones({changes(f'now_{index}', width, nets)}))"
     changed = [f"|({changes(f'operands_{index}', 36, pair)})" for index, pair in enumerate(operands)]
-    for name, terms in {"multiplies": changed, **uses}.items():
-        counts[name] = " + ".join(["64'd0", *(f"64'({term})" for term in terms)])
+    counts["multiplies"] = " + ".join(["64'd0", *(f"64'({term})" for term in changed)])
     counters = [f"counter_{number}" for number in range(len(counts))]
     for counter, amount in zip(counters, counts.values(), strict=True):
         lines.append(f"reg [63:0] {counter} = 0;")
@@ -104,5 +88,4 @@ def read_count(work: Path) -> Count:
     """The counters of one run, from its work folder."""
     rows = [line.rsplit(" ", 1) for line in (work / FILE).read_text().splitlines()]
     counted = {label.removeprefix("toggles "): int(count) for label, count in rows}
-    names = [field.name for field in fields(Count) if field.name != "toggles"]
-    return Count(**{name: counted.pop(name) for name in names}, toggles=counted)
+    return Count(cycles=counted.pop("cycles"), multiplies=counted.pop("multiplies"), toggles=counted)

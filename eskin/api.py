@@ -181,7 +181,7 @@ class Model(Estimator):
         Raises
         ------
         InputError
-            The folder is no model, or damaged.
+            The folder is not a model, or is damaged.
         """
         if not isinstance(folder, str | os.PathLike):
             raise InputError(
@@ -415,7 +415,7 @@ class Model(Estimator):
         Raises
         ------
         InputError
-            As `predict`; labels that are no classes of the model, or not one a recording.
+            As `predict`; labels that are not classes of the model, or not one a recording.
         """
         frames = self._of_table(frames)
         decision = self.predict(frames, integer=integer)

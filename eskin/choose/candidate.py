@@ -207,8 +207,8 @@ def best_of(judged: Sequence[ScoredCandidate]) -> ScoredCandidate:
 
 
 def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
-    """The cheapest of the candidates that tie with the most accurate one; at equal cost the first. A board
-    decides between level ones; a named board must also hold the best.
+    """The cheapest of the candidates that tie with the most accurate one; at equal cost the first. Of those
+    that tie, one that fits the board goes first; a named board must also hold the best.
 
     Raises
     ------

@@ -146,7 +146,7 @@ def _clock(text: str | None) -> float | None:
     except ValueError:
         hertz = math.nan
     if not (math.isfinite(hertz) and hertz >= 1):
-        raise InputError(f"--clock {text}: is no clock; give 1 Hz or more, or the word lowest")
+        raise InputError(f"--clock {text}: is not a clock; give 1 Hz or more, or the word lowest")
     return hertz
 
 

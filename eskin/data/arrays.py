@@ -120,7 +120,9 @@ class _Arrays:
         offsets; labels; class names. Every other array of one value a recording is an attribute."""
         arrays, parts = self.root.arrays, self.parts(self.root.arrays[name], name)
         if label not in arrays:
-            asked = f"--class {label}: is no array" if label else "has no array of classes (labels, label, y)"
+            asked = (
+                f"--class {label}: is not an array" if label else "has no array of classes (labels, label, y)"
+            )
             self.refuse(f"{asked}; it has {self.root.listed()}: name it with --class")
         vectors = {each: _vector(array) for each, array in arrays.items() if each != name}
         own = {

@@ -184,7 +184,7 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     Raises
     ------
     InputError
-        There is no such folder or file, or files of several kinds; what there is, is said.
+        There is no such folder or file, or files of several kinds; the message lists them.
     """
 
     def refuse(where: Path, why: str) -> NoReturn:
@@ -217,5 +217,5 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
             inner = table.paths[0] if len(tables_of_file) > 1 else ()
             tables.append(replace(table, paths=((*parts, *inner),)))
     left = len(files) - len(kept)
-    notes = [f"{left} files that are no recordings were left out"] if left else []
+    notes = [f"{left} files that are not recordings were left out"] if left else []
     return understand(tables, reading, config, str(folder), notes=notes)

@@ -176,7 +176,7 @@ class Table:
         return pd.to_numeric(cells.astype(str), errors="coerce").to_numpy(dtype=np.float64)
 
     def is_text(self, column: int) -> bool:
-        """True if most cells of a column are no numbers."""
+        """True if most cells of a column are not numbers."""
         return self.frame[column].dtype.kind not in "iufbM" and bool(
             2 * np.isnan(self.parsed(column)).sum() >= len(self.lines)
         )
@@ -187,7 +187,7 @@ class Table:
         Raises
         ------
         InputError
-            A cell is no finite number; with its file and line.
+            A cell is not a finite number; with its file and line.
         """
         values = np.stack([self.parsed(column) for column in columns], axis=1)
         if np.isfinite(values).all():

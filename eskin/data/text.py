@@ -45,7 +45,7 @@ def read_text(path: Path, reading: Reading) -> Table:
     Raises
     ------
     InputError
-        It is no text, empty, or its rows have different numbers of cells; with file, line and the fix.
+        It is not text, is empty, or its rows have different numbers of cells; with file, line and the fix.
     """
     import pandas as pd
 
@@ -205,7 +205,7 @@ class _File:
         return best
 
     def header(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Names and units of the columns; their lines are no rows any more."""
+        """Names and units of the columns; their lines no longer count as rows."""
         first, *rest = self._cells(self.delimiter, self.rows[:3])
         numbers = [cell for cell in first if NUMBER.fullmatch(cell)]
         counts = len(numbers) > 2 and numbers in (

@@ -70,7 +70,7 @@ def read_layers(path: str | Path) -> Layers:
     path = Path(path)
     if path.suffix not in TORCH_SUFFIXES or not path.is_file():
         raise InputError(
-            f"network '{path}': is no torch state_dict (.pt, .pth); save one, or export the network as .onnx"
+            f"network '{path}': is not a torch state_dict (.pt, .pth); save one, or export the network as .onnx"
         )
     check_readable(path)
     state = read_state(path)

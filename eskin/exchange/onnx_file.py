@@ -23,7 +23,7 @@ def onnx_model(model: FloatModel) -> onnx.ModelProto:
     Raises
     ------
     InputError
-        A network for images, or a readout that is no dense layer.
+        A network for images, or a readout that is not a dense layer.
     """
     config, arrays = model.config, model.arrays
     if config.is_image:

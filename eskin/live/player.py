@@ -90,7 +90,7 @@ class Controls:
         return self.skip or self.stopped or self.label not in (-1, label)
 
     def wait(self, seconds: float | None) -> None:
-        """Until something changes, or so long."""
+        """Wait until something changes, or for a time."""
         with self._condition:
             before = self.changes
             self._condition.wait_for(lambda: self.changes != before or self.stopped, timeout=seconds)

@@ -15,7 +15,7 @@ def page() -> bytes:
 
 
 def guessed_shape(taxels: int) -> tuple[int, int]:
-    """(rows, columns) of an array of so many taxels, when the configuration does not say: the squarest rectangle that they fill,
+    """(rows, columns) of an array with this number of taxels, if the configuration has no shape: the squarest rectangle that they fill,
     no longer than ``LONGEST`` to 1; where there is none, the smallest square grid that holds them, with cells
     left over."""
     for rows in range(math.isqrt(taxels), 0, -1):

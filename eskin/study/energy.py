@@ -93,8 +93,7 @@ class Activity:
 
     step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
     quiet_frame_cycles: of a frame of a touch, and of another one. frame_toggles: of a frame, in the rest.
-    idle_toggles: a cycle without work. ram_reads, large_uses: a cycle, of block memories and of the large
-    ones of one port. source: how it was found. recordings: how many were counted.
+    idle_toggles: a cycle without work. source: how it was found. recordings: how many were counted.
     """
 
     step_cycles: float
@@ -104,10 +103,8 @@ class Activity:
     quiet_frame_cycles: float
     frame_toggles: float
     idle_toggles: float
-    ram_reads: float
     source: str
     recordings: int = 0
-    large_uses: float = 0.0
 
 
 CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touches")
@@ -136,8 +133,8 @@ def counted_activity(
     Parameters
     ----------
     full, slow:
-        cycles, toggles (by block), multiplies, ram_reads, large_uses of each run (eskin.cosim.activity.Count
-        as a mapping). Without a slower run idle cycles are taken to toggle IDLE_TOGGLES bits.
+        cycles, toggles (by block), multiplies of each run (eskin.cosim.activity.Count as a mapping).
+        Without a slower run idle cycles are taken to toggle IDLE_TOGGLES bits.
     frames, steps:
         In all, of one run.
     step_cycles, frame_cycles, quiet_frame_cycles:
@@ -159,10 +156,8 @@ def counted_activity(
         quiet_frame_cycles=quiet_frame_cycles,
         frame_toggles=(sum(full["toggles"].values()) - compute) / frames,
         idle_toggles=idle,
-        ram_reads=full["ram_reads"] / full["cycles"],
         source="counted in the co-simulated netlist",
         recordings=recordings,
-        large_uses=full.get("large_uses", 0) / full["cycles"],
     )
 
 
@@ -190,7 +185,6 @@ def scheduled_activity(
         quiet_frame_cycles=quiet_frame_cycles,
         frame_toggles=(FRAME_TOGGLES + ONSET_TOGGLES * (not config.opens_at_once)) * frame_cycles,
         idle_toggles=IDLE_TOGGLES,
-        ram_reads=0.0,
         source="cycles of the schedule; register bits that change in a busy cycle as fitted to counted netlists",
     )
 

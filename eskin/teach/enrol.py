@@ -90,7 +90,7 @@ def load_pair(folder: str | Path) -> Pair:
     Raises
     ------
     InputError
-        The folder is no quantised model folder.
+        The folder is not a quantised model folder.
     """
     real, integer = FloatModel.load(folder), IntegerModel.load(folder)
     if load_training(folder).get("quantisation_aware"):

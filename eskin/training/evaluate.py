@@ -40,7 +40,7 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     Raises
     ------
     InputError
-        When the folder is no quantised model folder, or the recordings are of another array or task.
+        When the folder is not a quantised model folder, or the recordings are of another array or task.
     """
     task = load_task(model_dir, recordings)
     stages, result = task.stages(), compare(task.ideal, task.trace, recordings.labels)

@@ -173,7 +173,7 @@ def fold_jobs(
     recipe: ImageRecipe,
     bits: int,
 ) -> list[list[ImageFold]]:
-    """A list for each seed, a piece for each fold; ``bits``: also train on with weights of so many, 0:
+    """A list for each seed, a piece for each fold; ``bits``: also train on with weights of this width, 0:
     not."""
     pieces = []
     for seed in seeds:

@@ -119,7 +119,7 @@ def load_task(model_dir: str | Path, recordings: Recordings) -> TouchTask | Imag
     Raises
     ------
     InputError
-        When the folder is no quantised model folder, or the recordings are of another array or task.
+        When the folder is not a quantised model folder, or the recordings are of another array or task.
     """
     integer, real = IntegerModel.load(model_dir, images=True), FloatModel.load(model_dir, images=True)
     check_fit(recordings, integer.config)

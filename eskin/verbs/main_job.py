@@ -66,16 +66,16 @@ from eskin.verbs.milestones import shown
 
 BUILDS = Path("build/simulators")
 SMALL_CYCLES = 60e6
-"""Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles,
-else PER_CLASS of each class."""
+"""By default all recordings are co-simulated at full pace if they take at most about this many cycles,
+otherwise PER_CLASS of each class."""
 PER_CLASS = 8
 IMAGES = 44
-"""Images that are co-simulated without a wish."""
+"""Images that are co-simulated by default."""
 DECLARED_CYCLES = 15e6
-"""A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least,
-PER_CLASS of each class at most."""
+"""A run at the sensor's pace takes as many recordings as fit into about this many cycles: at least
+one, at most PER_CLASS of each class."""
 FEWEST_WINDOWS = 3
-"""Windows that it sees at least: steps one after the other, with hops between them."""
+"""Fewest windows of such a run: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
 GOLDEN = LEARNING
 

@@ -95,7 +95,7 @@ def run(
     Raises
     ------
     InputError
-        A folder that is no quantised model, an unknown mode, recordings without a touch.
+        A folder that is not a quantised model, an unknown mode, recordings without a touch.
     """
     out, model_dir, few = request.out, request.model, request.few
     compare = not request.mode if request.defences is None else request.defences

@@ -26,7 +26,7 @@ from eskin.verbs.replay_job import answer_s
 BUILDS = Path("build/simulators")
 PORT = 8765
 END_S = 0.5
-"""At most so long between looks at whether the player has ended, so that an interrupt is heard."""
+"""Longest time between checks whether the player has ended, so that an interrupt is noticed."""
 
 
 @contextlib.contextmanager
@@ -38,7 +38,7 @@ def opened_source(
     Raises
     ------
     InputError
-        The port cannot be opened, or what is on it is no board of ours.
+        The port cannot be opened, or no eskin board answers on it.
     """
     if port is not None:
         assert baud is not None

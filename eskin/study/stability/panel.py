@@ -66,7 +66,7 @@ def panel_of(recordings: Recordings, asked: str) -> Panel | None:
     Raises
     ------
     InputError
-        A file that is no such table, or as `Panel`.
+        A file that is not such a table, or as `Panel`.
     """
     if asked == "off" or recordings.image_shape:
         return None
@@ -113,7 +113,7 @@ class Panel:
     Raises
     ------
     InputError
-        A weight of an unknown mode, or of one that is no experiment; a weight below 0; none above 0.
+        A weight of an unknown mode, or of one that is not an experiment; a weight below 0; none above 0.
     """
 
     def __init__(

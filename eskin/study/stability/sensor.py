@@ -36,7 +36,7 @@ def stuck_taxels(bench: Scene, taxels: Sequence[int], level: str, since: float |
 
 
 def stuck(level: str) -> Callable[[Scene, float, Sequence[int]], Change]:
-    """Taxels at an end of their range, or without a sound at their rest level, from so many touch lengths after
+    """Taxels at an end of their range, or at their rest level without noise, from ``since`` touch lengths after
     the onset on."""
     return lambda bench, since, taxels: stuck_taxels(bench, taxels, level, since)
 

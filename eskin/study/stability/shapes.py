@@ -77,7 +77,7 @@ class Experiment:
         The nominal level in words, or (scene) -> words.
     over:
         What is disturbed: all ``recordings``; each of the ``taxels`` in turn; ``pairs`` of them, PAIRS at most,
-        and so many at once as a level says; both ``ways``, level and minus level; the ``quiet`` stretches before
+        and as many at once as the level says; both ``ways``, level and minus level; the ``quiet`` stretches before
         each touch, in which no onset may be found.
     mean:
         The figure is the mean over what is disturbed in turn, and not the worst.
@@ -104,7 +104,7 @@ class Experiment:
 
     @property
     def averaged(self) -> Experiment:
-        """The same, the mean over the taxels. A fault that both find is reported once."""
+        """The same, the mean over the taxels. Results that both need are computed once."""
         return replace(self, mean=True)
 
     # -- what is played

@@ -171,7 +171,7 @@ REFUSED = [
         "--quantisation-aware: needs the recordings of the",
     ),
     ("cosim model --data data.npz --recordings {0}", "0", "--recordings 0: is not a number of recordings"),
-    ("cosim model --data data.npz --clock {0}", "fast", "is no clock; give 1 Hz"),
+    ("cosim model --data data.npz --clock {0}", "fast", "is not a clock; give 1 Hz"),
     (
         "cosim model --data data.npz --clock {0}",
         "lowest",

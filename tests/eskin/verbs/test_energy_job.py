@@ -32,8 +32,7 @@ def measured(case, tmp_path, *configurations):
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_activity_of_images_is_counted_in_the_netlist(case, tmp_path):
-    """The lanes multiply in nearly every cycle of an image, and not while rows come; the maps' memories are
-    one read, one written."""
+    """The lanes multiply in nearly every cycle of an image, and not while rows come."""
     result = measured(case, tmp_path, "icebreaker:8")
     (row,) = result["configurations"]
     config = case[0].config.with_lanes(8, "dsp")
@@ -42,7 +41,6 @@ def test_the_activity_of_images_is_counted_in_the_netlist(case, tmp_path):
     assert activity["step_cycles"] == decision_cycles(config)
     taps = sum(slot.taps for one in plan.passes for slot in one.slots(plan.lanes))
     assert 0.5 * plan.lanes * taps < activity["step_multiplies"] < 1.05 * plan.lanes * taps
-    assert activity["large_uses"] > 0.4
     assert row["per_touch_j"] == pytest.approx(
         activity["step_cycles"] * 52e-12
         + activity["step_toggles"] * 0.2e-12
