@@ -123,5 +123,5 @@ def test_two_designs_go_into_one_system(tmp_path):
     assert subprocess.run([tmp_path / "both"], check=False).returncode == 0
     done = make(tmp_path / "third")
     assert done.returncode == 0, done.stdout
-    with pytest.raises(InputError, match="--top '2': begins names"):
+    with pytest.raises(InputError, match="--top '2': is not a prefix"):
         generate_design(model_of("linear"), tmp_path / "no", top="2")
