@@ -503,10 +503,7 @@ class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
     recordings: Annotated[str, option("Number of recordings, spread over the classes.", metavar="N|all")] = (
         "all"
     )
-    simulator: Annotated[
-        Literal["verilator", "icarus", "compiled"] | None,
-        option("Simulator; compiled is for chips. Default: compiled for chips, else verilator."),
-    ] = None
+    simulator: Annotated[Literal["verilator", "icarus"], option("Simulator.")] = "verilator"
     jobs: Annotated[int | None, option("Recordings played side by side. Default: one per core.", min=1)] = (
         None
     )

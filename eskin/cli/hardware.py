@@ -86,9 +86,6 @@ def cosim(request: CosimRequest) -> Record:
         raise InputError(
             "--dask: the lowest clock is looked for in one run after the other, here; leave --dask out"
         )
-    simulator = request.simulator or (
-        "compiled" if request.target == "asic" and not (request.stalls or lowest) else "verilator"
-    )
     integer = integer_model(request.model)
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
@@ -96,7 +93,7 @@ def cosim(request: CosimRequest) -> Record:
         options: Record = {
             "lanes": lanes,
             "lane_type": lane_type,
-            "simulator": simulator,
+            "simulator": request.simulator,
             "stalls": request.stalls,
             "level": request.level,
             "target": request.target,

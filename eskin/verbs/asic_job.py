@@ -1,14 +1,11 @@
 """`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage,
 energy of its clock."""
 
-import random
-import re
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eskin.cosim.gates import Chip
 from eskin.cosim.latency import limits
 from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.golden.core import (
@@ -27,7 +24,7 @@ from eskin.pages.views import words
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.liberty import Library, WireLoad, corners, read
 from eskin.rtl.asic.nets import BAND, Nets, blocks_of, costs
-from eskin.rtl.asic.synthesis import Netlist, Process, expression, models, process_of, synthesise
+from eskin.rtl.asic.synthesis import Netlist, Process, models, process_of, synthesise
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
@@ -87,18 +84,6 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool) -> Hardware
         with replacing(path) as temporary:
             temporary.write_text(content)
     return Hardware(sources, (), "netlist", "asic", probes)
-
-
-def compiled(netlist: Netlist, process: Process, flipped: int | None = None) -> Callable[[int], Chip]:
-    """Makes the netlist ready to play, with states of a seed; ``flipped``: with one cell wrong, chosen by
-    this seed."""
-    wrong = None
-    if flipped is not None:
-        parities = (
-            n for n, cell in netlist.module["cells"].items() if re.search(r"_xn?or2_\d$", cell["type"])
-        )
-        wrong = random.Random(flipped).choice(sorted(parities))
-    return lambda seed: Chip(netlist.module, process.cells, expression, seed, wrong)
 
 
 def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:

@@ -81,8 +81,7 @@ def cosimulate(
         recorded). The golden model reads the samples that the converter makes of the recordings. Frames then
         come at the declared rate, by the design's own sample clock.
     chip:
-        With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and
-        placed (false: the netlist with probes alone). Registers, latches and memories begin at random.
+        With target ``asic``: pdk, liberty (paths), rom. Registers, latches and memories begin at random.
     options:
         As for eskin.cosim.flow.cosim.
 
@@ -107,16 +106,9 @@ def cosimulate(
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
-    if options.get("simulator") == flow.COMPILED and (chip is None or lowest):
-        reason = (
-            "looks for no clock; add --simulator verilator"
-            if lowest
-            else "is for chips; add --target asic, or take verilator"
-        )
-        raise InputError(f"--simulator {flow.COMPILED}: {reason}")
     if chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
-        options["hardware"], placed = _chip_parts(config, model.arrays, chip, options.get("simulator"))
+        options["hardware"], placed = _chip_parts(config, model.arrays, chip)
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
@@ -131,8 +123,8 @@ def cosimulate(
     else:
         result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:
-        chosen = {name: options[name] for name in ("simulator", "builds", "seed") if name in options}
-        second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
+        options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
+        second = flow.cosim(design, vectors, work=work / "placed", **options)
         _add_placed(result, second, placed[1])
     return result
 
@@ -157,22 +149,17 @@ def _check_target(level: str, target: str | None, chip: Record | None) -> None:
 
 
 def _chip_parts(
-    config: AcceleratorConfig, arrays: Arrays, chip: Record, simulator: str | None
-) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]] | None]:
+    config: AcceleratorConfig, arrays: Arrays, chip: Record
+) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]]]:
     """A chip's netlist with probes, and the one that is placed."""
     libraries = asic_job.libraries_of([*map(Path, chip["liberty"])])
     process = asic_job.process_of(chip["pdk"], libraries["typ"])
 
     def part(probes: bool) -> tuple[Hardware, Mapping[str, int]]:
         netlist = asic_job.netlist_of(config, arrays, process, probes=probes)
-        if simulator == flow.COMPILED:
-            ready = asic_job.compiled(netlist, process, chip.get("flipped"))
-            hardware = Hardware((), (), "netlist", "asic", probes, ready)
-        else:
-            hardware = asic_job.hardware_of(netlist, process, probes=probes)
-        return hardware, dict(netlist.cells)
+        return asic_job.hardware_of(netlist, process, probes=probes), dict(netlist.cells)
 
-    return part(True)[0], part(False) if chip.get("placed", True) else None
+    return part(True)[0], part(False)
 
 
 def expected_of(
