@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import Record
-from eskin.live.feed import Begin, Differs, Event, Frames, Result, Tally, Taught
+from eskin.live.feed import Begin, Differs, Event, Frames, Result, Tally
 
 DISPLAY_HZ = 100.0
 """Display frames (buckets of frames) a second, at most: more than an eye sees and a screen has columns
@@ -123,7 +123,7 @@ class Hub:
         self._viewers: list[Viewer] = []
         self._history: deque[str] = deque(maxlen=HISTORY)
         self._results: deque[str] = deque(maxlen=RESULTS)
-        self._state = self._tally = self._taught = ""
+        self._state = self._tally = ""
         self._lock = threading.Lock()
         self._gone_dropped = 0
 
@@ -141,7 +141,7 @@ class Hub:
         viewer = Viewer(wake)
         with self._lock:
             viewer.put(0, self._hello)
-            for text in filter(None, (self._state, self._tally, self._taught)):
+            for text in filter(None, (self._state, self._tally)):
                 viewer.put(0, text)
             # the whole history, whatever the limits of a queue: they are for viewers who are too slow
             for text in (*self._results, *self._history):
@@ -198,9 +198,7 @@ class Hub:
                 self._history.clear()
             if is_result:
                 self._results.append(text)
-            if isinstance(event, Taught):
-                self._taught = text
-        self._send(0, text, keep=not isinstance(event, Result | Taught))
+        self._send(0, text, keep=not is_result)
 
     def flush(self) -> None:
         """Hand on the frames that wait for their bucket to fill."""
