@@ -523,9 +523,7 @@ class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
     pace: Annotated[
         Literal["full", "declared"], option("full: as fast as possible; declared: at the recordings' rate.")
     ] = "full"
-    clock: Annotated[
-        str | None, option("Clock for --pace declared; lowest searches for the lowest.", metavar="HZ|lowest")
-    ] = None
+    clock: Annotated[float | None, option("Clock for --pace declared.", metavar="HZ")] = None
     stalls: Annotated[bool, option("Insert random stalls at input and output.", "--stalls")] = False
     bench: Annotated[
         Literal["sample", "cocotb"],

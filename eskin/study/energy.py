@@ -261,7 +261,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     }
 
 
-def compare(rows: list[Record], *, what: str = "touch") -> Record:
+def compare(rows: list[Record]) -> Record:
     """Compares configurations: the one with the least energy per touch and the one with the least average
     power.
 
@@ -270,8 +270,6 @@ def compare(rows: list[Record], *, what: str = "touch") -> Record:
     rows:
         Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one
         on a part without measured figures while there is another.
-    what:
-        ``touch``, or ``image``: a touch of one step.
     """
     exact = [row for row in rows if row["bit_exact"]]
     rivals = [row for row in exact if row["measured_part"]] or exact
@@ -279,7 +277,6 @@ def compare(rows: list[Record], *, what: str = "touch") -> Record:
     choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
     least_average = min(choices, key=lambda item: item[0], default=None)
     return {
-        "what": what,
         "configurations": rows,
         "least_touch": least_touch and least_touch["name"],
         "least_average": least_average

@@ -45,7 +45,6 @@ def cosimulate(
     lane_type: str | None = None,
     work: Path = BUILD / "cosim",
     design: Path | None = None,
-    lowest: bool = False,
     level: str = "rtl",
     target: str | None = None,
     converter: str | None = None,
@@ -71,9 +70,6 @@ def cosimulate(
     design:
         Folder for the design where several runs of the same one share it: the first of them writes it.
         Default: one in ``work``.
-    lowest:
-        Look for the lowest clock that meets every budget, at the declared pace; it is the result's
-        ``clock_hz``.
     level, target:
         ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets.
     converter:
@@ -97,23 +93,18 @@ def cosimulate(
     codes = None
     recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
-        if level != "rtl" or lowest or options.get("stalls"):
+        if level != "rtl" or options.get("stalls"):
             raise InputError(
                 f"--converter: is {config.interface.converter}, which goes with the design's own Verilog "
                 "and clock; "
-                "leave out --level, --stalls and --clock lowest, or give --converter none"
+                "leave out --level and --stalls, or give --converter none"
             )
         model, trace = dataclasses.replace(model, config=config), None
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
-    if options.get("simulator") == flow.COMPILED and (chip is None or lowest):
-        reason = (
-            "looks for no clock; add --simulator verilator"
-            if lowest
-            else "is for chips; add --target asic, or take verilator"
-        )
-        raise InputError(f"--simulator {flow.COMPILED}: {reason}")
+    if options.get("simulator") == flow.COMPILED and chip is None:
+        raise InputError(f"--simulator {flow.COMPILED}: is for chips; add --target asic, or take verilator")
     if chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
         options["hardware"], placed = _chip_parts(config, model.arrays, chip, options.get("simulator"))
@@ -126,10 +117,7 @@ def cosimulate(
             generate(config, model.arrays, design)
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     options = {"builds": BUILD / "simulators", **options}
-    if lowest:
-        result = flow.lowest_clock(design, vectors, work=work, **options)
-    else:
-        result = flow.cosim(design, vectors, work=work / "run", **options)
+    result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:
         chosen = {name: options[name] for name in ("simulator", "builds", "seed") if name in options}
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])

@@ -171,12 +171,8 @@ REFUSED = [
         "--quantisation-aware: needs the recordings of the",
     ),
     ("cosim model --data data.npz --recordings {0}", "0", "--recordings 0: is not a number of recordings"),
-    ("cosim model --data data.npz --clock {0}", "fast", "is not a clock; give 1 Hz"),
-    (
-        "cosim model --data data.npz --clock {0}",
-        "lowest",
-        "needs the pace of the sensor; add --pace declared",
-    ),
+    ("cosim model --data data.npz --clock {0}", "nan", "is not a clock; give 1 Hz"),
+    ("cosim model --data data.npz --clock {0}", "0.5", "is not a clock; give 1 Hz"),
     (PLAYED, "700", "--clock 700: is too slow for 4 taxels at 200 Hz"),
     ("generate model --out design --lanes {0}", "0", "field lanes: is 0; it must lie in 1..64"),
 ]
