@@ -15,7 +15,6 @@ import numpy as np
 from eskin.golden.core import (
     PREFIX,
     AcceleratorConfig,
-    Conv,
     InputError,
     Pool,
     Record,
@@ -174,42 +173,17 @@ def _image_tables(model: IntegerModel) -> list[Table]:
 
 
 def _image_values(config: AcceleratorConfig) -> Record:
-    logit, sizes, rows = config.formats.logit_format, [0, 0], []
-    source, weighted = "pixels", config.weighted_stages
-    for index, (stage, shift) in enumerate(zip(weighted, config.layer_shifts, strict=True)):
-        following = config.stages[stage.number + 1] if not stage.last else stage
+    """Values of the templates of images: a row (stage, shift, 2 where a pool follows, else 1) a layer with weights, and
+    the sizes of the two maps that layers give in turn."""
+    sizes, rows = [0, 0], []
+    for index, (stage, shift) in enumerate(zip(config.weighted_stages, config.layer_shifts, strict=True)):
+        following = stage if stage.last else config.stages[stage.number + 1]
         pool = isinstance(following.layer, Pool)
-        result = following.result if pool else stage.result
-        target = f"MAP_{index % 2}"
         if not stage.last:
+            result = following.result if pool else stage.result
             sizes[index % 2] = max(sizes[index % 2], int(np.prod(result)))
-        rows.append(
-            {
-                "number": stage.number,
-                "conv": isinstance(stage.layer, Conv),
-                "kernel": getattr(stage.layer, "kernel", 0),
-                "rows": stage.source[0],
-                "columns": stage.source[1],
-                "channels": stage.source[2],
-                "size": int(np.prod(stage.source)),
-                "outputs": stage.outputs,
-                "shift": shift,
-                "pool": 2 if pool else 1,
-                "source": source,
-                "target": target,
-                "last": stage.last,
-                "low": logit.min_code,
-                "high": logit.max_code,
-            }
-        )
-        source = target
-    return {
-        "layers": ", ".join(config.image.layers),
-        "stages": rows,
-        "maps": sizes,
-        "convolutions": any(row["conv"] for row in rows),
-        "acc": "int32_t",
-    }
+        rows.append((stage, shift, 1 + pool))
+    return {"layers": ", ".join(config.image.layers), "rows": rows, "maps": sizes, "acc": "int32_t"}
 
 
 # ---------------------------------------------------------------------- files
