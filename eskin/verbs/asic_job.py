@@ -1,8 +1,6 @@
 """`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage,
 energy of its clock."""
 
-import random
-import re
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -89,16 +87,9 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool) -> Hardware
     return Hardware(sources, (), "netlist", "asic", probes)
 
 
-def compiled(netlist: Netlist, process: Process, flipped: int | None = None) -> Callable[[int], Chip]:
-    """Makes the netlist ready to play, with states of a seed; ``flipped``: with one cell wrong, chosen by
-    this seed."""
-    wrong = None
-    if flipped is not None:
-        parities = (
-            n for n, cell in netlist.module["cells"].items() if re.search(r"_xn?or2_\d$", cell["type"])
-        )
-        wrong = random.Random(flipped).choice(sorted(parities))
-    return lambda seed: Chip(netlist.module, process.cells, expression, seed, wrong)
+def compiled(netlist: Netlist, process: Process) -> Callable[[int], Chip]:
+    """Makes the netlist ready to play, with states of a seed."""
+    return lambda seed: Chip(netlist.module, process.cells, expression, seed)
 
 
 def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:

@@ -80,14 +80,7 @@ def _resting(recordings: Recordings, frames: int) -> Recordings:
 
 
 def measured(
-    model: IntegerModel,
-    nets: Nets,
-    voltage: float,
-    wire: WireLoad,
-    leakage_w: float,
-    recordings: Recordings,
-    *,
-    wrong: str | None = None,
+    model: IntegerModel, nets: Nets, voltage: float, wire: WireLoad, leakage_w: float, recordings: Recordings
 ) -> Record:
     """The energies of `asic.json`, in joule, of one recording with a whole touch; the part of the glitches is
     listed as ``glitches``.
@@ -98,8 +91,6 @@ def measured(
         With the chip's configuration.
     leakage_w:
         Of the whole chip.
-    wrong:
-        A logic cell that says the opposite, to see that it is seen.
 
     Raises
     ------
@@ -110,7 +101,7 @@ def measured(
     chosen = _resting(with_touches(model, recordings, 1)[1], config.windows.hop)
     trace, cost = run(model, chosen), costs(nets, voltage, wire)
     library = {cell.name: cell for cell in nets.cells.values()}
-    chip = Chip(nets.module, library, expression, SEED, wrong, delays=True)
+    chip = Chip(nets.module, library, expression, SEED, delays=True)
     place = {kind: number for number, kind in enumerate(sorted({*cost.kind.values(), ACCESSES, "clock"}))}
     change, of = np.zeros(chip.nets), np.zeros(chip.nets, np.uint8)
     for net, kind in cost.kind.items():

@@ -15,7 +15,6 @@ from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     IntegerModel,
-    Trace,
     images_of,
     run,
     through_converter,
@@ -40,7 +39,6 @@ def cosimulate(
     recordings: Recordings,
     *,
     numbers: Sequence[int] | None = None,
-    trace: Trace | None = None,
     lanes: int | None = None,
     lane_type: str | None = None,
     work: Path = BUILD / "cosim",
@@ -63,8 +61,6 @@ def cosimulate(
         Other lanes than the configuration's.
     numbers:
         What each recording is called in messages (its index in the whole data set).
-    trace:
-        The integer run over exactly these recordings, when it is at hand.
     work:
         Folder for design, vectors and captures.
     design:
@@ -77,8 +73,7 @@ def cosimulate(
         recorded). The golden model reads the samples that the converter makes of the recordings. Frames then
         come at the declared rate, by the design's own sample clock.
     chip:
-        With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and
-        placed (false: the netlist with probes alone). Registers, latches and memories begin at random.
+        With target ``asic``: pdk, liberty (paths), rom. Registers, latches and memories begin at random.
     options:
         As for eskin.cosim.flow.cosim.
 
@@ -99,7 +94,7 @@ def cosimulate(
                 "and clock; "
                 "leave out --level and --stalls, or give --converter none"
             )
-        model, trace = dataclasses.replace(model, config=config), None
+        model = dataclasses.replace(model, config=config)
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
@@ -115,7 +110,7 @@ def cosimulate(
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
-    vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
+    vectors = expected_of(model, recordings, work / "vectors.npz", numbers, codes)
     options = {"builds": BUILD / "simulators", **options}
     result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:
@@ -146,7 +141,7 @@ def _check_target(level: str, target: str | None, chip: Record | None) -> None:
 
 def _chip_parts(
     config: AcceleratorConfig, arrays: Arrays, chip: Record, simulator: str | None
-) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]] | None]:
+) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]]]:
     """A chip's netlist with probes, and the one that is placed."""
     libraries = asic_job.libraries_of([*map(Path, chip["liberty"])])
     process = asic_job.process_of(chip["pdk"], libraries["typ"])
@@ -154,13 +149,13 @@ def _chip_parts(
     def part(probes: bool) -> tuple[Hardware, Mapping[str, int]]:
         netlist = asic_job.netlist_of(config, arrays, process, probes=probes)
         if simulator == flow.COMPILED:
-            ready = asic_job.compiled(netlist, process, chip.get("flipped"))
+            ready = asic_job.compiled(netlist, process)
             hardware = Hardware((), (), "netlist", "asic", probes, ready)
         else:
             hardware = asic_job.hardware_of(netlist, process, probes=probes)
         return hardware, dict(netlist.cells)
 
-    return part(True)[0], part(False) if chip.get("placed", True) else None
+    return part(True)[0], part(False)
 
 
 def expected_of(
@@ -168,8 +163,6 @@ def expected_of(
     recordings: Recordings,
     path: Path,
     numbers: Sequence[int] | np.ndarray | None = None,
-    *,
-    trace: Trace | None = None,
     codes: np.ndarray | None = None,
 ) -> Path:
     """The file of vectors of recordings or images: what goes in, and every stage of the integer model as torch
@@ -180,7 +173,7 @@ def expected_of(
         images = images_of(recordings)
         streams = torch_model.run_images_on_torch(model, images).streams
         return write_image_vectors(path, streams, images, numbers)
-    trace = trace or run(torch_model.on_torch(model), recordings)
+    trace = run(torch_model.on_torch(model), recordings)
     return write_vectors(path, trace, recordings, numbers, codes)
 
 
