@@ -35,35 +35,26 @@ class Thinner:
     """
 
     def __init__(self, size: int) -> None:
-        self.size = max(1, size)
-        self._first = self._count = 0
-        self._low = self._high = self._last = np.zeros(0, dtype=np.int64)
+        self.size, self._first = max(1, size), 0
+        self._held = np.zeros((0, 0), dtype=np.int64)
 
     def add(self, first: int, samples: np.ndarray) -> list[list[Any]]:
         """The display frames that ``samples`` (n, taxels), frames ``first`` and following, complete."""
-        sent: list[list[Any]] = []
-        at = 0
-        while at < len(samples):
-            # the size may have shrunk below the frames in the bucket: one more frame closes it then
-            part = samples[at : at + max(1, self.size - self._count)]
-            low, high = part.min(axis=0), part.max(axis=0)
-            if self._count:
-                low, high = np.minimum(low, self._low), np.maximum(high, self._high)
-            else:
-                self._first = first + at
-            self._low, self._high, self._last, self._count = low, high, part[-1], self._count + len(part)
-            at += len(part)
-            if self._count >= self.size:
-                sent += self.rest()
-        return sent
+        if len(self._held):
+            samples = np.concatenate([self._held, samples])
+        else:
+            self._first = first
+        self._held = samples
+        return [self._bucket(self.size) for _ in range(len(samples) // self.size)]
 
     def rest(self) -> list[list[Any]]:
         """The bucket that is not full yet, if there is anything in it."""
-        if not self._count:
-            return []
-        bucket = [self._first, self._count, self._low.tolist(), self._high.tolist(), self._last.tolist()]
-        self._count = 0
-        return [bucket]
+        return [self._bucket(len(self._held))] if len(self._held) else []
+
+    def _bucket(self, count: int) -> list[Any]:
+        first, part = self._first, self._held[:count]
+        self._first, self._held = first + count, self._held[count:]
+        return [first, count, *(values.tolist() for values in (part.min(axis=0), part.max(axis=0), part[-1]))]
 
 
 class Viewer:
