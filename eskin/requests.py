@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar, dataclass_transform
 
 import typer
 
-from eskin.golden.core import InputError
+from eskin.golden.core import InputError, Record
 
 Prefer = Literal["energy", "cells", "latency"]
 Readout = Literal["dense", "prototypes"]
@@ -308,10 +308,10 @@ class QuantiseRequest(GroupOptions):
     )
 
     @property
-    def widths(self) -> dict[str, Any]:
+    def widths(self) -> Record:
         """The widths that were given, by the names of ``eskin.training.quantise.choose_formats``."""
         bits = {"weight_bits": self.weight_bits, "state_bits": self.state_bits}
-        widths: dict[str, Any] = {name: value for name, value in bits.items() if value is not None}
+        widths: Record = {name: value for name, value in bits.items() if value is not None}
         if self.formats == "lean":
             return widths | {"lean": True}
         for word in parse_names(self.formats or ""):
@@ -325,7 +325,7 @@ class QuantiseRequest(GroupOptions):
         return widths
 
     @property
-    def readout_options(self) -> dict[str, Any]:
+    def readout_options(self) -> Record:
         """The user's options about prototypes."""
         names = ("groups", "prototypes", "taught", "unknown", "spare_classes")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}

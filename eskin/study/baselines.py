@@ -328,7 +328,7 @@ def timed(model: Fitted, rows: np.ndarray) -> list[float]:
     return microseconds
 
 
-def row_of(method: Method, groups: Sequence[str], runs: Sequence[Mapping[str, Any]]) -> Record:
+def row_of(method: Method, groups: Sequence[str], runs: Sequence[Record]) -> Record:
     """A row of baselines.json: method, label, split, groups, accuracy (mean over seeds of the share of all
     recordings), spread (standard deviation over runs), best (run), standard_error (over recordings), runs,
     seeds; parameters, multiplies, bytes, comparisons and train_s (means over runs); decision_us (median) and

@@ -19,7 +19,6 @@ board, small designs with little fan-out, no block RAM. A figure is therefore ac
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.study.converter_power import converter_power
@@ -117,8 +116,8 @@ more with an onset detector, and of an idle cycle. All but the last are fitted t
 
 
 def counted_activity(
-    full: Mapping[str, Any],
-    slow: Mapping[str, Any] | None = None,
+    full: Record,
+    slow: Record | None = None,
     *,
     frames: int,
     steps: int,

@@ -8,9 +8,8 @@ are reused.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -131,7 +130,7 @@ def map_values(config: AcceleratorConfig) -> tuple[int, int]:
 
 
 def make_image_points(
-    recordings: Recordings, grids: Sequence[Mapping[str, Any]], source: str = "grid"
+    recordings: Recordings, grids: Sequence[Record], source: str = "grid"
 ) -> list[ImagePoint]:
     """Every point of the grids, each once, in order.
 
@@ -156,7 +155,7 @@ def make_image_points(
     return expand(whole, source, FIELDS, "a grid for images", lambda fields: _point(recordings, fields))
 
 
-def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
+def _point(recordings: Recordings, values: Record) -> ImagePoint:
     layers, bits, lanes, clock = (values[name] for name in FIELDS)
     if bits not in (4, 8) or isinstance(bits, bool):
         raise InputError(f"field weight_bits: is {bits!r}; give 8 or 4")

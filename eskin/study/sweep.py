@@ -131,7 +131,7 @@ class Point:
         }
 
 
-def cell_name(config: Mapping[str, Any]) -> str:
+def cell_name(config: Record) -> str:
     """``GRU``, ``GRU reset after``, ``LSTM`` or ``linear``."""
     if config["cell"] == "linear":
         return "linear"
@@ -140,12 +140,12 @@ def cell_name(config: Mapping[str, Any]) -> str:
     )
 
 
-def network_name(config: Mapping[str, Any]) -> str:
+def network_name(config: Record) -> str:
     """``GRU 12``: cell and hidden units; ``linear`` has none."""
     return cell_name(config) if config["cell"] == "linear" else f"{cell_name(config)} {config['hidden']}"
 
 
-def lanes_name(config: Mapping[str, Any]) -> str:
+def lanes_name(config: Record) -> str:
     """``4 lanes``."""
     return f"{config['lanes']} lane{'s' if config['lanes'] != 1 else ''}"
 
@@ -175,9 +175,7 @@ def read_grid(path: str | Path) -> list[Record]:
     return grids
 
 
-def make_points(
-    base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], source: str = "grid"
-) -> list[Point]:
+def make_points(base: AcceleratorConfig, grids: Sequence[Record], source: str = "grid") -> list[Point]:
     """Every point of the grids, each once, in order; fields that a grid leaves out are those of ``base``.
 
     Raises
@@ -189,11 +187,7 @@ def make_points(
 
 
 def expand(
-    grids: Sequence[Mapping[str, Any]],
-    source: str,
-    fields: Sequence[str],
-    what: str,
-    point_of: Callable[[Record], Any],
+    grids: Sequence[Record], source: str, fields: Sequence[str], what: str, point_of: Callable[[Record], Any]
 ) -> list[Any]:
     """Every combination of each grid's values as ``point_of`` makes it, each once.
 
@@ -279,7 +273,7 @@ def judge_points(
     return [outcomes[key] for key in keys]
 
 
-def split_figures(record: Mapping[str, Any]) -> Record:
+def split_figures(record: Record) -> Record:
     """Figures of a point for one split of ``cross_validate``: groups, accuracy (integer), spread and
     standard_error (over seeds, of the accuracy over all folds), by_seed, float_accuracy, float_by_seed,
     agreement, decision_time_s, per_step (step, time_s since the onset, accuracy), per_fold (held_out,
@@ -383,7 +377,7 @@ def _record(point: Any, splits: list[Record], cost: Mapping[str, float]) -> Reco
     }
 
 
-def size(record: Mapping[str, Any]) -> tuple:
+def size(record: Record) -> tuple:
     """Size of a model: multiplies of a decision, then bits of its weights, then lanes, then no early
     decision, which takes hardware beside it; the rest only makes the order unique."""
     config = record["config"]
@@ -396,7 +390,7 @@ def size(record: Mapping[str, Any]) -> tuple:
     )
 
 
-def recommend(records: Sequence[Mapping[str, Any]], bounds: Mapping[str, float]) -> Record:
+def recommend(records: Sequence[Record], bounds: Mapping[str, float]) -> Record:
     """The smallest (``size``) record that meets the bounds, of ``accuracy floor`` (a share) and ``latency
     budget`` (seconds) those there are; or the nearest, and by how much it misses.
 
@@ -409,7 +403,7 @@ def recommend(records: Sequence[Mapping[str, Any]], bounds: Mapping[str, float])
     point (index), name, met, misses (bound -> how far beyond it, share or seconds), sentence.
     """
 
-    def misses(record: Mapping[str, Any]) -> dict[str, float]:
+    def misses(record: Record) -> dict[str, float]:
         over = {
             "accuracy floor": bounds.get("accuracy floor", 0.0) - record["accuracy"],
             "latency budget": record["latency_s"] - bounds.get("latency budget", math.inf),
@@ -455,13 +449,13 @@ def _bound(name: str, value: float) -> str:
     return units[name]
 
 
-def _says(record: Mapping[str, Any]) -> str:
+def _says(record: Record) -> str:
     error = f" +- {100 * record['standard_error']:.2f}"
     cost = f"{1e6 * record['latency_s']:.4g} us, {1e6 * record['energy_j']:.4g} uJ"
     return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {cost})"
 
 
-def flat_rows(result: Mapping[str, Any]) -> list[Record]:
+def flat_rows(result: Record) -> list[Record]:
     """Rows for sweep.csv: the point's configuration and figures, then accuracy, spread, float accuracy and
     agreement of every split."""
     rows = []

@@ -7,7 +7,6 @@ asked about.
 """
 
 import dataclasses
-from collections.abc import Mapping
 from operator import ne
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
 from eskin.cosim.latency import limits
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import find_touches
@@ -153,7 +152,7 @@ GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "average_w")
 def summary(
     config: AcceleratorConfig,
     rows: np.ndarray,
-    of_kind: Mapping[str, np.ndarray],
+    of_kind: Arrays,
     onset: int,
     root_j: float,
     leakage_w: float,
