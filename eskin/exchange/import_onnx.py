@@ -18,7 +18,7 @@ from onnx import numpy_helper
 
 from eskin.exchange.reference import TOLERANCE, differences
 from eskin.exchange.torch_files import MOST_VALUES, check_readable
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.model import Float, constants_shape, network_shapes, run_cell
 from eskin.training.formats import with_network
 
@@ -179,7 +179,7 @@ class OnnxNetwork:
     hidden: int
     classes: int
     columns: int
-    arrays: dict[str, np.ndarray]
+    arrays: Arrays
     names: dict[str, str]
     metadata: Record = field(default_factory=dict)
 
@@ -388,7 +388,7 @@ def convert_onnx(
     return config, arrays, shows, notes
 
 
-def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np.ndarray]) -> tuple[str, int]:
+def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: Arrays) -> tuple[str, int]:
     """The kind of the file's outputs, logits of the ``last`` or of ``every`` step, and the steps on which
     they were computed, by random touches. Refuses a graph that computes other logits than the arrays."""
     graph, inputs, steps = network.graph, config.inputs, config.windows.steps

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
+from eskin.golden.core import PRESETS, AcceleratorConfig, Arrays, InputError, QFormat, Record
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
 from eskin.golden.model import (
     Fixed,
@@ -148,7 +148,7 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
     return profiler.ranges | {COVERED_FEATURE: (-covered, covered)}
 
 
-def merged_parameters(model: FloatModel) -> dict[str, np.ndarray]:
+def merged_parameters(model: FloatModel) -> Arrays:
     """The float network under the integer network's names: the second bias rows of z and r are added to the
     first."""
     merged = {name: np.array(model.arrays[name]) for name in network_shapes(model.config, real=False)}
@@ -542,7 +542,7 @@ def check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
         )
 
 
-def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Mapping[str, Any]) -> int:
+def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Record) -> int:
     """Fraction bits at which the largest normaliser scale (usually that of the shortest window) fills 16 bits
     without a shift."""
     gate_frac = config.formats.gate_frac if widths.get("gate_bits") is None else widths["gate_bits"]

@@ -95,7 +95,7 @@ class ImageNetwork(nn.Module):
                 values = values if stage.last else values.relu()
         return values
 
-    def folded(self) -> dict[str, np.ndarray]:
+    def folded(self) -> Arrays:
         """Weights and biases by the names of a model's arrays, batch norm folded in, float64."""
         arrays: dict[str, np.ndarray] = {}
         layer: Any

@@ -8,7 +8,7 @@ asked about.
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from operator import ne
 from pathlib import Path
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from eskin.cosim.device import Design, Device
 from eskin.cosim.latency import limits
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import find_touches
@@ -193,7 +193,7 @@ def summary(
     config: AcceleratorConfig,
     decisions: np.ndarray,
     edges: np.ndarray,
-    of_kind: Mapping[str, np.ndarray],
+    of_kind: Arrays,
     onset: int,
     root_j: float,
     leakage_w: float,

@@ -15,7 +15,6 @@ from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     IntegerModel,
-    Trace,
     images_of,
     run,
     through_converter,
@@ -40,12 +39,10 @@ def cosimulate(
     recordings: Recordings,
     *,
     numbers: Sequence[int] | None = None,
-    trace: Trace | None = None,
     lanes: int | None = None,
     lane_type: str | None = None,
     work: Path = BUILD / "cosim",
     design: Path | None = None,
-    lowest: bool = False,
     level: str = "rtl",
     target: str | None = None,
     converter: str | None = None,
@@ -64,16 +61,11 @@ def cosimulate(
         Other lanes than the configuration's.
     numbers:
         What each recording is called in messages (its index in the whole data set).
-    trace:
-        The integer run over exactly these recordings, when it is at hand.
     work:
         Folder for design, vectors and captures.
     design:
         Folder for the design where several runs of the same one share it: the first of them writes it.
         Default: one in ``work``.
-    lowest:
-        Look for the lowest clock that meets every budget, at the declared pace; it is the result's
-        ``clock_hz``.
     level, target:
         ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets.
     converter:
@@ -96,13 +88,13 @@ def cosimulate(
     codes = None
     recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
-        if level != "rtl" or lowest or options.get("stalls"):
+        if level != "rtl" or options.get("stalls"):
             raise InputError(
                 f"--converter: is {config.interface.converter}, which goes with the design's own Verilog "
                 "and clock; "
-                "leave out --level, --stalls and --clock lowest, or give --converter none"
+                "leave out --level and --stalls, or give --converter none"
             )
-        model, trace = dataclasses.replace(model, config=config), None
+        model = dataclasses.replace(model, config=config)
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
@@ -116,12 +108,9 @@ def cosimulate(
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
-    vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
+    vectors = expected_of(model, recordings, work / "vectors.npz", numbers, codes)
     options = {"builds": BUILD / "simulators", **options}
-    if lowest:
-        result = flow.lowest_clock(design, vectors, work=work, **options)
-    else:
-        result = flow.cosim(design, vectors, work=work / "run", **options)
+    result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:
         options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
         second = flow.cosim(design, vectors, work=work / "placed", **options)
@@ -167,8 +156,6 @@ def expected_of(
     recordings: Recordings,
     path: Path,
     numbers: Sequence[int] | np.ndarray | None = None,
-    *,
-    trace: Trace | None = None,
     codes: np.ndarray | None = None,
 ) -> Path:
     """The file of vectors of recordings or images: what goes in, and every stage of the integer model as torch
@@ -179,7 +166,7 @@ def expected_of(
         images = images_of(recordings)
         streams = torch_model.run_images_on_torch(model, images).streams
         return write_image_vectors(path, streams, images, numbers)
-    trace = trace or run(torch_model.on_torch(model), recordings)
+    trace = run(torch_model.on_torch(model), recordings)
     return write_vectors(path, trace, recordings, numbers, codes)
 
 

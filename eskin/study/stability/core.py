@@ -99,7 +99,7 @@ class Scene:
         """State for another process: the fields, without values computed from them here."""
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}
 
-    def changed(self, config: Mapping[str, Any] | None = None, **parts: Any) -> Self:
+    def changed(self, config: Record | None = None, **parts: Any) -> Self:
         """The same with fields of the configuration or parts replaced."""
         return dataclasses.replace(
             self,
@@ -228,9 +228,7 @@ class Bench(Scene):
         """The bench of a model, under the model's configuration."""
         return cls(config=model.config, model=model, real=real, recordings=recordings, **options)
 
-    def changed(
-        self, config: Mapping[str, Any] | None = None, *, arrays: Arrays | None = None, **parts: Any
-    ) -> Self:
+    def changed(self, config: Record | None = None, *, arrays: Arrays | None = None, **parts: Any) -> Self:
         """The same with fields of the configuration, arrays of the integer model, or parts replaced."""
         other = super().changed(config, **parts)
         arrays = {**self.model.arrays, **(arrays or {})}
