@@ -9,8 +9,6 @@ the same experiment must then report a failure. The tests check this for every m
 table entry) is not a mode; the tests check it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
