@@ -107,10 +107,6 @@ class Scene:
             memo={},
         )
 
-    def with_recordings(self, recordings: Recordings) -> Self:
-        """The same on other recordings."""
-        return dataclasses.replace(self, recordings=recordings, origin=None, memo={})
-
     def rng(self, *key: int) -> np.random.Generator:
         """Random numbers that depend on the seed and ``key`` alone."""
         return np.random.default_rng([self.seed, *key])
@@ -146,7 +142,8 @@ class Scene:
         if self.origin:
             few = self.origin.sample
             return dataclasses.replace(self, recordings=few.recordings, origin=few, memo={})
-        return self.with_recordings(self.clean.subset(self.clean.evenly(self.few)))
+        few = self.clean.subset(self.clean.evenly(self.few))
+        return dataclasses.replace(self, recordings=few, origin=None, memo={})
 
     @cached_property
     def touches(self) -> Touches:
