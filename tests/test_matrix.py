@@ -144,7 +144,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("import",),
         tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", *CHOSEN)),
-        "whose reset gate is after the product; use --reset after",
+        "has reset after, not before; use --reset after",
     ),
     (("import",), ("linear",), "is to be a linear cell, which is read from ONNX"),
     (("train --fits",), ("image",), "--fits: networks for images have none"),

@@ -44,11 +44,6 @@ def _word(bits: int) -> str:
     return "int16_t" if bits <= 16 else "int32_t" if bits <= 32 else "int64_t"
 
 
-def _narrowest(values: np.ndarray) -> str:
-    bound = int(np.abs(values).max(initial=0))
-    return "int8_t" if signed_bits(bound) <= 8 else _word(signed_bits(bound))
-
-
 def _initialiser(values: np.ndarray) -> str:
     if values.ndim == 1:
         return "\n".join(textwrap.wrap(", ".join(map(str, values.tolist())), 100, initial_indent="    "))
@@ -57,7 +52,9 @@ def _initialiser(values: np.ndarray) -> str:
 
 def _table(name: str, values: Any, comment: str, kind: str = "") -> Table:
     values = np.asarray(values, dtype=np.int64)
-    return Table(kind or _narrowest(values), name, values.shape, comment, _initialiser(values))
+    bits = signed_bits(int(np.abs(values).max(initial=0)))
+    kind = kind or ("int8_t" if bits <= 8 else _word(bits))
+    return Table(kind, name, values.shape, comment, _initialiser(values))
 
 
 def c_string(text: str) -> str:

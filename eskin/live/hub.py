@@ -183,7 +183,8 @@ class Hub:
             self._frames(self._thinner.add(event.first, event.samples))
             return
         self.flush()
-        text, is_result = as_text(event), isinstance(event, Result)
+        kind = "said" if isinstance(event, Differs) else type(event).__name__.lower()
+        text, is_result = encoded(kind, **vars(event)), isinstance(event, Result)
         with self._lock:
             if isinstance(event, Begin):
                 self._history.clear()
@@ -215,8 +216,3 @@ def encoded(kind: str, **fields: Any) -> str:
 def _plain(value: Any) -> Any:
     """Values of a numpy array or number, fields of a record."""
     return value.tolist() if hasattr(value, "tolist") else vars(value)
-
-
-def as_text(event: Event) -> str:
-    """The message of an event that is not Frames: its fields, under its name."""
-    return encoded("said" if isinstance(event, Differs) else type(event).__name__.lower(), **vars(event))

@@ -7,7 +7,7 @@ The player's thread goes: frames to the source, events to the hub. Neither waits
 import math
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -133,8 +133,9 @@ class Player:
     def _play(self, source: Source) -> None:
         assert self._recordings is not None
         while not self.controls.stopped:
-            for number in self._wanted():
-                self._one(source, self._recordings, number)
+            for number in self._numbers:  # of the class that is chosen when their turn comes
+                if self.controls.label in (-1, int(self._recordings.labels[number])):
+                    self._one(source, self._recordings, number)
                 if self.controls.stopped:
                     return
             if self._once:
@@ -150,13 +151,6 @@ class Player:
                     break
                 self._state()
             self.controls.skip = self._ended = False
-
-    def _wanted(self) -> Iterator[int]:
-        """Recordings of the class that is chosen when their turn comes."""
-        assert self._recordings is not None
-        for number in self._numbers:
-            if self.controls.label in (-1, int(self._recordings.labels[number])):
-                yield number
 
     def _one(self, source: Source, recordings: Recordings, number: int) -> None:
         samples, label = recordings.recording(number), int(recordings.labels[number])

@@ -279,13 +279,10 @@ class IntegerNetwork(torch.nn.Module):
         codes = torch.floor(centred * scale * 2.0**-config.formats.gate_frac + 0.5)
         return codes.clamp(config.formats.feature_format.min_code, config.formats.feature_format.max_code)
 
-    def logit_codes(self, codes: torch.Tensor) -> torch.Tensor:
-        """Logit codes (N, touches, K, C) of feature codes."""
-        return run_cell(self._arithmetic, self.config, self.codes(), codes)[1]
-
     def forward(self, codes: torch.Tensor) -> torch.Tensor:
         """Real logits (N, touches, K, C) of feature codes: the logit codes over 2**frac."""
-        return self.logit_codes(codes) / 2.0**self.config.formats.logit_format.frac_bits
+        logits = run_cell(self._arithmetic, self.config, self.codes(), codes)[1]
+        return logits / 2.0**self.config.formats.logit_format.frac_bits
 
     @torch.no_grad()
     def teach(self, features: torch.Tensor) -> torch.Tensor:

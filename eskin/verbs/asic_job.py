@@ -1,6 +1,7 @@
 """`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage,
 energy of its clock."""
 
+import math
 import shutil
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -35,8 +36,8 @@ CACHE = Path("build/chips")
 """Finished netlists by content; safe to delete."""
 
 MARK, PAGE, TOP = "asic.json", "asic.md", "accelerator"
-UTILISATION, TILE_UM, TILE_GAP_UM = 0.7, (202.08, 154.98), (15.36, 3.78)
-"""Share of a tile that cells may fill, a Tiny Tapeout tile on SG13G2, and what lies between two of them."""
+UTILISATION, TILE_UM = 0.7, (202.08, 154.98)
+"""Share of a tile that cells may fill, and a Tiny Tapeout tile on SG13G2."""
 WIRE_LOAD = "10k"
 CANNOT = (
     "Before layout: no placement, no clock tree, no design rules. Area within 15 % before the utilisation, "
@@ -155,7 +156,7 @@ def asic(
         },
         "energy": energy,
         "clock_pins": nets.clock_pins(),
-        "tiles": total / room_um2(1, 1),
+        "tiles": total / (UTILISATION * math.prod(TILE_UM)),
         "utilisation": UTILISATION,
         "cannot_be_claimed": CANNOT,
     }
@@ -182,13 +183,6 @@ def _slowest(
         else:
             paths[corner] = timing.slowest(netlist.verilog, TOP, own, foreign, load, netlist.folder)
     return paths
-
-
-def room_um2(wide: int, high: int) -> float:
-    """Room for cells in a number of tiles, gaps between them included: 8 x 2 are 0.541 mm2."""
-    sides = zip((wide, high), TILE_UM, TILE_GAP_UM, strict=True)
-    width, height = (count * tile + (count - 1) * gap for count, tile, gap in sides)
-    return UTILISATION * width * height
 
 
 def write(result: Record, netlist: Netlist, out: Path, clock_hz: float) -> None:

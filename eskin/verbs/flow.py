@@ -114,7 +114,9 @@ def cosimulate(
     if placed:
         options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
         second = flow.cosim(design, vectors, work=work / "placed", **options)
-        _add_placed(result, second, placed[1])
+        names = ("compared_values", "mismatches", "bit_exact", "mismatch_list")
+        result["without_probes"] = {name: second[name] for name in names} | {"cells": placed[1]}
+        result["passed"] = result["passed"] and second["bit_exact"]
     return result
 
 
@@ -168,12 +170,6 @@ def expected_of(
         return write_image_vectors(path, streams, images, numbers)
     trace = run(torch_model.on_torch(model), recordings)
     return write_vectors(path, trace, recordings, numbers, codes)
-
-
-def _add_placed(result: Record, second: Record, cells: Mapping[str, int]) -> None:
-    names = ("compared_values", "mismatches", "bit_exact", "mismatch_list")
-    result["without_probes"] = {name: second[name] for name in names} | {"cells": cells}
-    result["passed"] = result["passed"] and second["bit_exact"]
 
 
 def with_converter(

@@ -9,8 +9,6 @@ the same experiment must then report a failure. The tests check this for every m
 table entry) is not a mode; the tests check it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -109,10 +107,6 @@ class Scene:
             memo={},
         )
 
-    def with_recordings(self, recordings: Recordings) -> Self:
-        """The same on other recordings."""
-        return dataclasses.replace(self, recordings=recordings, origin=None, memo={})
-
     def rng(self, *key: int) -> np.random.Generator:
         """Random numbers that depend on the seed and ``key`` alone."""
         return np.random.default_rng([self.seed, *key])
@@ -148,7 +142,8 @@ class Scene:
         if self.origin:
             few = self.origin.sample
             return dataclasses.replace(self, recordings=few.recordings, origin=few, memo={})
-        return self.with_recordings(self.clean.subset(self.clean.evenly(self.few)))
+        few = self.clean.subset(self.clean.evenly(self.few))
+        return dataclasses.replace(self, recordings=few, origin=None, memo={})
 
     @cached_property
     def touches(self) -> Touches:
