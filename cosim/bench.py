@@ -221,7 +221,8 @@ class Bench:
         self.config = AcceleratorConfig.load(design / "config.json")
         self.map, self.boot = loading(design)
         with np.load("vectors.npz") as archive:
-            self.recordings = recordings_of(dict(archive))
+            everything = recordings_of(dict(archive))
+        self.recordings = [everything[position] for position in self.settings["positions"]]
         self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])
         self.events = EventReader(dut)
         self.source = FrameSource(
@@ -371,5 +372,5 @@ async def play(dut) -> None:
     bench = Bench(dut)
     async with bench:
         await bench.start()
-        for position in bench.settings["positions"]:
-            await bench.play_recording(bench.recordings[position])
+        for recording in bench.recordings:
+            await bench.play_recording(recording)
