@@ -134,22 +134,23 @@ class Model(Estimator):
         fits: str | None = None,
         sample_rate_hz: float | None = None,
     ) -> None:
-        self._keep(
-            config=config,
-            cell=cell,
-            hidden=hidden,
-            groups=groups,
-            folds=folds,
-            seed=seed,
-            prefer=prefer,
-            fits=fits,
-            sample_rate_hz=sample_rate_hz,
-        )
+        self._parameters = {
+            "config": config,
+            "cell": cell,
+            "hidden": hidden,
+            "groups": groups,
+            "folds": folds,
+            "seed": seed,
+            "prefer": prefer,
+            "fits": fits,
+            "sample_rate_hz": sample_rate_hz,
+        }
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
         self._training: Record = {}
 
-    def _configure(self) -> None:
+    def _asked(self) -> tuple[AcceleratorConfig | None, Record]:
+        """(configuration, options of `train_chosen`) that the parameters ask for."""
         values = self._parameters
         config, groups = values["config"], values["groups"]
         words = [groups] if isinstance(groups, str) else groups if isinstance(groups, (list, tuple)) else []
@@ -160,13 +161,10 @@ class Model(Estimator):
         ):  # fmt: skip
             if not right:
                 raise InputError(f"model, {name}: is {values[name]!r:.60}; give {needed}")
-        self._asked = (
-            config
-            if config is None or isinstance(config, AcceleratorConfig)
-            else AcceleratorConfig.load(config)
-        )
-        self._options: Record = {"group": words or None} | {
-            name: values[name] for name in ("cell", "hidden", "folds", "seed")
+        if isinstance(config, str | Path):
+            config = AcceleratorConfig.load(config)
+        return config, {name: values[name] for name in ("cell", "hidden", "folds", "seed")} | {
+            "group": words or None
         }
 
     def __sklearn_is_fitted__(self) -> bool:
@@ -236,53 +234,29 @@ class Model(Estimator):
         Raises
         ------
         InputError
-            The recordings break a rule, or do not fit the configuration that was asked for.
+            A parameter of a wrong value; the recordings break a rule, or do not fit the configuration that was
+            asked for.
         """
         from eskin.choose.choice import train_chosen
         from eskin.training.integers import quantise
         from eskin.verbs.cost import cost_model
 
+        asked, options = self._asked()
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":
-            recordings = load_recordings(recordings, config=self._asked)
+            recordings = load_recordings(recordings, config=asked)
         elif not isinstance(recordings, Recordings):
-            recordings = self._of_arrays(recordings, labels, sample_rate_hz)
+            rate = self._parameters["sample_rate_hz"] if sample_rate_hz is None else sample_rate_hz
+            recordings = _of_arrays(recordings, labels, rate, asked)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
             prices = cost_model(self._parameters["prefer"], self._parameters["fits"])
             train_chosen(
-                recordings,
-                self._asked,
-                prices,
-                out=folder,
-                progress=progress,
-                callback=callback,
-                **self._options,
+                recordings, asked, prices, out=folder, progress=progress, callback=callback, **options
             )
             quantise(folder, recordings if load_config(folder).has_prototypes else None)
             fitted = Model.load(folder)
         self._integer, self._real, self._training = fitted._integer, fitted._real, fitted._training
         return self
-
-    def _of_arrays(
-        self, arrays: Sequence[ArrayLike], labels: ArrayLike | None, sample_rate_hz: float | None
-    ) -> Recordings:
-        """Arrays as recordings; classes are those of the configuration that was asked for, or the labels."""
-        rate = sample_rate_hz if sample_rate_hz is not None else self._parameters["sample_rate_hz"]
-        names: Sequence[str] | None = None
-        if self._asked is not None:
-            rate, names = rate or self._asked.sensor.sample_rate_hz, self._asked.network.class_names
-        if labels is None or rate is None:
-            raise InputError(
-                "fit: arrays have neither classes nor a rate; give labels and sample_rate_hz, or Recordings"
-            )
-        labels = array_of(labels, "labels")
-        if labels.dtype.kind in "OUT" and all(isinstance(label, str) for label in labels.ravel().tolist()):
-            names = names or sorted(set(labels.ravel().tolist()))
-            place = {name: index for index, name in enumerate(names)}
-            if unknown := sorted(set(labels.ravel().tolist()) - set(place)):
-                raise InputError(f"fit: label {unknown[0]!r} is not a class; there are {', '.join(names)}")
-            labels = np.array([place[label] for label in labels.ravel().tolist()]).reshape(labels.shape)
-        return Recordings.of(arrays, labels, sample_rate_hz=rate, class_names=names)
 
     # ------------------------------------------------------------------ what there is
     @property
@@ -438,23 +412,7 @@ class Model(Estimator):
     def _indices(self, labels: ArrayLike, verb: str) -> np.ndarray:
         """Class indices of labels that are indices or names."""
         array = np.array([labels]).ravel() if isinstance(labels, str) else array_of(labels, "labels")
-        names = self.config.network.class_names
-        place = {name: index for index, name in enumerate(names)} | {
-            index: index for index in range(len(names))
-        }
-        unknown = [
-            label
-            for label in array.ravel().tolist()
-            if not isinstance(label, Hashable) or isinstance(label, bool) or label not in place
-        ]
-        if unknown:
-            raise InputError(
-                f"{verb}: label {unknown[0]!r} is not a class of the model; give names ({', '.join(names)}) or "
-                "their indices"
-            )
-        return np.array([place[label] for label in array.ravel().tolist()], dtype=np.int64).reshape(
-            array.shape
-        )
+        return _places(array, self.config.network.class_names, verb)
 
     def teach(self, frames: Frames, labels: ArrayLike | None = None) -> Model:
         """Store touches as prototypes of their classes, beside those there are; nothing is trained. Needs a
@@ -676,3 +634,34 @@ def train(
         ``config``, ``cell``, ``hidden``, ``groups``, ``folds``, ``seed`` as for `Model`.
     """
     return Model(**options).fit(recordings, labels, sample_rate_hz=sample_rate_hz, progress=progress)
+
+
+def _of_arrays(
+    arrays: Sequence[ArrayLike], labels: ArrayLike | None, rate: float | None, asked: AcceleratorConfig | None
+) -> Recordings:
+    """Arrays as recordings; classes are those of the configuration that was asked for, or the labels."""
+    names: Sequence[str] | None = asked.network.class_names if asked else None
+    if asked is not None:
+        rate = rate or asked.sensor.sample_rate_hz
+    if labels is None or rate is None:
+        raise InputError(
+            "fit: arrays have neither classes nor a rate; give labels and sample_rate_hz, or Recordings"
+        )
+    labels = array_of(labels, "labels")
+    if labels.dtype.kind in "OUT" and all(isinstance(label, str) for label in labels.ravel().tolist()):
+        names = names or sorted(set(labels.ravel().tolist()))
+        labels = _places(labels, names, "fit")
+    return Recordings.of(arrays, labels, sample_rate_hz=rate, class_names=names)
+
+
+def _places(labels: np.ndarray, names: Sequence[str], verb: str) -> np.ndarray:
+    """Indices of labels, which are names or indices."""
+    place: dict[Hashable, int] = {name: index for index, name in enumerate(names)}
+    place |= {index: index for index in range(len(names))}
+    flat = labels.ravel().tolist()
+    for label in flat:
+        if not isinstance(label, Hashable) or isinstance(label, bool) or label not in place:
+            raise InputError(
+                f"{verb}: label {label!r} is not a class; there are {', '.join(names)}, or their indices"
+            )
+    return np.array([place[label] for label in flat], dtype=np.int64).reshape(labels.shape)

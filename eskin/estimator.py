@@ -11,17 +11,10 @@ class Estimator:
     """The words that scikit-learn's tools ask a classifier for; scikit-learn itself is loaded by ``tags``
     alone.
 
-    A class that has them keeps its parameters by `_keep`, and says what follows from them in ``_configure``.
+    A class that has them keeps its parameters in ``_parameters``.
     """
 
     _parameters: Record
-
-    def _configure(self) -> None:
-        """Derive the configuration from the parameters."""
-
-    def _keep(self, **parameters: Any) -> None:
-        self._parameters = parameters
-        self._configure()
 
     def get_params(self, deep: bool = True) -> Record:
         """The parameters as they were given; ``deep`` says nothing here, no parameter has its own."""
@@ -33,18 +26,13 @@ class Estimator:
         Raises
         ------
         InputError
-            One that there is not, or of a wrong value; all are as before then.
+            One that there is not; all are as before then. `fit` refuses wrong values.
         """
         if unknown := sorted(set(parameters) - set(self._parameters)):
             raise InputError(
                 f"model: has no parameter '{unknown[0]}'; it has {', '.join(sorted(self._parameters))}"
             )
-        before = self._parameters
-        try:
-            self._keep(**(before | parameters))
-        except InputError:
-            self._keep(**before)
-            raise
+        self._parameters = self._parameters | parameters
         return self
 
     def __sklearn_tags__(self) -> Any:

@@ -14,7 +14,7 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
@@ -62,7 +62,7 @@ class Jobs:
     def results(
         self,
         function: Function,
-        pieces: Mapping[str, Any],
+        pieces: Record,
         shared: Any = None,
         *,
         keep: Memo | None = None,
@@ -103,7 +103,7 @@ class Jobs:
         return results
 
     def _arriving(
-        self, function: Function, pieces: Mapping[str, Any], shared: Any
+        self, function: Function, pieces: Record, shared: Any
     ) -> Generator[tuple[str, Any], None, None]:
         """(key, result) as they are finished."""
         if self._dask is not None:

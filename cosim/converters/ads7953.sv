@@ -24,7 +24,7 @@ module converter #(
     integer fell = 0, rose = 0, clocked = 0;
     initial violations = 0;
 
-    function integer ps(input integer since);  // picoseconds of the design's time since then
+    function time ps(input integer since);  // picoseconds of the design's time since then
         ps = ($time / 10 - since) * CYCLE_PS;
     endfunction
 

@@ -23,8 +23,8 @@ module converter #(
     integer clk_at = 0, conv_at = 0, dclk_at = 0, reset_at = 0;
     localparam [71:0] PATTERN = 72'h30F066012480F69055;
 
-    function integer ps(input integer since);  // picoseconds of the design's time since then; held below 2 ms
-        ps = $time / 10 - since > 2000000000 / CYCLE_PS ? 2000000000 : ($time / 10 - since) * CYCLE_PS;
+    function time ps(input integer since);  // picoseconds of the design's time since then
+        ps = ($time / 10 - since) * CYCLE_PS;
     endfunction
 
     initial begin

@@ -14,7 +14,7 @@ module mcp3208 #(parameter integer CYCLE_PS = 83333) (
     reg drives = 1'b0, level = 1'b0;
     initial violations = 0;
 
-    function integer ps(input integer since);
+    function time ps(input integer since);  // picoseconds of the design's time since then
         ps = ($time / 10 - since) * CYCLE_PS;
     endfunction
 

@@ -24,8 +24,8 @@ module converter #(
     reg listening = 1'b0, sending = 1'b0, first = 1'b0, mine = 1'b0, nack = 1'b0;
     reg [31:0] level = 0;
 
-    function integer ps(input integer since);
-        ps = $time / 10 - since > 2000000000 / CYCLE_PS ? 2000000000 : ($time / 10 - since) * CYCLE_PS;
+    function time ps(input integer since);  // picoseconds of the design's time since then
+        ps = ($time / 10 - since) * CYCLE_PS;
     endfunction
 
     task power_on(input integer which);

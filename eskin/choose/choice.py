@@ -60,7 +60,7 @@ from eskin.training.derive import derive_config, settling_frames
 from eskin.training.fit import one_thread
 from eskin.training.image_models import train_image_model
 from eskin.training.losses import Callback
-from eskin.training.splits import default_splits, held_out, split_folds
+from eskin.training.splits import default_splits, error_over_groups, held_out, split_folds
 from eskin.training.train import TrainingRequest, train
 
 LEAST = {
@@ -319,7 +319,7 @@ def unseen(
 
     Returns
     -------
-    {groups, folds, seeds, float_accuracy, integer_accuracy, agreement, standard_error (over recordings),
+    {groups, folds, seeds, float_accuracy, integer_accuracy, agreement, standard_error (over the groups left out),
     per_fold: [{held_out, recordings, the three shares, front_end, front_end_words, network}], wall_s}.
     """
     begin, recordings, seeds = time.perf_counter(), settings.recordings, list(map(int, settings.seeds))
@@ -347,7 +347,7 @@ def unseen(
         "folds": len(tests),
         "seeds": seeds,
         **over_folds(per_fold),
-        "standard_error": float(correct.std(ddof=1) / np.sqrt(len(correct))),
+        "standard_error": error_over_groups(recordings, split, correct),
         "per_fold": per_fold,
         "wall_s": time.perf_counter() - begin,
     }

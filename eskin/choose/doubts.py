@@ -5,6 +5,7 @@ A doubt is a record {code, text}, with {groups} where it is about one split. ``c
 function below that gives it, or ``wrong_rate`` or ``seen_in_training``.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -109,11 +110,13 @@ def _larger(candidates: Sequence[Mapping[str, Any]]) -> str:
 def by_choice(split: Mapping[str, Any]) -> list[Record]:
     """A doubt where the choice of front end and network flatters its own folds."""
     nested = split["nested"]
-    if split["integer_accuracy"] - nested["integer_accuracy"] <= 2 * nested["standard_error"]:
+    # both are of the same groups, so the error of their difference is one over recordings
+    accuracy, count = nested["integer_accuracy"], sum(fold["recordings"] for fold in nested["per_fold"])
+    if split["integer_accuracy"] - accuracy <= 2 * math.sqrt(accuracy * (1 - accuracy) / count):
         return []
     text = (
         f"the chosen network classifies {percent(split['integer_accuracy'])} correctly on the folds that chose "
-        f"it, and nested cross-validation gives {percent(nested['integer_accuracy'])}: quote the second figure for "
+        f"it, and nested cross-validation gives {percent(accuracy)}: quote the second figure for "
         f"a new {' and '.join(split['groups']) or 'recording'}, or record more of them"
     )
     return [doubt("by_choice", text, split)]

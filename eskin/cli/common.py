@@ -6,8 +6,9 @@ import inspect
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 from rich.console import Console
@@ -60,8 +61,11 @@ class Application(typer.Typer):
                 if not (result or {}).get("passed", True):
                     raise typer.Exit(1)
 
-            checked.__annotations__ = get_type_hints(request, include_extras=True)
-            checked.__signature__ = inspect.signature(request)  # type: ignore[attr-defined]
+            hints, signature = get_type_hints(request), inspect.signature(request)
+            typed = {each.name: Annotated[hints[each.name], each.metadata["of"]] for each in fields(request)}
+            parameters = [each.replace(annotation=typed[name]) for name, each in signature.parameters.items()]
+            checked.__annotations__ = typed
+            checked.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
             return register(checked)
 
         return add

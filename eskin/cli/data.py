@@ -4,9 +4,11 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from eskin.cli.common import app, load_data, show, show_text, warn
+from rich.markup import escape
+
+from eskin.cli.common import app, load_data, messages, recordings_for, show, show_text, warn
 from eskin.golden.core import AcceleratorConfig, InputError, Record, check_target
-from eskin.requests import ConvertRequest, InspectRequest, parse_names
+from eskin.requests import ConvertRequest, InspectRequest, WatchRequest, parse_names
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
@@ -104,3 +106,43 @@ def _sensor_of(like: Path) -> tuple[AcceleratorConfig, tuple[str, ...], str]:
         "clock_hz": 4.0 * of.taxels * of.sample_rate_hz,  # whatever takes the frames
     }
     return AcceleratorConfig.of(**sensor, class_names=of.class_names), of.channel_names, of.unit
+
+
+@app.command(
+    epilog="Example: eskin watch model --data recordings.npz, or eskin watch model --simulate, or "
+    "eskin watch model --data recordings.npz --port /dev/ttyUSB1"
+)
+def watch(request: WatchRequest) -> Record:
+    """Watch a model live in the browser: taxels, windows, features, hidden state, logits and decisions."""
+    from eskin.golden.model import IntegerModel
+    from eskin.verbs import build_job, watch_job
+
+    if request.port and request.simulate:
+        raise InputError("--simulate: cannot be combined with --port; leave one out")
+    if not (request.data or request.port or request.simulate):
+        raise InputError(
+            "--data: is missing; name recordings, or a board with --port, or add --simulate for a synthetic "
+            "scene"
+        )
+    baud, lanes, lane_type = build_job.board_of(request.model) if request.port else (None, None, None)
+    integer = IntegerModel.load(request.model).with_lanes(lanes, lane_type)
+    recordings = (
+        None
+        if request.port and not request.data
+        else recordings_for(request.data or "synthetic", integer.config)
+    )
+    if request.simulate:
+        messages.print("watch: building the simulator, once a design", soft_wrap=True)
+    result = watch_job.watch(
+        integer,
+        recordings,
+        port=request.port,
+        baud=baud,
+        simulate=request.simulate,
+        host_port=request.host_port,
+        ready=lambda address, _: messages.print(
+            f"watch: {escape(address)} (stop with Ctrl-C)", soft_wrap=True, highlight=False
+        ),
+    )
+    show("watch", **result, hardware=bool(request.simulate or request.port))
+    return result

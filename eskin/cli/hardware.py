@@ -1,6 +1,7 @@
 """Verbs that make hardware and compare it with the model."""
 
 import contextlib
+import dataclasses
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -11,6 +12,7 @@ from typing import Any
 from eskin.cli.common import app, console, integer_model, progress_bars, recordings_for, say, show, stop
 from eskin.golden.core import PREFIX, InputError, Record, check_folder, check_target, replacing
 from eskin.requests import (
+    AsicRequest,
     BoardRequest,
     CosimRequest,
     EnergyRequest,
@@ -75,47 +77,33 @@ def cosim(request: CosimRequest) -> Record:
     """
     from eskin.jobs import Jobs
     from eskin.verbs import cosim_job
-    from eskin.verbs.flow import cosimulate
 
-    count = parse_count(request.recordings)
-    hertz = _clock(request.clock)
-    lowest, (lanes, lane_type) = request.clock == "lowest", parse_lanes(request.lanes)
-    if lowest and request.pace != "declared":
-        raise InputError("--clock lowest: needs the pace of the sensor; add --pace declared")
-    if lowest and request.dask:
-        raise InputError(
-            "--dask: the lowest clock is looked for in one run after the other, here; leave --dask out"
-        )
-    simulator = request.simulator or (
-        "compiled" if request.target == "asic" and not (request.stalls or lowest) else "verilator"
-    )
-    integer = integer_model(request.model)
+    if request.clock is not None and not 1 <= request.clock < math.inf:
+        raise InputError(f"--clock {request.clock:g}: is not a clock; give 1 Hz or more")
+    lanes, lane_type = parse_lanes(request.lanes)
+    options: Record = {
+        "lanes": lanes,
+        "lane_type": lane_type,
+        "simulator": request.simulator,
+        "pace": request.pace,
+        "clock_hz": request.clock,
+        "stalls": request.stalls,
+        "level": request.level,
+        "target": request.target,
+        "converter": request.converter,
+        "bench": request.bench,
+        "threads": request.jobs,
+    }
+    if request.pdk or request.liberty or request.rom or request.target == "asic":
+        liberty = [str(path) for path in request.liberty or ()]
+        options["chip"] = {"pdk": request.pdk, "liberty": liberty, "rom": request.rom}
+    count, integer = parse_count(request.recordings), integer_model(request.model)
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        options: Record = {
-            "lanes": lanes,
-            "lane_type": lane_type,
-            "simulator": simulator,
-            "stalls": request.stalls,
-            "level": request.level,
-            "target": request.target,
-            "converter": request.converter,
-        }
-        if request.pdk or request.liberty or request.rom or request.target == "asic":
-            options["chip"] = {
-                "pdk": request.pdk,
-                "liberty": [str(path) for path in request.liberty or ()],
-                "rom": request.rom,
-            }
-        options |= {"lowest": True} if lowest else {"pace": request.pace, "clock_hz": hertz}
+        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=cosim_job.CODE)
         played = loaded.subset(numbers)
-        if lowest:
-            result = cosimulate(integer, played, numbers=numbers, work=work, **options)
-        else:
-            where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=cosim_job.CODE)
-            options |= {"bench": request.bench, "threads": request.jobs}
-            result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
+        result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
     show("cosim", played=result, **result)
@@ -135,19 +123,6 @@ def _keep(waves: Path, work: Path) -> str:
     target = work.with_name(f"waves_{work.name}")
     waves.rename(target)
     return str(target)
-
-
-def _clock(text: str | None) -> float | None:
-    """Hertz of ``--clock``; None where it names none."""
-    if text in (None, "lowest"):
-        return None
-    try:
-        hertz = float(text)
-    except ValueError:
-        hertz = math.nan
-    if not (math.isfinite(hertz) and hertz >= 1):
-        raise InputError(f"--clock {text}: is not a clock; give 1 Hz or more, or the word lowest")
-    return hertz
 
 
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
@@ -283,14 +258,41 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
 )
 def energy(request: EnergyRequest) -> Record:
     """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
+    from eskin.golden.model import IntegerModel
     from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(request.out / RESULT)
-    integer = integer_model(request.model)
+    integer = IntegerModel.load(request.model)
     loaded = recordings_for(request.data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: Record = {"count": request.recordings, "out": request.out, "work": work, "notify": report}
         result = job(integer, loaded, request.configuration, **options)
     show("energy", **result, in_words=in_words, file=request.out / RESULT)
     return result
+
+
+@app.command(
+    epilog="Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib "
+    "--liberty sram.lib --rom"
+)
+def asic(request: AsicRequest) -> None:
+    """Make a chip's netlist and report area, memories, clock and leakage, before layout. Takes minutes."""
+    from eskin.golden.model import IntegerModel
+    from eskin.rtl.fpga.tools import ToolError
+    from eskin.verbs import asic_job
+
+    check_folder(request.out, asic_job.MARK)
+    integer = IntegerModel.load(request.model)
+    played = None if request.data is None else recordings_for(request.data, integer.config)
+    integer = dataclasses.replace(
+        integer, config=asic_job.chip_config(integer.config, request.lanes, request.rom)
+    )
+    try:
+        result, netlist = asic_job.asic(integer, request.pdk, request.liberty, recordings=played)
+    except ToolError as error:
+        stop(str(error), 1)
+        return
+    asic_job.write(result, netlist, request.out, integer.config.hardware.clock_hz)
+    show("asic", **result)
+    say(f"{request.out}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc")

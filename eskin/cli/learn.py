@@ -221,7 +221,7 @@ def evaluate(request: EvaluateRequest) -> Record:
 def compare(request: CompareRequest) -> Record:
     """Compare float with integer stage by stage: errors, saturations, share of the range in use."""
     from eskin.golden.model import load_config
-    from eskin.training.evaluate import compare_stages
+    from eskin.training.evaluate import evaluate as judge
     from eskin.training.made_up import image_recordings, random_images, random_recordings
 
     config = load_config(request.model)
@@ -235,6 +235,6 @@ def compare(request: CompareRequest) -> Record:
         recordings = random_recordings(config, [length] * 12, 1)
     else:
         recordings = recordings_for(request.data, config)
-    result = compare_stages(request.model, recordings)
+    result = judge(request.model, recordings)
     show("compare", **result)
-    return result
+    return {name: value for name, value in result.items() if name != "passed"}

@@ -2,9 +2,9 @@
 
 import math
 
-from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, show
+from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, say, show
 from eskin.golden.core import InputError, Record
-from eskin.requests import FORMATS, StabilityRequest, SweepRequest
+from eskin.requests import FORMATS, BaselinesRequest, StabilityRequest, SweepRequest
 
 
 @app.command(
@@ -65,3 +65,16 @@ def stability(request: StabilityRequest) -> Record:
         result = stability_job.run(request, recordings, progress=report)
     show("stability", **result, figure=figure_in_words, page=request.out / PAGE)
     return result
+
+
+@app.command(epilog="Example: eskin baselines --data recordings.npz --group person")
+def baselines(request: BaselinesRequest) -> None:
+    """Compare scikit-learn's classifiers and a float GRU on the same folds: accuracy and cost."""
+    from eskin.verbs import baselines_job
+
+    recordings, _ = load_data(request.data)
+    front_end = fitting_config(recordings, None, request.groups)
+    with progress_bars() as report:
+        result = baselines_job.run(request, recordings, front_end.config, progress=report)
+    show("baselines", **result)
+    say(f"files: {request.out}")

@@ -13,7 +13,7 @@ import numpy as np
 
 from eskin.data.meaning import CLASS, whole
 from eskin.data.table import TIME, Reading, Refuse, Table, table_of
-from eskin.golden.core import Arrays
+from eskin.golden.core import Arrays, Record
 from eskin.golden.data.recordings import check_offsets, natural
 
 SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
@@ -21,7 +21,7 @@ LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
 CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
 """Names of the array of class names, in the order of preference."""
 Names = tuple[str, ...]
-Facts = dict[str, Any]
+Facts = Record
 
 
 @dataclass

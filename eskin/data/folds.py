@@ -25,6 +25,29 @@ def no_group(values: np.ndarray, labels: np.ndarray) -> str:
     return ""
 
 
+def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
+    """(recordings) the number of each one's group: those that share all values of ``groups`` are one; without
+    groups each is its own.
+
+    Raises
+    ------
+    InputError
+        An unknown group.
+    """
+    for name in groups:
+        if name not in recordings.groups:
+            listed = ", ".join(sorted(recordings.groups)) or "none"
+            raise InputError(
+                f"recordings '{recordings.source}': has no group array '{name}'; it has {listed}"
+            )
+    keys = np.zeros(len(recordings), dtype=np.int64)
+    for name in groups:
+        _, codes = np.unique(recordings.groups[name], return_inverse=True)
+        # made dense after each array, so that the product never grows beyond an integer
+        _, keys = np.unique(keys * (codes.max() + 1) + codes, return_inverse=True)
+    return keys if groups else np.arange(len(recordings))
+
+
 def grouped_folds(
     recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None
 ) -> list[np.ndarray]:
@@ -50,20 +73,7 @@ def grouped_folds(
     """
     if folds < 2:
         raise InputError(f"{folds} folds are too few; cross-validation needs at least 2")
-    for name in groups:
-        if name not in recordings.groups:
-            listed = ", ".join(sorted(recordings.groups)) or "none"
-            raise InputError(
-                f"recordings '{recordings.source}': has no group array '{name}'; it has {listed}"
-            )
-    keys = np.zeros(len(recordings), dtype=np.int64)
-    if groups:
-        for name in groups:
-            _, codes = np.unique(recordings.groups[name], return_inverse=True)
-            # made dense after each array, so that the product never grows beyond an integer
-            _, keys = np.unique(keys * (codes.max() + 1) + codes, return_inverse=True)
-    else:
-        keys = np.arange(len(recordings))
+    keys = group_numbers(recordings, groups)
     count = int(keys.max()) + 1
     if count < 2:
         reason = f"group {' and '.join(groups)} has one value" if groups else "there is one recording"

@@ -6,8 +6,6 @@ in each recording, or steadily rising) is recognised and reported, or refused: a
 class or the time of recording. The interpretation is recorded in ``Recordings.notes``.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from contextlib import suppress

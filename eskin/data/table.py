@@ -4,14 +4,14 @@ remarks about a source (``Reading``)."""
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from eskin.golden.core import InputError
+from eskin.golden.core import InputError, Record
 from eskin.golden.data.codes import Worth, place_of
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Table:
     firsts: tuple[int, ...] = (0,)
     breaks: tuple[int, ...] = ()
     paths: tuple[tuple[str, ...], ...] = ((),)
-    attributes: tuple[Mapping[str, Any], ...] = ({},)
+    attributes: tuple[Record, ...] = ({},)
     units: tuple[str, ...] = ()
     clock: int | None = None
     row_is: str = "line"

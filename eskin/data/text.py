@@ -5,8 +5,6 @@ What separates the cells, whether a comma is a decimal point and whether there i
 the file; anything ambiguous is refused with file, line and the option that decides.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import Counter

@@ -9,20 +9,19 @@ The user's options must agree with it. Nothing in a file is ever run: torch file
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 import torch
 
+from eskin.exchange.network import Network, fitted
 from eskin.exchange.reference import NAMES, check_reference
 from eskin.exchange.torch_files import TORCH_SUFFIXES, check_readable, plain_array, read_state
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, check_model_target, constants_shape, find_touches, real_features
 from eskin.training.datasets import scaling
-from eskin.training.formats import with_network
 
 ONNX_SUFFIX = ".onnx"
 ORDERS = {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}
@@ -40,26 +39,11 @@ SHOWS = BY_LAST_STEP | {
 """Evidence of how a touch is decided."""
 
 
-@dataclass(frozen=True)
-class Layers:
-    """The arrays of one recurrent and one dense layer as a file holds them, rows = outputs, G gates stacked.
-
-    path: the file. names: of the six roles ``input`` (G H, D), ``recurrent`` (G H, H), ``bias``, ``second bias``
-    (G H), ``dense`` (C, H), ``dense bias`` (C), what the file calls them. arrays: float64, by role.
-    """
-
-    path: Path
-    names: Mapping[str, str]
-    arrays: Arrays
-
-    def refuse(self, role: str, why: str) -> NoReturn:
-        """An InputError about the array of that role."""
-        raise InputError(f"network '{self.path}', array {self.names[role]}: {why}")
-
-
 # ---------------------------------------------------------------------- reading files
-def read_layers(path: str | Path) -> Layers:
-    """The layers in a torch state_dict (``.pt``, ``.pth``).
+def read_layers(path: str | Path) -> Network:
+    """The recurrent and the dense layer in a torch state_dict (``.pt``, ``.pth``): rows = outputs, G gates
+    stacked, of six roles: ``input`` (G H, D), ``recurrent`` (G H, H), ``bias``, ``second bias`` (G H), ``dense``
+    (C, H), ``dense bias`` (C).
 
     Raises
     ------
@@ -75,9 +59,19 @@ def read_layers(path: str | Path) -> Layers:
     check_readable(path)
     state = read_state(path)
     names = _torch_names(path, {name: tuple(tensor.shape) for name, tensor in state.items()})
-    layers = Layers(path, names, {role: plain_array(path, name, state[name]) for role, name in names.items()})
-    _check_shapes(layers)
-    return layers
+    layers = {role: plain_array(path, name, state[name]) for role, name in names.items()}
+    _check_shapes(path, layers, names)
+    rows, hidden = layers["recurrent"].shape
+    lstm = rows == 4 * hidden
+    arrays = {"V": layers["dense"], "b_y": layers["dense bias"]}
+    for index, gate in enumerate(ORDERS[rows // hidden]):
+        part = slice(index * hidden, (index + 1) * hidden)
+        first, second = layers["bias"][part], layers["second bias"][part]
+        arrays |= {f"W_{gate}": layers["input"][part], f"U_{gate}": layers["recurrent"][part]}
+        # nothing stands between an LSTM's two rows, so they are one
+        arrays |= {f"b_{gate}": first + second} if lstm else {f"b_{gate}": first, f"bh_{gate}": second}
+    sizes = hidden, len(layers["dense"]), layers["input"].shape[1]
+    return Network(path, "lstm" if lstm else "gru", "after", "sigmoid", *sizes, arrays, names)
 
 
 def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
@@ -113,93 +107,40 @@ def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str,
     return dict(zip(roles, (*recurrent, *linear), strict=True))
 
 
-def _check_shapes(layers: Layers) -> None:
+def _check_shapes(path: Path, layers: Arrays, names: dict[str, str]) -> None:
     """Refuse shapes that do not belong together, and values that are not finite numbers."""
-    shape = layers.arrays["recurrent"].shape
+
+    def refuse(role: str, why: str) -> NoReturn:
+        raise InputError(f"network '{path}', array {names[role]}: {why}")
+
+    shape = layers["recurrent"].shape
     if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
-        layers.refuse(
+        refuse(
             "recurrent",
             f"has shape {shape}, neither (3 x hidden, hidden) of a GRU nor (4 x hidden, hidden) of an LSTM",
         )
-    (rows, hidden), dense = shape, layers.arrays["dense"].shape
+    (rows, hidden), dense = shape, layers["dense"].shape
     expected = {
-        "input": (rows, *layers.arrays["input"].shape[1:2]),
+        "input": (rows, *layers["input"].shape[1:2]),
         "bias": (rows,),
         "second bias": (rows,),
         "dense": (dense[0], hidden),
         "dense bias": (dense[0],),
     }
-    for role, array in layers.arrays.items():
+    for role, array in layers.items():
         if array.shape != expected.get(role, shape) or not array.size:
             cell = "a GRU" if rows == 3 * hidden else "an LSTM"
-            layers.refuse(
+            refuse(
                 role,
                 f"has shape {array.shape}, which does not match {cell} of {hidden} units "
-                f"({layers.names['recurrent']}) and {dense[0]} classes ({layers.names['dense']}); save the arrays of "
+                f"({names['recurrent']}) and {dense[0]} classes ({names['dense']}); save the arrays of "
                 "one network",
             )
         if not np.isfinite(array).all():
-            layers.refuse(role, "holds values that are not finite numbers; train the network again")
+            refuse(role, "holds values that are not finite numbers; train the network again")
 
 
 # ---------------------------------------------------------------------- into a model
-def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
-    """``config`` with the file's hidden size, and the float network's arrays by the names of
-    docs/specification.md section 8.
-
-    Parameters
-    ----------
-    config:
-        States the cell and, for a GRU, the reset; inputs (taxels x kinds of feature) and classes must be
-        those of the file.
-
-    Raises
-    ------
-    InputError
-        The file holds another variant (the sentence names the right one) or other sizes.
-    """
-    rows, hidden = layers.arrays["recurrent"].shape
-    gates = rows // hidden
-    if (gates == 4) != (config.network.cell == "lstm"):
-        right = "an LSTM: use --cell lstm" if gates == 4 else "a GRU: use --cell gru --reset after"
-        layers.refuse("recurrent", f"has {gates} gates for each of {hidden} units, so the network is {right}")
-    if gates == 3 and config.network.reset != "after":
-        layers.refuse("bias", "is torch's, whose reset gate is after the product; use --reset after")
-    if config.network.gate_activation != "sigmoid":
-        raise InputError(
-            f"network '{layers.path}': torch's gates are sigmoids; use a configuration whose field "
-            "gate_activation is sigmoid"
-        )
-    of_inputs = "taxels" if config.kinds == 1 else "feature_kinds"
-    for role, index, field, have in (
-        ("input", 1, of_inputs, config.inputs),
-        ("dense", 0, "class_names", config.classes),
-    ):
-        size = layers.arrays[role].shape[index]
-        if size != have:
-            mismatch = f"takes {size} inputs" if role == "input" else f"decides between {size} classes"
-            layers.refuse(
-                role,
-                f"{mismatch} and configuration '{config.name}', field {field}, has {have}; use the "
-                "configuration of the "
-                "array and task it was trained on",
-            )
-    try:
-        config = with_network(config, hidden=hidden)
-    except InputError as error:
-        raise InputError(f"network '{layers.path}': {error}") from None
-    arrays: dict[str, np.ndarray] = {"V": layers.arrays["dense"], "b_y": layers.arrays["dense bias"]}
-    first, second = layers.arrays["bias"], layers.arrays["second bias"]
-    for index, gate in enumerate(ORDERS[gates]):
-        part = slice(index * hidden, (index + 1) * hidden)
-        arrays |= {f"W_{gate}": layers.arrays["input"][part], f"U_{gate}": layers.arrays["recurrent"][part]}
-        if gates == 3:
-            arrays |= {f"b_{gate}": first[part], f"bh_{gate}": second[part]}
-        else:  # nothing stands between an LSTM's two rows, so they are one
-            arrays[f"b_{gate}"] = first[part] + second[part]
-    return config, arrays
-
-
 def measure_scaling(config: AcceleratorConfig, recordings: Recordings) -> tuple[float, float]:
     """(mu, sigma), codes, that training on ``recordings`` would normalise with.
 
@@ -245,8 +186,8 @@ def import_network(
     out:
         A new folder, or a model folder, which is replaced.
     cell, reset:
-        What the network is said to be; checked against the file's shapes. ``reset`` is for a GRU and ignored
-        with an LSTM.
+        What the network is said to be, else as the configuration has it; checked against the file. ``reset`` is for
+        a GRU and ignored with an LSTM.
     mean, std:
         The normalisation of its training, codes: feature = (window mean - mean) / std, one pair for all
         inputs; both or none.
@@ -265,7 +206,7 @@ def import_network(
     Raises
     ------
     InputError
-        Before anything is written: ``read_layers``, ``convert``; a missing or impossible mean or std; a
+        Before anything is written: ``read_layers``, ``fitted``; a missing or impossible mean or std; a
         folder that must not be replaced.
     """
     check_model_target(out)
@@ -287,13 +228,13 @@ def import_network(
         held = network.scale(config) if mean is None and recordings is None else None
         scale = held or _normalisation(file, config, mean, std, recordings)
     else:
-        config, kind = with_network(config, cell=cell, reset=reset), "torch state_dict"
-        if not config.recurrent:
+        cell, reset = cell or config.network.cell, reset or config.network.reset
+        if cell == "linear":
             raise InputError(
                 f"network '{file}': is to be a linear cell, which is read from ONNX; export it as .onnx"
             )
-        layers = read_layers(file)
-        (config, arrays), names = convert(layers, config), dict(layers.names)
+        layers, kind = read_layers(file), "torch state_dict"
+        (config, arrays), names = fitted(layers, config, cell, reset), dict(layers.names)
         scale = _normalisation(file, config, mean, std, recordings)
         if config.network.cell == "gru":
             notes = ["reset gate after the recurrent product, as torch has it"]

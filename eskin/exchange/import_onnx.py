@@ -16,11 +16,11 @@ import onnx
 import onnxruntime
 from onnx import numpy_helper
 
+from eskin.exchange.network import Network, fitted
 from eskin.exchange.reference import TOLERANCE, differences
 from eskin.exchange.torch_files import MOST_VALUES, check_readable
-from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model import Float, constants_shape, network_shapes, run_cell
-from eskin.training.formats import with_network
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
+from eskin.golden.model import Float, constants_shape, run_cell
 
 METADATA = "eskin_model"
 """Entry in which an exported file keeps configuration and normalisation."""
@@ -167,20 +167,10 @@ class Graph:
 
 # ---------------------------------------------------------------------- what the nodes say
 @dataclass(frozen=True)
-class OnnxNetwork:
-    """A network as its file says it. cell, reset, gate_activation, hidden, classes; columns: of the first
-    weights; arrays: by the names of the specification, section 8 (a linear cell: V (C, columns), b_y); names:
-    what they are called in the file; metadata: of an exported file, else empty."""
+class OnnxNetwork(Network):
+    """Also the graph, and the metadata of an exported file, else empty."""
 
     graph: Graph
-    cell: str
-    reset: str
-    gate_activation: str
-    hidden: int
-    classes: int
-    columns: int
-    arrays: dict[str, np.ndarray]
-    names: dict[str, str]
     metadata: Record = field(default_factory=dict)
 
     def scale(self, config: AcceleratorConfig) -> Record | None:
@@ -192,7 +182,7 @@ class OnnxNetwork:
             values = {name: np.asarray(self.metadata[name], dtype=np.float64) for name in ("mean", "std")}
         except (ValueError, TypeError, OverflowError):
             raise InputError(
-                f"network '{self.graph.path}', metadata {METADATA}: is damaged; export the model again"
+                f"network '{self.path}', metadata {METADATA}: is damaged; export the model again"
             ) from None
         shape = constants_shape(config)
         return (
@@ -225,7 +215,8 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
     if not layers:
         arrays = {"V": weights, "b_y": bias}
         classes, columns = weights.shape
-        return OnnxNetwork(graph, "linear", "before", "sigmoid", 0, classes, columns, arrays, names, metadata)
+        linear = ("linear", "before", "sigmoid", 0, classes, columns)
+        return OnnxNetwork(graph.path, *linear, arrays, names, graph, metadata)
     node = layers[0]
     attributes, order = node_attributes(node), GATES[node.op_type]
     activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
@@ -265,9 +256,10 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
     names |= {"input": node.input[1], "recurrent": node.input[2]} | (
         {"bias": node.input[3]} if len(node.input) > 3 else {}
     )
-    cell, reset = node.op_type.lower(), "after" if after else "before"
-    gate = ACTIVATIONS[activations]
-    return OnnxNetwork(graph, cell, reset, gate, hidden, len(weights), w.shape[2], arrays, names, metadata)
+    reset = "after" if after else "before"
+    sizes = hidden, len(weights), w.shape[2]
+    of_nodes = (node.op_type.lower(), reset, ACTIVATIONS[activations], *sizes)
+    return OnnxNetwork(graph.path, *of_nodes, arrays, names, graph, metadata)
 
 
 def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
@@ -322,48 +314,17 @@ def convert_onnx(
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str, list[str]]:
     """``config`` with cell and sizes of the file, and the decision that its metadata keep; the float network's
     arrays; which logits the file gives, of the ``last`` or of ``every`` step, or ``metadata``; sentences about what
-    was taken. ``cell`` and ``reset``: what the user says, held against the file.
+    was taken. ``cell`` and ``reset``: as for `fitted`.
 
     Raises
     ------
     InputError
         It is another network than said, of another array or task, or the graph computes something else.
     """
-    where = f"network '{network.graph.path}'"
-    for option, value, held in (("--cell", cell, network.cell), ("--reset", reset, network.reset)):
-        if value is not None and value != held and (option == "--cell" or network.cell == "gru"):
-            raise InputError(f"{option} {value}: {where} is of {held}; leave the option out")
-    try:
-        recurrent = network.cell != "linear"
-        config = config.replace(gate_activation=network.gate_activation)
-        config = with_network(
-            config,
-            cell=network.cell,
-            reset=network.reset if network.cell == "gru" else None,
-            hidden=network.hidden or None,
-        )
-        if not recurrent:
-            sets = {config.windows.steps * config.inputs: "window", config.inputs: "one"}
-            config = config.replace(weight_sets=sets.get(network.columns, config.network.weight_sets))
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
-    fits = (config.inputs,) if recurrent else tuple(sets)
-    for have, field_name, sizes in (
-        (network.columns, "taxels" if config.kinds == 1 else "feature_kinds", fits),
-        (network.classes, "class_names", (config.classes,)),
-    ):
-        if have not in sizes:
-            unit = "inputs" if field_name != "class_names" else "classes"
-            raise InputError(
-                f"{where}: has {have} {unit} and configuration '{config.name}', field {field_name}, asks for "
-                f"{' or '.join(map(str, sizes))}; use the configuration of the array and task it was trained on"
-            )
-    arrays = dict(network.arrays)
-    if not recurrent:
-        arrays["V"] = arrays["V"].reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1)
-    arrays = {name: np.array(arrays[name], dtype=np.float64) for name in network_shapes(config, real=True)}
+    config, arrays = fitted(network, config, cell, reset)
     shows, steps = _agree(network, config, arrays)
     if network.metadata:
+        where = f"network '{network.path}'"
         shows, own = "metadata", AcceleratorConfig.from_dict(network.metadata["config"], where).network
         kept = {name: getattr(own, name) for name in ("decision", "early_margin", "early_steps")}
         try:
@@ -388,7 +349,7 @@ def convert_onnx(
     return config, arrays, shows, notes
 
 
-def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np.ndarray]) -> tuple[str, int]:
+def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: Arrays) -> tuple[str, int]:
     """The kind of the file's outputs, logits of the ``last`` or of ``every`` step, and the steps on which
     they were computed, by random touches. Refuses a graph that computes other logits than the arrays."""
     graph, inputs, steps = network.graph, config.inputs, config.windows.steps

@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from eskin.golden.core import InputError, Record, replacing
+from eskin.golden.core import Arrays, InputError, Record, replacing
 from eskin.golden.model import FloatModel
 
 OPSET, IR = 14, 8
@@ -78,7 +78,7 @@ def _columns(model: FloatModel) -> np.ndarray:
     return every.swapaxes(0, 1).reshape(config.classes, -1)
 
 
-def _recurrent(model: FloatModel) -> tuple[list[onnx.NodeProto], dict[str, np.ndarray]]:
+def _recurrent(model: FloatModel) -> tuple[list[onnx.NodeProto], Arrays]:
     """Nodes from features to ``states`` (K, batch, H), and their weights."""
     arrays, network = model.arrays, model.config.network
     lstm, after = network.cell == "lstm", network.cell == "gru" and network.reset == "after"

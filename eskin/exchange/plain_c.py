@@ -15,7 +15,6 @@ import numpy as np
 from eskin.golden.core import (
     PREFIX,
     AcceleratorConfig,
-    Conv,
     InputError,
     Pool,
     Record,
@@ -45,11 +44,6 @@ def _word(bits: int) -> str:
     return "int16_t" if bits <= 16 else "int32_t" if bits <= 32 else "int64_t"
 
 
-def _narrowest(values: np.ndarray) -> str:
-    bound = int(np.abs(values).max(initial=0))
-    return "int8_t" if signed_bits(bound) <= 8 else _word(signed_bits(bound))
-
-
 def _initialiser(values: np.ndarray) -> str:
     if values.ndim == 1:
         return "\n".join(textwrap.wrap(", ".join(map(str, values.tolist())), 100, initial_indent="    "))
@@ -58,7 +52,9 @@ def _initialiser(values: np.ndarray) -> str:
 
 def _table(name: str, values: Any, comment: str, kind: str = "") -> Table:
     values = np.asarray(values, dtype=np.int64)
-    return Table(kind or _narrowest(values), name, values.shape, comment, _initialiser(values))
+    bits = signed_bits(int(np.abs(values).max(initial=0)))
+    kind = kind or ("int8_t" if bits <= 8 else _word(bits))
+    return Table(kind, name, values.shape, comment, _initialiser(values))
 
 
 def c_string(text: str) -> str:
@@ -124,116 +120,41 @@ def _wide(config: AcceleratorConfig) -> str:
 
 
 def _frame_values(config: AcceleratorConfig) -> Record:
-    """Values of the templates beside the fields of the configuration."""
-    rule, windows, features = config.onset_rule, config.windows, config.features
-    formats, kinds, faults = config.formats, features.feature_kinds, config.faults.fault_frames
-    touch_mode, immediate = windows.window_mode == "touch", config.opens_at_once
+    """Values of the templates beside the configuration (``c``) and its fields.
+
+    hop_sums: what is added up hop by hop, ``depth`` hops of it. ring: frames of deviations that are held. moves:
+    activity is of changes. checks: blocks of the mean that the onset rule judges. The rest are types and terms.
+    """
+    rule, windows, kinds = config.onset_rule, config.windows, config.features.feature_kinds
+    faults, touch_mode = config.faults.fault_frames, windows.window_mode == "touch"
     integral, activity = "integral" in kinds, "activity" in kinds
-    ring = windows.pretrigger_frames + 1 if touch_mode and not immediate else 1
+    ring = windows.pretrigger_frames + 1 if touch_mode and not config.opens_at_once else 1
     ends = [last for _, last in config.window_spans]
     depth = max((end - 1) // windows.hop - k + 1 for k, end in enumerate(ends)) if touch_mode else 2
-    mean_needed = "mean" in kinds or (integral and not touch_mode and not immediate)
+    mean_needed = "mean" in kinds or (integral and not touch_mode and not config.opens_at_once)
+    masked, limit = bool(config.sensor.masked_taxels), rule.onset_threshold * rule.onset_mean_frames
     flagged = f"s->flag_age[i]{' > (uint16_t)back' if ring > 1 else ''}"
-    out_of_use = [*["MASK[i]"] * bool(config.sensor.masked_taxels), *[flagged] * bool(faults)]
-    counts = [*["!MASK[i]"] * bool(config.sensor.masked_taxels), *["!s->flag_age[i]"] * bool(faults)]
-    limit = rule.onset_threshold * rule.onset_mean_frames
+    counts = [*["!MASK[i]"] * masked, *["!s->flag_age[i]"] * bool(faults)]
     return {
-        "rate": f"{config.sensor.sample_rate_hz:g}",
-        "scan_every": config.sensor.scan_every,
-        "code_min": config.sample_format.min_code,
-        "code_max": config.sample_format.max_code,
         "worth": np.broadcast_to(config.sensor.volt_per_code, config.sensor.taxels).tolist(),
-        "kinds": kinds,
-        "sum_kinds": [kind for kind in kinds if kind != "integral"],
         "hop_sums": [*["mean"] * mean_needed, *["activity"] * activity],
         "integral": integral,
         "activity": activity,
-        "change": activity and features.activity_rule == "change",
-        "block": features.activity_block,
-        "block_sums": activity and features.activity_block > 1,
-        "per_taxel": features.feature_scale == "taxel",
-        "inputs": config.inputs,
-        "lengths": len(config.window_lengths),
-        "touch_mode": touch_mode,
-        "immediate": immediate,
+        "moves": activity and config.features.activity_rule == "change",
+        "block_sums": activity and config.features.activity_block > 1,
         "depth": depth,
         "ring": ring,
         "replay_faults": bool(faults) and ring > 1,
-        "out_of_use": " || ".join(out_of_use),
+        "out_of_use": " || ".join([*["MASK[i]"] * masked, *[flagged] * bool(faults)]),
         "counts": "".join(f" && {term}" for term in counts),
-        "faults": faults,
-        "fault_span": 1 << config.fault_bits,
-        "rests": config.rest_level.rest != "none",
-        "period": 1 if rule.onset == "band" else rule.onset_check_frames,
         "checks": rule.onset_mean_frames // max(rule.onset_check_frames, 1),
         "onset_limit": f"{limit}{'LL' if limit >> 31 else ''}",
-        "recurrent": config.recurrent,
-        "sets": config.sets,
-        "one": config.gate_one,
-        "feature": formats.feature_format,
-        "align": 1 << config.feature_align,
-        "state_format": formats.state_format,
-        "logit": formats.logit_format,
-        "index": config.index_format,
-        "mean_unit": 1 << config.mean_frac,
-        "sigmoid_shift": config.sigmoid_shift,
-        "tanh_shift": config.tanh_shift,
-        "value_shift": config.value_shift,
-        "state_index_shift": config.state_index_shift,
-        "logit_shift": config.logit_shift,
-        "bias_unit": 1 << max(config.bias_shift, 0),
-        "dense_bias_unit": 1 << config.dense_bias_shift,
         "acc": _word(max(config.accumulator_bits, 32)),
         "weight": "int8_t" if config.weight_bits <= 8 else "int16_t",
         "wide": _wide(config),
-        "beat": "int32_t",
         "deviation": _word(config.deviation_bits),
         "level": _word(max(32, signed_bits(rule.onset_mean_frames * config.deviation_bound))),
     }
-
-
-def _state(config: AcceleratorConfig, values: Record) -> list[tuple[str, str, tuple[int, ...]]]:
-    """The fields of the state, widest first, so that nothing lies between them."""
-    taxels, classes, depth = config.sensor.taxels, config.classes, values["depth"]
-    onset, recurrent, vote = config.onset_rule, config.recurrent, config.network.decision == "vote"
-    early = config.network.decision == "early"
-    deviation = values["deviation"]
-    ring = ("ring", (values["ring"], taxels)) if values["ring"] > 1 else ("deviations", (taxels,))
-    wished: Iterable[tuple[bool, str, str, tuple[int, ...]]] = [
-        (True, "uint32_t", "frame", ()),
-        (True, "uint32_t", "position", ()),
-        (not values["immediate"], "uint32_t", "quiet", ()),
-        (True, "int32_t", "margin", ()),
-        (values["rests"], "int32_t", "rest", (taxels,)),
-        (onset.onset == "baseline", values["level"], "recent", (values["checks"], taxels)),
-        *((True, values["wide"], kind, (depth, taxels)) for kind in values["hop_sums"]),
-        (values["integral"], values["wide"], "total", (taxels,)),
-        (values["block_sums"], "int32_t", "block", (taxels,)),
-        (values["change"], "int32_t", "before", (taxels,)),
-        (bool(values["faults"]), "int32_t", "moved", (taxels,)),
-        (bool(values["faults"]), "uint16_t", "flag_age", (taxels,)),
-        (bool(values["faults"]), "uint8_t", "low", (taxels,)),
-        (not recurrent, values["acc"], "sum", (classes,)),
-        (recurrent, "int16_t", "h", (config.network.hidden,)),
-        (config.network.cell == "lstm", "int16_t", "c", (config.network.hidden,)),
-        (vote, "uint16_t", "votes", (classes,)),
-        (early, "uint16_t", "agreeing", ()),
-        (early, "uint8_t", "decided", ()),
-        (True, deviation, *ring),
-        (values["ring"] > 1, "uint16_t", "place", ()),
-        (True, "uint16_t", "step", ()),
-        (True, "uint16_t", "hops", ()),
-        (True, "uint16_t", "in_hop", ()),
-        (onset.onset_span > 1, "uint16_t", "record", ()),
-        (onset.onset == "baseline", "uint8_t", "check", ()),
-        (values["change"], "uint8_t", "has_before", ()),
-        (config.sensor.scan_every > 1, "uint8_t", "dropped", ()),
-        (True, "uint8_t", "hop", ()),
-        (True, "uint8_t", "phase", ()),
-        (True, "uint8_t", "cls", ()),
-    ]
-    fields = [(kind, name, size) for needed, kind, name, size in wished if needed]
-    return sorted(fields, key=lambda field: -int(field[0].strip("uint_")))
 
 
 # ---------------------------------------------------------------------- networks for images
@@ -249,42 +170,17 @@ def _image_tables(model: IntegerModel) -> list[Table]:
 
 
 def _image_values(config: AcceleratorConfig) -> Record:
-    logit, sizes, rows = config.formats.logit_format, [0, 0], []
-    source, weighted = "pixels", config.weighted_stages
-    for index, (stage, shift) in enumerate(zip(weighted, config.layer_shifts, strict=True)):
-        following = config.stages[stage.number + 1] if not stage.last else stage
+    """Values of the templates of images: a row (stage, shift, 2 where a pool follows, else 1) a layer with weights, and
+    the sizes of the two maps that layers give in turn."""
+    sizes, rows = [0, 0], []
+    for index, (stage, shift) in enumerate(zip(config.weighted_stages, config.layer_shifts, strict=True)):
+        following = stage if stage.last else config.stages[stage.number + 1]
         pool = isinstance(following.layer, Pool)
-        result = following.result if pool else stage.result
-        target = f"MAP_{index % 2}"
         if not stage.last:
+            result = following.result if pool else stage.result
             sizes[index % 2] = max(sizes[index % 2], int(np.prod(result)))
-        rows.append(
-            {
-                "number": stage.number,
-                "conv": isinstance(stage.layer, Conv),
-                "kernel": getattr(stage.layer, "kernel", 0),
-                "rows": stage.source[0],
-                "columns": stage.source[1],
-                "channels": stage.source[2],
-                "size": int(np.prod(stage.source)),
-                "outputs": stage.outputs,
-                "shift": shift,
-                "pool": 2 if pool else 1,
-                "source": source,
-                "target": target,
-                "last": stage.last,
-                "low": logit.min_code,
-                "high": logit.max_code,
-            }
-        )
-        source = target
-    return {
-        "layers": ", ".join(config.image.layers),
-        "stages": rows,
-        "maps": sizes,
-        "convolutions": any(row["conv"] for row in rows),
-        "acc": "int32_t",
-    }
+        rows.append((stage, shift, 1 + pool))
+    return {"layers": ", ".join(config.image.layers), "rows": rows, "maps": sizes, "acc": "int32_t"}
 
 
 # ---------------------------------------------------------------------- files
@@ -306,13 +202,12 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
     image = config.is_image
     tables = _image_tables(model) if image else _frame_tables(model)
     values: Record = _image_values(config) if image else _frame_values(config)
-    if not image:
-        values["state"] = _state(config, values)
     values = (
         config.fields()
         | values
         | {
             "name": _comment(config.name),
+            "c": config,
             "content": model.content,
             "image": image,
             "classes": config.classes,

@@ -126,15 +126,6 @@ class Differs:
 
 
 @dataclass(frozen=True)
-class Taught:
-    """Taught touches of each class: slots (classes) of trajectories (touches, K, values), codes. refused:
-    reason why nothing was taught or forgotten, a sentence; empty otherwise."""
-
-    slots: tuple[np.ndarray, ...]
-    refused: str = ""
-
-
-@dataclass(frozen=True)
 class End:
     """A recording is over. decision: that of its first touch, -1 none. whole: the recording was played to its
     end."""
@@ -155,7 +146,7 @@ class Result:
     wrong: int
 
 
-Event = Begin | Frames | Onset | Where | Step | Decided | Hardware | Differs | Taught | End | Result
+Event = Begin | Frames | Onset | Where | Step | Decided | Hardware | Differs | End | Result
 
 
 @dataclass

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import Record
-from eskin.live.feed import Begin, Differs, Event, Frames, Result, Tally, Taught
+from eskin.live.feed import Begin, Differs, Event, Frames, Result, Tally
 
 DISPLAY_HZ = 100.0
 """Display frames (buckets of frames) a second, at most: more than an eye sees and a screen has columns
@@ -35,35 +35,26 @@ class Thinner:
     """
 
     def __init__(self, size: int) -> None:
-        self.size = max(1, size)
-        self._first = self._count = 0
-        self._low = self._high = self._last = np.zeros(0, dtype=np.int64)
+        self.size, self._first = max(1, size), 0
+        self._held = np.zeros((0, 0), dtype=np.int64)
 
     def add(self, first: int, samples: np.ndarray) -> list[list[Any]]:
         """The display frames that ``samples`` (n, taxels), frames ``first`` and following, complete."""
-        sent: list[list[Any]] = []
-        at = 0
-        while at < len(samples):
-            # the size may have shrunk below the frames in the bucket: one more frame closes it then
-            part = samples[at : at + max(1, self.size - self._count)]
-            low, high = part.min(axis=0), part.max(axis=0)
-            if self._count:
-                low, high = np.minimum(low, self._low), np.maximum(high, self._high)
-            else:
-                self._first = first + at
-            self._low, self._high, self._last, self._count = low, high, part[-1], self._count + len(part)
-            at += len(part)
-            if self._count >= self.size:
-                sent += self.rest()
-        return sent
+        if len(self._held):
+            samples = np.concatenate([self._held, samples])
+        else:
+            self._first = first
+        self._held = samples
+        return [self._bucket(self.size) for _ in range(len(samples) // self.size)]
 
     def rest(self) -> list[list[Any]]:
         """The bucket that is not full yet, if there is anything in it."""
-        if not self._count:
-            return []
-        bucket = [self._first, self._count, self._low.tolist(), self._high.tolist(), self._last.tolist()]
-        self._count = 0
-        return [bucket]
+        return [self._bucket(len(self._held))] if len(self._held) else []
+
+    def _bucket(self, count: int) -> list[Any]:
+        first, part = self._first, self._held[:count]
+        self._first, self._held = first + count, self._held[count:]
+        return [first, count, *(values.tolist() for values in (part.min(axis=0), part.max(axis=0), part[-1]))]
 
 
 class Viewer:
@@ -123,7 +114,7 @@ class Hub:
         self._viewers: list[Viewer] = []
         self._history: deque[str] = deque(maxlen=HISTORY)
         self._results: deque[str] = deque(maxlen=RESULTS)
-        self._state = self._tally = self._taught = ""
+        self._state = self._tally = ""
         self._lock = threading.Lock()
         self._gone_dropped = 0
 
@@ -141,7 +132,7 @@ class Hub:
         viewer = Viewer(wake)
         with self._lock:
             viewer.put(0, self._hello)
-            for text in filter(None, (self._state, self._tally, self._taught)):
+            for text in filter(None, (self._state, self._tally)):
                 viewer.put(0, text)
             # the whole history, whatever the limits of a queue: they are for viewers who are too slow
             for text in (*self._results, *self._history):
@@ -192,15 +183,14 @@ class Hub:
             self._frames(self._thinner.add(event.first, event.samples))
             return
         self.flush()
-        text, is_result = as_text(event), isinstance(event, Result)
+        kind = "said" if isinstance(event, Differs) else type(event).__name__.lower()
+        text, is_result = encoded(kind, **vars(event)), isinstance(event, Result)
         with self._lock:
             if isinstance(event, Begin):
                 self._history.clear()
             if is_result:
                 self._results.append(text)
-            if isinstance(event, Taught):
-                self._taught = text
-        self._send(0, text, keep=not isinstance(event, Result | Taught))
+        self._send(0, text, keep=not is_result)
 
     def flush(self) -> None:
         """Hand on the frames that wait for their bucket to fill."""
@@ -226,8 +216,3 @@ def encoded(kind: str, **fields: Any) -> str:
 def _plain(value: Any) -> Any:
     """Values of a numpy array or number, fields of a record."""
     return value.tolist() if hasattr(value, "tolist") else vars(value)
-
-
-def as_text(event: Event) -> str:
-    """The message of an event that is not Frames: its fields, under its name."""
-    return encoded("said" if isinstance(event, Differs) else type(event).__name__.lower(), **vars(event))

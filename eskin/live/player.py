@@ -7,8 +7,7 @@ The player's thread goes: frames to the source, events to the hub. Neither waits
 import math
 import threading
 import time
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -29,8 +28,6 @@ TALLY_S = 0.25
 LEVEL_FRAMES = 64
 """Frames at a recording's start that the eye takes its rest level from."""
 SAID_MAX = 20
-LESSONS = 8
-"""Touches to be taught or forgotten that wait for the player, at most; older ones are not heard."""
 
 
 class Controls:
@@ -41,7 +38,6 @@ class Controls:
         self.paused, self.speed, self.label = False, speed, -1
         self.skip = self.stopped = False
         self.changes = 0
-        self._lessons: deque[tuple[str, int]] = deque(maxlen=LESSONS)
 
     def _change(self, **changes: Any) -> None:
         with self._condition:
@@ -65,21 +61,6 @@ class Controls:
     def choose(self, label: int) -> None:
         """Only recordings of this class; -1: all."""
         self._change(label=label)
-
-    def teach(self, label: int) -> None:
-        """The touch that ended last was of this class."""
-        self._lessons.append(("teach", label))
-        self._change()
-
-    def forget(self, label: int) -> None:
-        """Forget what this class was taught."""
-        self._lessons.append(("forget", label))
-        self._change()
-
-    def lessons(self) -> Iterator[tuple[str, int]]:
-        """Requests to teach and forget, (teach or forget, class), each once."""
-        while self._lessons:
-            yield self._lessons.popleft()
 
     def stop(self) -> None:
         """Come to an end."""
@@ -151,10 +132,10 @@ class Player:
     # ------------------------------------------------------------ recordings
     def _play(self, source: Source) -> None:
         assert self._recordings is not None
-        self._events(source.taught())
         while not self.controls.stopped:
-            for number in self._wanted():
-                self._one(source, self._recordings, number)
+            for number in self._numbers:  # of the class that is chosen when their turn comes
+                if self.controls.label in (-1, int(self._recordings.labels[number])):
+                    self._one(source, self._recordings, number)
                 if self.controls.stopped:
                     return
             if self._once:
@@ -166,18 +147,10 @@ class Player:
             while not (self.controls.skip or self.controls.stopped):
                 label = self.controls.label
                 self.controls.wait(None)
-                self._learn()
                 if self.controls.label != label:
                     break
                 self._state()
             self.controls.skip = self._ended = False
-
-    def _wanted(self) -> Iterator[int]:
-        """Recordings of the class that is chosen when their turn comes."""
-        assert self._recordings is not None
-        for number in self._numbers:
-            if self.controls.label in (-1, int(self._recordings.labels[number])):
-                yield number
 
     def _one(self, source: Source, recordings: Recordings, number: int) -> None:
         samples, label = recordings.recording(number), int(recordings.labels[number])
@@ -227,7 +200,6 @@ class Player:
         controls = self.controls
         while True:
             self._state()
-            self._learn()
             begun, paused = time.monotonic(), controls.paused
             if controls.left(label) or (begun >= due and not paused):
                 return due, controls.speed
@@ -241,12 +213,6 @@ class Player:
             elif speed != controls.speed:  # what is left of the wait shrinks or grows with the pace
                 due = moment + (due - moment) * speed / controls.speed
             speed = controls.speed
-
-    def _learn(self) -> None:
-        """Teach and forget what viewers asked for."""
-        assert not isinstance(self._source, Listener)
-        for command, label in self.controls.lessons():
-            self._events((self._source.teach if command == "teach" else self._source.forget)(label))
 
     def _count(self, number: int, label: int, decision: int) -> None:
         tally = self.tally
@@ -335,7 +301,6 @@ def hello(
         "array": [config.interface.rows, config.interface.columns] if config.interface.position else None,
         "decision": network.decision,
         "threshold": network.margin_threshold,
-        "places": config.readout_rule.taught,
         "unit": {
             "feature": 2**formats.feature_format.frac_bits,
             "state": 2**formats.state_format.frac_bits,

@@ -184,15 +184,12 @@ class PageServer:
 
 def obey(controls: Controls, command: dict) -> None:
     """Do what a viewer asks: ``{"do": "pause", "on": true}``, ``speed`` with ``times`` (0: as fast as
-    possible), ``next``, ``class`` with ``index`` (-1: all), ``teach`` and ``forget`` with ``index``. Other
-    messages are ignored."""
+    possible), ``next``, ``class`` with ``index`` (-1: all). Other messages are ignored."""
     acts: dict[str, Callable[[], None]] = {
         "pause": lambda: controls.pause(bool(command["on"])),
         "speed": lambda: controls.pace(float(command["times"]) or math.inf),
         "next": controls.next,
         "class": lambda: controls.choose(int(command["index"])),
-        "teach": lambda: controls.teach(int(command["index"])),
-        "forget": lambda: controls.forget(int(command["index"])),
     }
     act = acts.get(command["do"])
     if act:

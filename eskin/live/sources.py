@@ -20,10 +20,8 @@ from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS, offered_r
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream
 from eskin.golden.model.position import Position, PositionStream
-from eskin.golden.model.prototypes import taught_in_use
 from eskin.golden.model.stream import Decision
-from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Taught, Where
-from eskin.rtl.program.memory_map import TeachRegister
+from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
     from eskin.cosim.live import LiveSimulator
@@ -49,15 +47,6 @@ class Source(Protocol):
 
     def finish(self) -> list[Event]:
         """The recording is over."""
-
-    def teach(self, label: int) -> list[Event]:
-        """The touch that ended last is of this class."""
-
-    def forget(self, label: int) -> list[Event]:
-        """Forget what this class was taught."""
-
-    def taught(self) -> list[Event]:
-        """Taught touches; empty where nothing can be taught."""
 
     @property
     def decision(self) -> int:
@@ -102,43 +91,6 @@ class ModelSource:
 
     def finish(self) -> list[Event]:
         return self.events(self.stream.finish())
-
-    def teach(self, label: int) -> list[Event]:
-        return self._teaching("TEACH", label)
-
-    def forget(self, label: int) -> list[Event]:
-        return self._teaching("FORGET", label)
-
-    def _teaching(self, register: str, label: int) -> list[Event]:
-        """Teach or forget a class, in the model and in the hardware beside it."""
-        try:
-            (self.stream.teach if register == "TEACH" else self.stream.forget)(label)
-        except InputError as error:
-            return self.taught(str(error))
-        return [*self._hardware_taught(register, label), *self.taught()]
-
-    def _hardware_taught(self, register: str, label: int) -> list[Event]:
-        """The same to hardware, after the model."""
-        return []
-
-    def _held(self, device: str, said: int) -> list[Event]:
-        """A mismatch if TAUGHT differs from the number of touches in the model."""
-        held = int(taught_in_use(self._model()).sum())
-        if said & 0xFF == held:
-            return []
-        return [Differs(f"{device} TAUGHT reads {said & 0xFF} touches and the model holds {held}")]
-
-    def _model(self) -> IntegerModel:
-        """The model, including its taught touches."""
-        assert isinstance(self.stream.model, IntegerModel)
-        return self.stream.model
-
-    def taught(self, refused: str = "") -> list[Event]:
-        if not self.config.readout_rule.taught:
-            return []
-        model = self._model()
-        slots = zip(model.arrays["taught"], taught_in_use(model), strict=True)
-        return [Taught(tuple(places[:used] for places, used in slots), refused)]
 
     @property
     def decision(self) -> int:
@@ -222,10 +174,6 @@ class SimulationSource(ModelSource):
         registers = map(self._simulator.read, ("TOUCHES", "FAULTS"))
         return [*self.events(decisions), *compared, *self._registers("register", *registers)]
 
-    def _hardware_taught(self, register: str, label: int) -> list[Event]:
-        self._simulator.write(register, label)
-        return self._held("register", self._simulator.read("TAUGHT"))
-
     def close(self) -> None:
         self._simulator.close()
 
@@ -305,13 +253,6 @@ class BoardSource(ModelSource):
             *self._compare(),
             *self._held_against_the_boards(self.where(scanned)),
         ]
-
-    def _hardware_taught(self, register: str, label: int) -> list[Event]:
-        with on_port(self._port):
-            self._link.settle()
-            self._link.write([(TeachRegister[register], label)])
-            self._link.settle()
-            return self._held("the board's register", self._link.read("TAUGHT"))
 
     def _held_against_the_boards(self, events: list[Event]) -> list[Event]:
         """The board's registers of position against the model's last position."""

@@ -42,6 +42,7 @@ from eskin.choose.cost import pareto
 from eskin.golden.core import (
     AcceleratorConfig,
     ArchiveError,
+    Arrays,
     InputError,
     QFormat,
     Record,
@@ -124,7 +125,7 @@ class Result:
     config: AcceleratorConfig
     declared: Record = dataclasses.field(default_factory=dict)
     lowest: Record | None = None
-    trace: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    trace: Arrays = dataclasses.field(default_factory=dict)
 
     @classmethod
     def load(cls, folder: str | Path) -> Result:
@@ -186,7 +187,7 @@ def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: i
     return Path(path)
 
 
-def _read_trace(path: Path) -> dict[str, np.ndarray]:
+def _read_trace(path: Path) -> Arrays:
     try:
         trace = read_arrays(path)
     except (OSError, ArchiveError) as error:
@@ -323,7 +324,7 @@ def draw_step_accuracy(splits: Sequence[Record], opens_at_once: bool) -> Figure:
     return figure
 
 
-def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig, unit: str = "V") -> Figure:
+def draw_trace(trace: Arrays, config: AcceleratorConfig, unit: str = "V") -> Figure:
     """One recording from raw taxels through features, hidden state and logits to local decisions and the
     global one."""
     figure = Figure(figsize=(10.4, 10.2), layout="constrained")
@@ -390,9 +391,7 @@ def _draw_map(axes, values: np.ndarray, title: str, unit: str) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
 
 
-def _draw_raw(
-    axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, steps: np.ndarray, unit: str
-) -> None:
+def _draw_raw(axes, trace: Arrays, config: AcceleratorConfig, steps: np.ndarray, unit: str) -> None:
     samples, rate = trace["samples"].astype(float), config.sensor.scan_rate_hz
     level = np.median(samples[: max(1, config.rest_level.rest_frames or min(64, len(samples) // 8))], axis=0)
     scale, worth = (1000.0, "mV") if unit == "V" else (1.0, unit or "unit of the samples")

@@ -119,11 +119,6 @@ def compared(played: Record, things: str = "recordings") -> str:
     return f"{values}, none differs"
 
 
-def article(thing: str) -> str:
-    """``a touch``, ``an image``."""
-    return f"{'an' if thing[0] in 'aeiou' else 'a'} {thing}"
-
-
 # ---------------------------------------------------------------------- templates
 @functools.cache
 def _environment(written: Callable[[Any], str] | None) -> jinja2.Environment:
@@ -137,19 +132,7 @@ def _environment(written: Callable[[Any], str] | None) -> jinja2.Environment:
         lstrip_blocks=True,
         finalize=written,
     )
-    words = (
-        percent,
-        share,
-        seconds,
-        hertz,
-        unit,
-        count,
-        number,
-        mean_and_largest,
-        article,
-        verdict,
-        compared,
-    )
+    words = (percent, share, seconds, hertz, unit, count, number, mean_and_largest, verdict, compared)
     environment.filters |= {function.__name__: function for function in words}
     environment.globals |= {"zip": zip, "style": (TEMPLATES / "style.css").read_text(encoding="utf-8")}
     return environment

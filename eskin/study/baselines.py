@@ -3,10 +3,11 @@ their accuracy on unseen recordings, and their cost.
 
 A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
 touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
-touch at a time, are those of the processor, in one thread. Whoever has another method gives `results` an
+touch at a time, are those of the processor, in one thread. Whoever has another method gives `eskin.verbs.baselines_job.run` an
 object with the attributes of `Method` (examples/thesis does).
 """
 
+import importlib
 import itertools
 import math
 import time
@@ -17,11 +18,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record, content_key
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, Touches, decide_touches, find_touches, real_by_input, real_features
-from eskin.jobs import Jobs
-from eskin.memo import Memo
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
 from eskin.training.formats import with_network
@@ -126,93 +125,17 @@ class Method(Protocol):
 
 
 # ---------------------------------------------------------------------- the methods
-Cost = Callable[[Any, np.ndarray, int], tuple[int, int, int]]
-"""(fitted estimator, inputs that it was fitted to, classes) -> parameters, multiplies, comparisons."""
-
-
-def fitted(
-    model: Any,
-    x: np.ndarray,
-    labels: np.ndarray,
-    grid: Mapping[str, Sequence[float]] | None = None,
-    seed: int = 0,
-) -> Any:
-    """``model`` fitted on ``x``, with the values of ``grid`` that three stratified inner folds like best: fewer
-    where a class is small, none where a class has a single touch."""
-    from sklearn.model_selection import GridSearchCV, StratifiedKFold
-
-    smallest = int(np.bincount(labels)[np.unique(labels)].min())
-    if not grid or smallest < 2:
-        return model.fit(x, labels)
-    inner = StratifiedKFold(min(3, smallest), shuffle=True, random_state=seed)
-    return GridSearchCV(model, grid, cv=inner).fit(x, labels).best_estimator_
-
-
-@dataclass(frozen=True)
-class Classifier:
-    """A classifier of scikit-learn on all windows of a touch. ``grid``: what an inner cross-validation chooses
-    from; whole numbers there count touches."""
-
-    name: str
-    label: str
-    make: Callable[[int], Any]
-    grid: Mapping[str, Sequence[Any]]
-    cost: Cost
-    hardware: bool = False
-    one_seed: bool = False
-
-    def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
-        return [self._fit(scene, part, seed) for part in parts]
-
-    def _fit(self, scene: Scene, part: np.ndarray, seed: int) -> Fitted:
-        if len(np.unique(scene.labels[part])) < 2:  # the one class that the part has
-            return Fitted(lambda rows: np.full(len(rows), scene.labels[part[0]]), 1, 0)
-        windows = scene.windows(part)
-        x = windows.reshape(len(windows), -1)
-        # whole numbers count touches: no more than an inner fold leaves
-        grid = {
-            name: [value for value in values if not isinstance(value, int) or value <= max(1, len(part) // 3)]
-            for name, values in self.grid.items()
-        }
-        model = fitted(self.make(seed), x[part], scene.labels[part], grid, seed)
-        return Fitted(lambda rows: model.predict(x[rows]), *self.cost(model, x[part], scene.classes))
-
-
-def _logistic(seed: int) -> Any:
-    from sklearn.linear_model import LogisticRegression
-
-    return LogisticRegression(max_iter=2000)
-
-
-def _svm(seed: int) -> Any:
-    from sklearn.svm import SVC
-
-    return SVC()
-
-
-def _forest(seed: int) -> Any:
-    from sklearn.ensemble import RandomForestClassifier
-
-    return RandomForestClassifier(200, random_state=seed)
-
-
-def _neighbours(seed: int) -> Any:
-    from sklearn.neighbors import KNeighborsClassifier
-
-    return KNeighborsClassifier()
-
-
-def _logistic_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
-    return model.coef_.size + model.intercept_.size, model.coef_.size, 0
-
-
-def _svm_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
-    vectors, pairs = len(model.support_), classes * (classes - 1) // 2
-    return vectors * (x.shape[1] + classes - 1) + pairs, vectors * (x.shape[1] + classes), 0
-
-
-def _forest_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
-    """Feature and threshold of every fork, shares of the classes of every leaf; forks on the way."""
+def cost_of(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
+    """Parameters, multiplies and comparisons of an estimator that was fitted to ``x``: of a logistic regression, a
+    support vector machine, k neighbours; of trees feature and threshold of every fork, shares of the classes of
+    every leaf, and forks on the way."""
+    if hasattr(model, "coef_"):
+        return model.coef_.size + model.intercept_.size, model.coef_.size, 0
+    if hasattr(model, "support_"):
+        vectors, pairs = len(model.support_), classes * (classes - 1) // 2
+        return vectors * (x.shape[1] + classes - 1) + pairs, vectors * (x.shape[1] + classes), 0
+    if not hasattr(model, "estimators_"):
+        return x.size + len(x), x.size, 0
     trees = [estimator.tree_ for estimator in model.estimators_]
     leaves = sum(int(tree.n_leaves) for tree in trees)
     forks = sum(int(tree.node_count) for tree in trees) - leaves
@@ -220,8 +143,48 @@ def _forest_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int
     return 2 * forks + classes * leaves, 0, round(compared)
 
 
-def _neighbours_cost(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
-    return x.size + len(x), x.size, 0
+@dataclass(frozen=True)
+class Classifier:
+    """A classifier of scikit-learn on all windows of a touch.
+
+    kind, options: its class, as in ``svm.SVC``, and what it takes; ``random_state`` there becomes the seed. grid: the
+    values of which three stratified inner folds choose, fewer where a class is small, none where a class has a
+    single touch; whole numbers there count touches.
+    """
+
+    name: str
+    label: str
+    kind: str
+    options: Record = field(default_factory=dict)
+    grid: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    hardware: bool = False
+    one_seed: bool = False
+
+    def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
+        return [self._fit(scene, part, seed) for part in parts]
+
+    def _fit(self, scene: Scene, part: np.ndarray, seed: int) -> Fitted:
+        from sklearn.model_selection import GridSearchCV, StratifiedKFold
+
+        labels = scene.labels[part]
+        counts = np.unique(labels, return_counts=True)[1]
+        if len(counts) < 2:  # the one class that the part has
+            return Fitted(lambda rows: np.full(len(rows), labels[0]), 1, 0)
+        x = scene.windows(part).reshape(len(scene.labels), -1)
+        module, _, kind = self.kind.partition(".")
+        given = {name: seed if name == "random_state" else value for name, value in self.options.items()}
+        model = getattr(importlib.import_module(f"sklearn.{module}"), kind)(**given)
+        # whole numbers count touches: no more than an inner fold leaves
+        grid = {
+            name: [value for value in values if not isinstance(value, int) or value <= max(1, len(part) // 3)]
+            for name, values in self.grid.items()
+        }
+        if grid and counts.min() > 1:
+            inner = StratifiedKFold(min(3, int(counts.min())), shuffle=True, random_state=seed)
+            model = GridSearchCV(model, grid, cv=inner, refit=True).fit(x[part], labels).best_estimator_
+        else:
+            model.fit(x[part], labels)
+        return Fitted(lambda rows: model.predict(x[rows]), *cost_of(model, x[part], scene.classes))
 
 
 @dataclass(frozen=True)
@@ -262,12 +225,24 @@ METHODS: dict[str, Method] = {
     method.name: method
     for method in (
         Classifier(
-            "logistic", "logistic regression", _logistic, {"C": (0.1, 1.0, 10.0, 100.0)}, _logistic_cost
+            "logistic",
+            "logistic regression",
+            "linear_model.LogisticRegression",
+            {"max_iter": 2000},
+            {"C": (0.1, 1.0, 10.0, 100.0)},
         ),
-        Classifier("svm", "RBF-SVM", _svm, {"C": (1.0, 10.0, 100.0), "gamma": ("auto", "scale")}, _svm_cost),
-        Classifier("forest", "random forest", _forest, {}, _forest_cost),
+        Classifier("svm", "RBF-SVM", "svm.SVC", grid={"C": (1.0, 10.0, 100.0), "gamma": ("auto", "scale")}),
         Classifier(
-            "neighbours", "k nearest neighbours", _neighbours, {"n_neighbors": (1, 3, 5, 9)}, _neighbours_cost
+            "forest",
+            "random forest",
+            "ensemble.RandomForestClassifier",
+            {"n_estimators": 200, "random_state": 0},
+        ),
+        Classifier(
+            "neighbours",
+            "k nearest neighbours",
+            "neighbors.KNeighborsClassifier",
+            grid={"n_neighbors": (1, 3, 5, 9)},
         ),
         Network("gru", "GRU 12, float", _gru),
     )
@@ -294,8 +269,8 @@ def _scene(shared: Shared) -> Scene:
     return Scene.of(*shared)
 
 
-class _Held(tuple):
-    """Recordings and configuration, one object in a worker, which finds the touches once."""
+class Held(tuple):
+    """Recordings and configuration: one object in a worker, which finds the touches once."""
 
     __hash__ = object.__hash__
     __eq__ = object.__eq__
@@ -353,7 +328,7 @@ def timed(model: Fitted, rows: np.ndarray) -> list[float]:
     return microseconds
 
 
-def row_of(method: Method, groups: Sequence[str], runs: Sequence[Mapping[str, Any]]) -> Record:
+def row_of(method: Method, groups: Sequence[str], runs: Sequence[Record]) -> Record:
     """A row of baselines.json: method, label, split, groups, accuracy (mean over seeds of the share of all
     recordings), spread (standard deviation over runs), best (run), standard_error (over recordings), runs,
     seeds; parameters, multiplies, bytes, comparisons and train_s (means over runs); decision_us (median) and
@@ -381,67 +356,4 @@ def row_of(method: Method, groups: Sequence[str], runs: Sequence[Mapping[str, An
         "decision_us": float(np.median(times)) if times else None,
         "decision_us_99": float(np.quantile(times, 0.99)) if times else None,
         "hardware": method.hardware,
-    }
-
-
-def results(
-    recordings: Recordings,
-    config: AcceleratorConfig,
-    splits: Sequence[Sequence[str]],
-    *,
-    methods: Sequence[Method] = tuple(METHODS.values()),
-    folds: int = 5,
-    seeds: Sequence[int] = range(3),
-    jobs: Jobs | None = None,
-    keep: Memo | None = None,
-    version: str = "",
-) -> Record:
-    """Every method on every split, one job each.
-
-    Parameters
-    ----------
-    keep, version:
-        Finished pieces, and a word for data and code.
-
-    Returns
-    -------
-    rows (`row_of`, best first within a split), left_out (method, split, reason), recordings, classes, config,
-    seeds, folds, data.
-
-    Raises
-    ------
-    InputError
-        Unknown groups; or no method can be judged.
-    """
-    every = tuple(int(seed) for seed in seeds)
-    pieces = {}
-    for method, groups in itertools.product(methods, splits):
-        key = content_key(
-            "baseline", version, config.to_dict(), method.name, list(groups), list(every), folds
-        )
-        pieces[key] = BaselineJob(method, tuple(groups), every, folds)
-    outcomes = (jobs or Jobs(workers=1)).results(
-        judge, pieces, _Held((recordings, config)), keep=keep, what="methods judged"
-    )
-    rows, left_out = [], []
-    for key, piece in pieces.items():
-        if "refused" in outcomes[key]:
-            split = " and ".join(piece.groups) or "recordings"
-            left_out.append({"method": piece.method.name, "split": split, "reason": outcomes[key]["refused"]})
-        else:
-            rows.append(row_of(piece.method, piece.groups, outcomes[key]["runs"]))
-    if not rows:
-        raise InputError(
-            f"baselines: no method works on these recordings; the first one reports: {left_out[0]['reason']}"
-        )
-    order = [list(groups) for groups in splits]
-    return {
-        "rows": sorted(rows, key=lambda row: (order.index(row["groups"]), -row["accuracy"])),
-        "left_out": left_out,
-        "data": str(recordings.source),
-        "recordings": len(recordings),
-        "classes": len(recordings.class_names),
-        "config": config.to_dict(),
-        "seeds": list(every),
-        "folds": folds,
     }

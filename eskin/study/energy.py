@@ -19,7 +19,6 @@ board, small designs with little fan-out, no block RAM. A figure is therefore ac
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.study.converter_power import converter_power
@@ -117,8 +116,8 @@ more with an onset detector, and of an idle cycle. All but the last are fitted t
 
 
 def counted_activity(
-    full: Mapping[str, Any],
-    slow: Mapping[str, Any] | None = None,
+    full: Record,
+    slow: Record | None = None,
     *,
     frames: int,
     steps: int,
@@ -261,7 +260,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     }
 
 
-def compare(rows: list[Record], *, what: str = "touch") -> Record:
+def compare(rows: list[Record]) -> Record:
     """Compares configurations: the one with the least energy per touch and the one with the least average
     power.
 
@@ -270,8 +269,6 @@ def compare(rows: list[Record], *, what: str = "touch") -> Record:
     rows:
         Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one
         on a part without measured figures while there is another.
-    what:
-        ``touch``, or ``image``: a touch of one step.
     """
     exact = [row for row in rows if row["bit_exact"]]
     rivals = [row for row in exact if row["measured_part"]] or exact
@@ -279,7 +276,6 @@ def compare(rows: list[Record], *, what: str = "touch") -> Record:
     choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
     least_average = min(choices, key=lambda item: item[0], default=None)
     return {
-        "what": what,
         "configurations": rows,
         "least_touch": least_touch and least_touch["name"],
         "least_average": least_average

@@ -8,19 +8,18 @@ are reused.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.golden.core import NETWORKS, AcceleratorConfig, Conv, Dense, InputError, Pool, QFormat, Record
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Pool, QFormat, Record
 from eskin.golden.core.images import BIAS_BITS, parse_layer
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.study.sweep import Judging, Request, expand, lanes_name, split_figures
+from eskin.study.sweep import expand, lanes_name, split_figures
 from eskin.training.image_models import fold_jobs, image_config, judged_pieces, split_of
 from eskin.training.train_images import ImageRecipe, judge, size_of
 
@@ -32,16 +31,21 @@ CLOCK_HZ = 36e6
 reserve."""
 
 LANES = 8
+COSTS = ("latency_s", "energy_j", "memory_bytes", "multiplies_decision")
+"""Keys of a record that accuracy is set against."""
 
-NARROW: dict[str, list[str]] = {
-    "three 3x3, 4/8/16": ["conv 3 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool"],
-    "four, 4/4/8/16": ["conv 3 4", "pool", "conv 3 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool"],
+NARROW = {
+    "three 3x3, 4/8/16": ("conv 3 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool"),
+    "four, 4/4/8/16": ("conv 3 4", "pool", "conv 3 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool"),
 }
 """Networks of the default grid that have no name among `eskin.golden.core.images.NETWORKS`."""
 
 
 DEFAULT_GRID: list[Record] = [
-    {"layers": ["tactnet", "four", "four-lean", "tactnet-half", *NARROW.values()], "weight_bits": [8, 4]}
+    {
+        "layers": ["tactnet", "four", "four-lean", "tactnet-half", *map(list, NARROW.values())],
+        "weight_bits": [8, 4],
+    }
 ]
 
 
@@ -125,19 +129,8 @@ def map_values(config: AcceleratorConfig) -> tuple[int, int]:
     return max(sizes[0::2]), max(sizes[1::2], default=0)
 
 
-def network_name(layers: Sequence[str]) -> str:
-    """A name for layers without the dense one at the end: that of NETWORKS or NARROW, else kernels and
-    channels."""
-    for name, stages in (NETWORKS | {name: tuple(layer) for name, layer in NARROW.items()}).items():
-        if tuple(layers) == tuple(stages):
-            return name
-    parsed = [parse_layer(text) for text in layers]
-    words = [f"{layer.kernel}x{layer.kernel} {layer.channels}" for layer in parsed if isinstance(layer, Conv)]
-    return ", ".join(words + [f"dense {layer.outputs}" for layer in parsed if isinstance(layer, Dense)])
-
-
 def make_image_points(
-    recordings: Recordings, grids: Sequence[Mapping[str, Any]], source: str = "grid"
+    recordings: Recordings, grids: Sequence[Record], source: str = "grid"
 ) -> list[ImagePoint]:
     """Every point of the grids, each once, in order.
 
@@ -162,7 +155,7 @@ def make_image_points(
     return expand(whole, source, FIELDS, "a grid for images", lambda fields: _point(recordings, fields))
 
 
-def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
+def _point(recordings: Recordings, values: Record) -> ImagePoint:
     layers, bits, lanes, clock = (values[name] for name in FIELDS)
     if bits not in (4, 8) or isinstance(bits, bool):
         raise InputError(f"field weight_bits: is {bits!r}; give 8 or 4")
@@ -173,7 +166,8 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
             "8', 'pool']"
         )
     texts = [str(parse_layer(text)) for text in texts]
-    name = network_name(texts)
+    names = {stages: name for name, stages in (NETWORKS | NARROW).items()}
+    name = names.get(tuple(texts), ", ".join(texts))
     if name in NETWORKS:
         trained = image_config(recordings, name)
     else:
@@ -191,46 +185,35 @@ def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
     return ImagePoint(name, trained, trained.replace(**formats, clock_hz=clock).with_lanes(lanes, "plain"))
 
 
-# ---------------------------------------------------------------------- the sweep
-@dataclass(frozen=True, kw_only=True)
-class ImageSweepRequest(Request):
-    """A sweep over networks for images.
-
-    group: of the one split; none: random folds, new ones for every seed.
-    """
-
-    group: Sequence[str] = ()
-    seeds: Sequence[int] = (0,)
-    recipe: ImageRecipe = field(default_factory=ImageRecipe)
-
-    costs: ClassVar[Sequence[str]] = ("latency_s", "energy_j", "memory_bytes", "multiplies_decision")
-
-    def judged(
-        self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
-    ) -> tuple[list[Record], Record]:
-        """The outcome of each point, in the keys of `eskin.study.sweep.judge`, and what sweep.json
-        holds of images alone: judged_images (of a seed), judged_split. Stored results are keyed by images and
-        code, not by ``version``."""
-        group, seeds = list(self.group), list(map(int, self.seeds))
-        tuned = {point.trained for point in self.points if point.aware}
-        pieces = {
-            config: fold_jobs(
-                recordings, config, group, self.folds, seeds, self.recipe, 4 if config in tuned else 0
-            )
-            for config in dict.fromkeys(point.trained for point in self.points)
-        }
-        images = {size_of(next(iter(pieces))): images_of(recordings)}
-        task = "trained and judged"
-        results = judged_pieces(
-            images, recordings.labels, list(pieces.values()), jobs, keep, task, judging or judge
-        )
-        judged = dict(zip(pieces, results, strict=True))
-        outcomes = []
-        for point in self.points:
-            of_point = pieces[point.trained], judged[point.trained], seeds, "tuned" if point.aware else "w8"
-            split = split_figures(split_of(recordings, point.trained, group, *of_point))
-            split["decision_time_s"] = split["per_step"][0]["time_s"]
-            outcomes.append({"splits": [split]})
-        judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
-        header = {"judged_split": group, "judged_images": judged_images}
-        return outcomes, header | {"images": True, "classes": len(recordings.class_names)}
+# ---------------------------------------------------------------------- judging
+def judge_image_points(
+    recordings: Recordings,
+    points: Sequence[ImagePoint],
+    group: list[str],
+    *,
+    seeds: list[int],
+    folds: int,
+    jobs: Jobs,
+    keep: Memo,
+) -> tuple[list[Record], Record]:
+    """The outcome of each point, in the keys of `eskin.study.sweep.judge`, and what sweep.json
+    holds of images alone: judged_images (of a seed), images, classes. ``group``: of the one split; none: random
+    folds, new ones for every seed. Stored results are keyed by images and code."""
+    tuned = {point.trained for point in points if point.aware}
+    recipe = ImageRecipe()
+    pieces = {
+        config: fold_jobs(recordings, config, group, folds, seeds, recipe, 4 if config in tuned else 0)
+        for config in dict.fromkeys(point.trained for point in points)
+    }
+    images = {points[0].size: images_of(recordings)}
+    task = "trained and judged"
+    results = judged_pieces(images, recordings.labels, list(pieces.values()), jobs, keep, task, judge)
+    judged = dict(zip(pieces, results, strict=True))
+    outcomes = []
+    for point in points:
+        of_point = pieces[point.trained], judged[point.trained], seeds, "tuned" if point.aware else "w8"
+        split = split_figures(split_of(recordings, point.trained, group, *of_point))
+        split["decision_time_s"] = split["per_step"][0]["time_s"]
+        outcomes.append({"splits": [split]})
+    judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
+    return outcomes, {"judged_images": judged_images, "images": True, "classes": len(recordings.class_names)}

@@ -47,11 +47,6 @@ def without_touches(
     return dataclasses.replace(recordings, samples=samples)
 
 
-def quiet_enough(config: AcceleratorConfig, onsets: np.ndarray) -> np.ndarray:
-    """(R) bool: an onset was found, and its lead-in is longer than the settling time."""
-    return onsets - _judged_frames(config) > config.rest_level.rest_frames
-
-
 def _judged_frames(config: AcceleratorConfig) -> int:
     return config.onset_rule.onset_mean_frames if config.onset_rule.onset == "baseline" else 1
 
@@ -87,7 +82,8 @@ def known_without_touch(
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
     onsets = np.asarray(find_onsets(config, recordings))
-    quiet = np.flatnonzero(quiet_enough(config, onsets))
+    # an onset was found, behind a lead-in that is longer than the settling time
+    quiet = np.flatnonzero(onsets - _judged_frames(config) > config.rest_level.rest_frames)
     if config.opens_at_once or not len(quiet):
         return None
     whole, onsets = recordings.subset(quiet), onsets[quiet]

@@ -11,9 +11,9 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -49,11 +49,11 @@ DEFAULT_GRID: list[dict[str, list[Any]]] = [
 NOT_BUILT = ("lut", "dsp", "bram")
 """Keys of a point that only a build fills."""
 
+COSTS = ("latency_s", "multiplies_decision", "energy_j")
+"""Keys of a record that accuracy is set against."""
+
 SPREAD = ("accuracy", "spread", "standard_error")
 """Keys of a split that a record repeats."""
-
-Judging = Callable[[Any, Any], Record]
-"""(what all pieces share, a piece of work) -> its outcome."""
 
 _TYPICAL_RANGES = {
     "feature": (-7.9, 7.9),
@@ -131,7 +131,7 @@ class Point:
         }
 
 
-def cell_name(config: Mapping[str, Any]) -> str:
+def cell_name(config: Record) -> str:
     """``GRU``, ``GRU reset after``, ``LSTM`` or ``linear``."""
     if config["cell"] == "linear":
         return "linear"
@@ -140,12 +140,12 @@ def cell_name(config: Mapping[str, Any]) -> str:
     )
 
 
-def network_name(config: Mapping[str, Any]) -> str:
+def network_name(config: Record) -> str:
     """``GRU 12``: cell and hidden units; ``linear`` has none."""
     return cell_name(config) if config["cell"] == "linear" else f"{cell_name(config)} {config['hidden']}"
 
 
-def lanes_name(config: Mapping[str, Any]) -> str:
+def lanes_name(config: Record) -> str:
     """``4 lanes``."""
     return f"{config['lanes']} lane{'s' if config['lanes'] != 1 else ''}"
 
@@ -175,9 +175,7 @@ def read_grid(path: str | Path) -> list[Record]:
     return grids
 
 
-def make_points(
-    base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], source: str = "grid"
-) -> list[Point]:
+def make_points(base: AcceleratorConfig, grids: Sequence[Record], source: str = "grid") -> list[Point]:
     """Every point of the grids, each once, in order; fields that a grid leaves out are those of ``base``.
 
     Raises
@@ -189,11 +187,7 @@ def make_points(
 
 
 def expand(
-    grids: Sequence[Mapping[str, Any]],
-    source: str,
-    fields: Sequence[str],
-    what: str,
-    point_of: Callable[[Record], Any],
+    grids: Sequence[Record], source: str, fields: Sequence[str], what: str, point_of: Callable[[Record], Any]
 ) -> list[Any]:
     """Every combination of each grid's values as ``point_of`` makes it, each once.
 
@@ -245,41 +239,41 @@ def _point(base: AcceleratorConfig, fields: Record) -> Point:
 
 
 # ---------------------------------------------------------------------- judging
-@dataclass(frozen=True)
-class Job:
-    """A unit of training and judging, on every split."""
-
-    config: AcceleratorConfig
-    widths: Mapping[str, int]
-    splits: tuple[tuple[str, ...], ...]
-    seeds: tuple[int, ...]
-    folds: int
-    aware: bool = False
-
-    def key(self, version: str) -> str:
-        """Hash of all that the outcome depends on; ``version`` stands for data and code."""
-        return content_key(version, self.config.to_dict(), asdict(self) | {"config": None})
-
-
-def judge(recordings: Recordings, job: Job) -> Record:
-    """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), or ``{"refused": why}`` when the trained
-    network has no formats of these widths."""
+def judge(recordings: Recordings, piece: Record) -> Record:
+    """The outcome of a piece of work, which holds the arguments of `cross_validate`: ``{"splits": [...]}``
+    (``split_figures``), or ``{"refused": why}`` when the trained network has no formats of these widths."""
     try:
-        records = cross_validate(
-            recordings,
-            job.config,
-            [list(split) for split in job.splits],
-            job.seeds,
-            folds=job.folds,
-            widths=dict(job.widths),
-            quantisation_aware=job.aware,
-        )
+        records = cross_validate(recordings, **piece)
     except InputError as error:
         return {"refused": str(error)}
     return {"splits": [split_figures(record) for record in records]}
 
 
-def split_figures(record: Mapping[str, Any]) -> Record:
+def judge_points(
+    recordings: Recordings,
+    points: Sequence[Point],
+    splits: Sequence[Sequence[str]],
+    *,
+    seeds: Sequence[int],
+    folds: int,
+    jobs: Jobs,
+    keep: Memo,
+    version: str = "",
+) -> list[Record]:
+    """The outcome of each point (`judge`) on the splits, which are group names; points that differ in lanes
+    alone share a training. ``version`` names data and code in the keys of finished trainings."""
+    common = {"splits": [list(split) for split in splits], "seeds": list(seeds), "folds": folds}
+    pieces, keys = {}, []
+    for point in points:
+        config, own = point.config.with_lanes(1, "plain"), {"widths": dict(point.widths)}
+        piece = common | own | {AWARE: point.aware}
+        keys.append(content_key(version, config.to_dict(), piece))
+        pieces[keys[-1]] = piece | {"config": config}
+    outcomes = jobs.results(judge, pieces, recordings, keep=keep, what="trained and judged")
+    return [outcomes[key] for key in keys]
+
+
+def split_figures(record: Record) -> Record:
     """Figures of a point for one split of ``cross_validate``: groups, accuracy (integer), spread and
     standard_error (over seeds, of the accuracy over all folds), by_seed, float_accuracy, float_by_seed,
     agreement, decision_time_s, per_step (step, time_s since the onset, accuracy), per_fold (held_out,
@@ -317,116 +311,40 @@ def seed_spread(by_seed: Sequence[float], recordings: int) -> Record:
 
 
 # ---------------------------------------------------------------------- the sweep
-@dataclass(frozen=True, kw_only=True)
-class Bounds:
-    """Conditions on the recommended point: accuracy_floor, a share; latency_budget, seconds. None: no
-    bound."""
-
-    accuracy_floor: float | None = None
-    latency_budget: float | None = None
-
-    def given(self) -> dict[str, float]:
-        """The bounds that there are, by their names in words."""
-        return {name.replace("_", " "): value for name, value in vars(self).items() if value is not None}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """The request of a sweep of either task.
-
-    points: the networks. seeds, folds: of every split. bounds: of the recommendation.
-    """
-
-    points: Sequence[Any]
-    seeds: Sequence[int]
-    folds: int = 5
-    bounds: Bounds = field(default_factory=Bounds)
-
-    costs: ClassVar[Sequence[str]] = ("latency_s", "multiplies_decision", "energy_j")
-    """Keys of a record that accuracy is set against."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SweepRequest(Request):
-    """A sweep over networks for recordings.
-
-    Parameters
-    ----------
-    base:
-        The configuration whose sensor, windows and clock the points share.
-    splits:
-        Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its
-        ``splits``.
-    """
-
-    base: AcceleratorConfig
-    splits: Sequence[Sequence[str]]
-
-    def work(self) -> list[Job]:
-        """Pieces of work: the points, whose lanes do not matter here."""
-        common = (
-            tuple(tuple(split) for split in self.splits),
-            tuple(int(seed) for seed in self.seeds),
-            self.folds,
-        )
-        return [
-            Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware)
-            for point in self.points
-        ]
-
-    def judged(
-        self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
-    ) -> tuple[list[Record], Record]:
-        """The outcome of each point (`judge`), and what sweep.json holds of this task alone: judged_split,
-        base."""
-        work = self.work()
-        keys = [job.key(version) for job in work]
-        pieces = dict(zip(keys, work, strict=True))
-        outcomes = jobs.results(judging or judge, pieces, recordings, keep=keep, what="trained and judged")
-        own = {"judged_split": list(self.splits[0]), "base": self.base.to_dict()}
-        return [outcomes[key] for key in keys], own
-
-
 def sweep(
-    recordings: Recordings,
-    request: Any,
-    *,
+    points: Sequence[Any],
+    outcomes: Sequence[Record],
     cost_of: Callable[[AcceleratorConfig], Mapping[str, float]],
-    jobs: Jobs,
-    keep: Memo,
-    version: str = "",
-    judging: Judging | None = None,
+    bounds: Mapping[str, float],
+    costs: Sequence[str] = COSTS,
 ) -> Record:
-    """Judge every point, mark the front, and recommend one point.
+    """Mark the front of judged points, and recommend one.
 
     Parameters
     ----------
-    request:
-        A `SweepRequest`, or an `eskin.study.image_sweep.ImageSweepRequest`.
+    points, outcomes:
+        `Point`, or `eskin.study.image_sweep.ImagePoint`, and what `judge` says of each. A point's
+        ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
     cost_of:
         Of a configuration cycles_step, cycles_decision (from the features, or the last pixel, to the
         decision), energy_j (of a touch, waiting included, or of an image's computation) and compute_j (of the
         steps alone); energies are estimates.
-    jobs:
-        Where points are trained and judged.
-    keep, version:
-        Finished trainings, and a word for data and code; see ``Job.key``.
-    judging:
-        In place of the task's own training and judging.
+    bounds:
+        Of `recommend`.
+    costs:
+        Keys of a record that accuracy is set against.
 
     Returns
     -------
-    As in sweep.json: points, recommended, recommendation, refused, seeds, folds, and what ``request.judged``
-    adds.
+    Of sweep.json points, recommended, recommendation, refused.
 
     Raises
     ------
     InputError
         No point can be quantised to the widths it asks for.
     """
-    outcomes, own = request.judged(recordings, jobs, keep, version, judging)
     records, refused = [], []
-    for point, outcome in zip(request.points, outcomes, strict=True):
+    for point, outcome in zip(points, outcomes, strict=True):
         if "refused" in outcome:
             refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
         else:
@@ -435,19 +353,11 @@ def sweep(
         raise InputError(
             f"sweep: no point could be quantised to its widths; the first one reports: {refused[0]['reason']}"
         )
-    front = {number for cost in request.costs for number in pareto(records, cost)}
+    front = {number for cost in costs for number in pareto(records, cost)}
     for number, record in enumerate(records):
         record["on_front"] = number in front
-    choice = recommend(records, request.bounds)
-    return {
-        "points": records,
-        "recommended": choice["point"],
-        "recommendation": choice,
-        "refused": refused,
-        "seeds": [int(seed) for seed in request.seeds],
-        "folds": request.folds,
-        **own,
-    }
+    choice = recommend(records, bounds)
+    return {"points": records, "recommended": choice["point"], "recommendation": choice, "refused": refused}
 
 
 def _record(point: Any, splits: list[Record], cost: Mapping[str, float]) -> Record:
@@ -467,7 +377,7 @@ def _record(point: Any, splits: list[Record], cost: Mapping[str, float]) -> Reco
     }
 
 
-def size(record: Mapping[str, Any]) -> tuple:
+def size(record: Record) -> tuple:
     """Size of a model: multiplies of a decision, then bits of its weights, then lanes, then no early
     decision, which takes hardware beside it; the rest only makes the order unique."""
     config = record["config"]
@@ -480,8 +390,9 @@ def size(record: Mapping[str, Any]) -> tuple:
     )
 
 
-def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None) -> Record:
-    """The smallest (``size``) record that meets the bounds; or the nearest, and by how much it misses.
+def recommend(records: Sequence[Record], bounds: Mapping[str, float]) -> Record:
+    """The smallest (``size``) record that meets the bounds, of ``accuracy floor`` (a share) and ``latency
+    budget`` (seconds) those there are; or the nearest, and by how much it misses.
 
     Without a floor all records within one standard error of the most accurate one count as equal, and the
     smallest of them is named. Where no record meets the bounds, the nearest has the smallest sum of misses, each
@@ -491,9 +402,8 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
     -------
     point (index), name, met, misses (bound -> how far beyond it, share or seconds), sentence.
     """
-    bounds = asked.given() if asked else {}
 
-    def misses(record: Mapping[str, Any]) -> dict[str, float]:
+    def misses(record: Record) -> dict[str, float]:
         over = {
             "accuracy floor": bounds.get("accuracy floor", 0.0) - record["accuracy"],
             "latency budget": record["latency_s"] - bounds.get("latency budget", math.inf),
@@ -539,13 +449,13 @@ def _bound(name: str, value: float) -> str:
     return units[name]
 
 
-def _says(record: Mapping[str, Any]) -> str:
+def _says(record: Record) -> str:
     error = f" +- {100 * record['standard_error']:.2f}"
     cost = f"{1e6 * record['latency_s']:.4g} us, {1e6 * record['energy_j']:.4g} uJ"
     return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {cost})"
 
 
-def flat_rows(result: Mapping[str, Any]) -> list[Record]:
+def flat_rows(result: Record) -> list[Record]:
     """Rows for sweep.csv: the point's configuration and figures, then accuracy, spread, float accuracy and
     agreement of every split."""
     rows = []

@@ -1,9 +1,9 @@
 """Benefit of enrolment: each value of a group is left out of the training in turn, then enrolled with a
 few of its touches, by training on or by prototypes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,7 +62,7 @@ def front_ends_without(
     return [chosen[value] for value in values]
 
 
-def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int]) -> dict[str, np.ndarray]:
+def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int]) -> Arrays:
     """The recordings of each value of ``groups``, by its name.
 
     Raises
@@ -254,7 +254,7 @@ def _draw(
     return drawn
 
 
-def summary(group: Sequence[str], by_seed: Sequence[Sequence[Mapping[str, Any]]]) -> Record:
+def summary(group: Sequence[str], by_seed: Sequence[Sequence[Record]]) -> Record:
     """The result of ``enrol --evaluate`` from the rows of ``judge`` for each seed.
 
     Returns

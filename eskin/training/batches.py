@@ -186,12 +186,10 @@ class TouchPool:
 
     def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
         """(parts, batch) rows."""
-        return torch.stack(
-            [self._next(m, batch) if in_order else self._any(m, batch) for m in range(len(self.parts))]
-        )
-
-    def _any(self, m: int, batch: int) -> torch.Tensor:
-        return self.parts[m][torch.randint(len(self.parts[m]), (batch,), generator=self._generator)]
+        if in_order:
+            return torch.stack([self._next(m, batch) for m in range(len(self.parts))])
+        places = [torch.randint(len(part), (batch,), generator=self._generator) for part in self.parts]
+        return torch.stack([part[rows] for part, rows in zip(self.parts, places, strict=True)])
 
     def _next(self, m: int, batch: int) -> torch.Tensor:
         while len(self._waiting[m]) < batch:

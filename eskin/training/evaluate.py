@@ -35,7 +35,8 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     of the class that most recordings have: what always naming it would reach), logit_error ({mean, max,
     stage}: how far integer logits are from float ones over all completed steps, and the stage that alone
     brings about the largest; None without a step), stages (a record for each stage:
-    ``eskin.training.stage_error.StageError``), passed (``held``).
+    ``eskin.training.stage_error.StageError``), model, source, steps (completed ones), local_agreement (share of
+    steps with the same class; None of images), passed (``passes``).
 
     Raises
     ------
@@ -44,34 +45,14 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     """
     task = load_task(model_dir, recordings)
     stages, result = task.stages(), compare(task.ideal, task.trace, recordings.labels)
-    return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": passes(result)}
-
-
-def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
-    """Both models of a folder over recordings or images, stage by stage.
-
-    Returns
-    -------
-    model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same
-    global decision), local_agreement (share of steps with the same class; None of images), logit_error,
-    stages (as ``evaluate``).
-
-    Raises
-    ------
-    InputError
-        As ``evaluate``.
-    """
-    task = load_task(model_dir, recordings)
-    stages = task.stages()
-    return {
+    return result | {
         "model": str(model_dir),
         "source": str(recordings.source),
-        "recordings": len(recordings),
         "steps": int(task.done.sum()),
-        "agreement": float(np.mean(task.trace.decision == task.ideal.decision)),
         "local_agreement": task.local_agreement,
         "logit_error": logit_error(stages),
         "stages": records(stages),
+        "passed": passes(result),
     }
 
 

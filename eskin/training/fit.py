@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.model import FloatModel, IntegerModel
 from eskin.training.batches import Batches
 from eskin.training.datasets import Dataset
@@ -180,7 +180,7 @@ def train_integers(
     updates: int,
     rate: float,
     progress: Progress,
-) -> list[tuple[IntegerModel, dict[str, np.ndarray]]]:
+) -> list[tuple[IntegerModel, Arrays]]:
     """Each integer network trained on in its own arithmetic, from its float one: (the integers, their real weights).
 
     Networks of the same formats train at once; ``batches_of`` gets their configuration and numbers.
@@ -188,7 +188,7 @@ def train_integers(
     groups: dict[AcceleratorConfig, list[int]] = {}
     for m, start in enumerate(starts):
         groups.setdefault(start.config, []).append(m)
-    trained: dict[int, tuple[IntegerModel, dict[str, np.ndarray]]] = {}
+    trained: dict[int, tuple[IntegerModel, Arrays]] = {}
     for number, (config, members) in enumerate(groups.items()):
         network = IntegerNetwork([models[m] for m in members], [starts[m] for m in members])
         batches, loss = batches_of(config, members), loss_of(network)

@@ -38,9 +38,7 @@ from eskin.training.train_images import ImageRecipe, tune_network
 from eskin.training.trained import Trained, load_trained, written_by
 
 
-def _noted_ranges(
-    model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]
-) -> dict[str, Range]:
+def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Record) -> dict[str, Range]:
     """The ranges that the training record notes."""
     fix = "give the recordings it was trained on (--data)"
     entries = record.get("ranges", [])
@@ -63,7 +61,7 @@ def quantise(
     model_dir: str | Path,
     recordings: Recordings | None = None,
     *,
-    readout: Mapping[str, Any] | Literal["dense"] | None = None,
+    readout: Record | Literal["dense"] | None = None,
     aware: Progress | None = None,
     **widths: Any,
 ) -> IntegerModel:
@@ -96,7 +94,7 @@ def quantise(
         return _quantise_images(model_dir, recordings, aware, **widths)
     trained = load_trained(model_dir, ranges=recordings is None)
     model, record = trained.model, trained.record
-    asked: Mapping[str, Any] = readout if isinstance(readout, Mapping) else {}
+    asked: Record = readout if isinstance(readout, Mapping) else {}
     prototypes = readout != "dense" and (readout is not None or model.config.has_prototypes)
     if prototypes and aware:
         raise InputError(
@@ -152,9 +150,7 @@ IN_LOGITS = ("margin_threshold", "early_margin")
 """Fields of a margin, of logits or of distances."""
 
 
-def _of_prototypes(
-    trained: Trained, asked: Mapping[str, Any], recordings: Recordings | None
-) -> Mapping[str, Any]:
+def _of_prototypes(trained: Trained, asked: Record, recordings: Recordings | None) -> Record:
     """Settings of prototypes: as requested, otherwise from config.json.
 
     Raises
@@ -237,7 +233,7 @@ def _quantise_images(
     return integer
 
 
-def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]) -> dict[str, float]:
+def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Record) -> dict[str, float]:
     """The ranges that the training record notes."""
     ranges = record.get("ranges")
     names = {str(stage.number) for stage in config.weighted_stages}

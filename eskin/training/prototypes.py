@@ -1,7 +1,7 @@
 """Prototypes of the readout: chosen from the recordings of the training, and taught from a few touches
 (docs/specification.md, section 18)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,9 +31,7 @@ def whole_touches(touches: Touches, config: AcceleratorConfig) -> np.ndarray:
     return rows[touches.completed[rows] == config.windows.steps]
 
 
-def training_groups(
-    recordings: Recordings, record: Mapping[str, Any], groups: Sequence[str] | None
-) -> list[str]:
+def training_groups(recordings: Recordings, record: Record, groups: Sequence[str] | None) -> list[str]:
     """The group arrays whose values are left out: those asked for; else those of the
     training's first split that has any; else the first there is.
 

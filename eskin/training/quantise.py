@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
+from eskin.golden.core import PRESETS, AcceleratorConfig, Arrays, InputError, QFormat, Record
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
 from eskin.golden.model import (
     Fixed,
@@ -148,7 +148,7 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
     return profiler.ranges | {COVERED_FEATURE: (-covered, covered)}
 
 
-def merged_parameters(model: FloatModel) -> dict[str, np.ndarray]:
+def merged_parameters(model: FloatModel) -> Arrays:
     """The float network under the integer network's names: the second bias rows of z and r are added to the
     first."""
     merged = {name: np.array(model.arrays[name]) for name in network_shapes(model.config, real=False)}
@@ -279,13 +279,10 @@ class IntegerNetwork(torch.nn.Module):
         codes = torch.floor(centred * scale * 2.0**-config.formats.gate_frac + 0.5)
         return codes.clamp(config.formats.feature_format.min_code, config.formats.feature_format.max_code)
 
-    def logit_codes(self, codes: torch.Tensor) -> torch.Tensor:
-        """Logit codes (N, touches, K, C) of feature codes."""
-        return run_cell(self._arithmetic, self.config, self.codes(), codes)[1]
-
     def forward(self, codes: torch.Tensor) -> torch.Tensor:
         """Real logits (N, touches, K, C) of feature codes: the logit codes over 2**frac."""
-        return self.logit_codes(codes) / 2.0**self.config.formats.logit_format.frac_bits
+        logits = run_cell(self._arithmetic, self.config, self.codes(), codes)[1]
+        return logits / 2.0**self.config.formats.logit_format.frac_bits
 
     @torch.no_grad()
     def teach(self, features: torch.Tensor) -> torch.Tensor:
@@ -542,7 +539,7 @@ def check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
         )
 
 
-def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Mapping[str, Any]) -> int:
+def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Record) -> int:
     """Fraction bits at which the largest normaliser scale (usually that of the shortest window) fills 16 bits
     without a shift."""
     gate_frac = config.formats.gate_frac if widths.get("gate_bits") is None else widths["gate_bits"]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eskin.data.folds import grouped_folds, no_group
+from eskin.data.folds import group_numbers, grouped_folds, no_group
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.training.derive import fits_sensor
@@ -33,9 +33,22 @@ def split_folds(
     recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None
 ) -> list[np.ndarray]:
     """``grouped_folds`` with ``label`` as a group name too."""
-    if "label" in groups:
-        recordings = dataclasses.replace(recordings, groups={**recordings.groups, "label": recordings.labels})
-    return grouped_folds(recordings, groups, folds, seed)
+    return grouped_folds(_with_label(recordings, groups), groups, folds, seed)
+
+
+def _with_label(recordings: Recordings, groups: Sequence[str]) -> Recordings:
+    if "label" not in groups:
+        return recordings
+    return dataclasses.replace(recordings, groups={**recordings.groups, "label": recordings.labels})
+
+
+def error_over_groups(recordings: Recordings, groups: Sequence[str], correct: np.ndarray) -> float:
+    """Standard error of the mean of ``correct`` (recordings): recordings of one group share its mounting or its
+    person, so a group counts as one draw (A. C. Cameron, D. L. Miller 2015, A practitioner's guide to
+    cluster-robust inference, of a mean). Without groups each recording does."""
+    numbers = group_numbers(_with_label(recordings, groups), groups)
+    sums = np.bincount(numbers, correct - correct.mean())
+    return float(np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(correct))
 
 
 def check_split(recordings: Recordings, groups: Sequence[str], folds: int) -> None:

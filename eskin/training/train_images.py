@@ -95,7 +95,7 @@ class ImageNetwork(nn.Module):
                 values = values if stage.last else values.relu()
         return values
 
-    def folded(self) -> dict[str, np.ndarray]:
+    def folded(self) -> Arrays:
         """Weights and biases by the names of a model's arrays, batch norm folded in, float64."""
         arrays: dict[str, np.ndarray] = {}
         layer: Any
@@ -145,14 +145,6 @@ def _batches(count: int, recipe: ImageRecipe, generator: torch.Generator) -> lis
     return list(order[: count - count % recipe.batch].split(recipe.batch))
 
 
-def _updates(count: int, recipe: ImageRecipe, epochs: int) -> int:
-    return epochs * max(count // recipe.batch, 1)
-
-
-def _pixels(images: np.ndarray) -> Tensor:
-    return torch.from_numpy(images.astype(np.float32))[:, None] / 2**PIXEL_FORMAT.frac_bits
-
-
 def _optimise(
     parameters: list[Tensor],
     forward: Callable[[Tensor], Tensor],
@@ -171,10 +163,10 @@ def _optimise(
         {"params": plain, "weight_decay": 0.0},
     ]
     optimiser = torch.optim.AdamW(groups, lr=rate)
-    steps = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, rate, total_steps=_updates(len(images), recipe, epochs)
-    )
-    pixels, targets = _pixels(images), torch.from_numpy(labels.astype(np.int64))
+    updates = epochs * max(len(images) // recipe.batch, 1)
+    steps = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=updates)
+    pixels = torch.from_numpy(images.astype(np.float32))[:, None] / 2**PIXEL_FORMAT.frac_bits
+    targets = torch.from_numpy(labels.astype(np.int64))
     loss_of = nn.CrossEntropyLoss(label_smoothing=recipe.label_smoothing)
     for epoch in range(epochs):
         for rows in _batches(len(images), recipe, generator):

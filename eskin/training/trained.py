@@ -2,10 +2,9 @@
 it is refused. No torch."""
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, Record, read_arrays
 from eskin.golden.core.groups import GROUP_OF, Formats
@@ -69,7 +68,7 @@ class Trained:
                 "run the command again"
             )
 
-    def check_kept(self, config: AcceleratorConfig, options: Mapping[str, Any]) -> None:
+    def check_kept(self, config: AcceleratorConfig, options: Record) -> None:
         """Refuse to lose what config.json says.
 
         Parameters

@@ -1,14 +1,12 @@
 """`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage,
 energy of its clock."""
 
-import random
-import re
+import math
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eskin.cosim.gates import Chip
 from eskin.cosim.latency import limits
 from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.golden.core import (
@@ -27,7 +25,7 @@ from eskin.pages.views import words
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.liberty import Library, WireLoad, corners, read
 from eskin.rtl.asic.nets import BAND, Nets, blocks_of, costs
-from eskin.rtl.asic.synthesis import Netlist, Process, expression, models, process_of, synthesise
+from eskin.rtl.asic.synthesis import Netlist, Process, models, process_of, synthesise
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
@@ -38,8 +36,8 @@ CACHE = Path("build/chips")
 """Finished netlists by content; safe to delete."""
 
 MARK, PAGE, TOP = "asic.json", "asic.md", "accelerator"
-UTILISATION, TILE_UM, TILE_GAP_UM = 0.7, (202.08, 154.98), (15.36, 3.78)
-"""Share of a tile that cells may fill, a Tiny Tapeout tile on SG13G2, and what lies between two of them."""
+UTILISATION, TILE_UM = 0.7, (202.08, 154.98)
+"""Share of a tile that cells may fill, and a Tiny Tapeout tile on SG13G2."""
 WIRE_LOAD = "10k"
 CANNOT = (
     "Before layout: no placement, no clock tree, no design rules. Area within 15 % before the utilisation, "
@@ -87,18 +85,6 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool) -> Hardware
         with replacing(path) as temporary:
             temporary.write_text(content)
     return Hardware(sources, (), "netlist", "asic", probes)
-
-
-def compiled(netlist: Netlist, process: Process, flipped: int | None = None) -> Callable[[int], Chip]:
-    """Makes the netlist ready to play, with states of a seed; ``flipped``: with one cell wrong, chosen by
-    this seed."""
-    wrong = None
-    if flipped is not None:
-        parities = (
-            n for n, cell in netlist.module["cells"].items() if re.search(r"_xn?or2_\d$", cell["type"])
-        )
-        wrong = random.Random(flipped).choice(sorted(parities))
-    return lambda seed: Chip(netlist.module, process.cells, expression, seed, wrong)
 
 
 def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:
@@ -170,7 +156,7 @@ def asic(
         },
         "energy": energy,
         "clock_pins": nets.clock_pins(),
-        "tiles": total / room_um2(1, 1),
+        "tiles": total / (UTILISATION * math.prod(TILE_UM)),
         "utilisation": UTILISATION,
         "cannot_be_claimed": CANNOT,
     }
@@ -197,13 +183,6 @@ def _slowest(
         else:
             paths[corner] = timing.slowest(netlist.verilog, TOP, own, foreign, load, netlist.folder)
     return paths
-
-
-def room_um2(wide: int, high: int) -> float:
-    """Room for cells in a number of tiles, gaps between them included: 8 x 2 are 0.541 mm2."""
-    sides = zip((wide, high), TILE_UM, TILE_GAP_UM, strict=True)
-    width, height = (count * tile + (count - 1) * gap for count, tile, gap in sides)
-    return UTILISATION * width * height
 
 
 def write(result: Record, netlist: Netlist, out: Path, clock_hz: float) -> None:

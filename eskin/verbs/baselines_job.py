@@ -1,17 +1,25 @@
 """`eskin baselines`: other methods on the same recordings, finished runs kept by content."""
 
-import json
+import itertools
 import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from eskin.golden.core import AcceleratorConfig, Progress, Record, check_target, write_json
+from eskin.golden.core import (
+    AcceleratorConfig,
+    InputError,
+    Progress,
+    Record,
+    check_target,
+    content_key,
+    write_json,
+)
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
 from eskin.requests import BaselinesRequest
-from eskin.study import baselines
+from eskin.study.baselines import METHODS, BaselineJob, Held, Method, judge, row_of
 from eskin.training import LEARNING
 from eskin.training.splits import check_split, default_splits
 
@@ -26,37 +34,65 @@ def run(
     recordings: Recordings,
     config: AcceleratorConfig,
     *,
-    methods: Sequence[baselines.Method] = tuple(baselines.METHODS.values()),
+    methods: Sequence[Method] = tuple(METHODS.values()),
     folds: int = 5,
     seeds: int = 3,
     progress: Progress | None = None,
 ) -> Record:
-    """Judge the methods on every split, ``folds`` each and ``seeds`` runs of a fold, and write baselines.json.
+    """Judge the methods on every split, ``folds`` each and ``seeds`` runs of a fold, one job each, and write
+    baselines.json.
 
     ``config``: the front end that finds the touches. Without groups every split that it names is judged.
-    Returns what `eskin.study.baselines.results` does, with wall_s.
+
+    Returns
+    -------
+    rows (`row_of`, best first within a split), left_out (method, split, reason), recordings, classes, config,
+    seeds, folds, data, wall_s.
 
     Raises
     ------
     InputError
-        A folder or a group that cannot be used, before anything is trained.
+        A folder or a group that cannot be used, before anything is trained; or no method can be judged.
     """
     begin = time.perf_counter()
     check_target(request.out / RESULT)
     splits = default_splits(recordings, config) if request.groups is None else [request.groups]
     for groups in splits:
         check_split(recordings, groups, folds)
-    result = baselines.results(
-        recordings,
-        config,
-        splits,
-        methods=methods,
-        folds=folds,
-        seeds=range(seeds),
-        jobs=Jobs(dask=request.dask, progress=progress, version=CODE),
-        keep=Memo(CACHE),
-        version=json.dumps([recordings.content, CODE()]),
+    each, content = tuple(range(seeds)), [recordings.content, CODE(), config.to_dict(), seeds, folds]
+    pieces = {
+        content_key("baseline", *content, method.name, list(groups)): BaselineJob(
+            method, tuple(groups), each, folds
+        )
+        for method, groups in itertools.product(methods, splits)
+    }
+    jobs = Jobs(dask=request.dask, progress=progress, version=CODE)
+    outcomes = jobs.results(
+        judge, pieces, Held((recordings, config)), keep=Memo(CACHE), what="methods judged"
     )
-    result["wall_s"] = time.perf_counter() - begin
+    rows, left_out = [], []
+    for key, piece in pieces.items():
+        name, outcome = piece.method.name, outcomes[key]
+        if "refused" in outcome:
+            split = " and ".join(piece.groups) or "recordings"
+            left_out.append({"method": name, "split": split, "reason": outcome["refused"]})
+        else:
+            rows.append(row_of(piece.method, piece.groups, outcome["runs"]))
+    if not rows:
+        raise InputError(
+            f"baselines: no method works on these recordings; the first one reports: {left_out[0]['reason']}"
+        )
+    order = [list(groups) for groups in splits]
+    result = {
+        "rows": sorted(rows, key=lambda row: (order.index(row["groups"]), -row["accuracy"])),
+        "left_out": left_out,
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "classes": len(recordings.class_names),
+        "config": config.to_dict(),
+        "seeds": list(each),
+        "folds": folds,
+        "wall_s": time.perf_counter() - begin,
+    }
     write_json(request.out / RESULT, result)
     return result

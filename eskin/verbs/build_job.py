@@ -167,14 +167,15 @@ class BuildRequest:
 
     @property
     def rate(self) -> float | None:
-        """Bits a second of its link.
+        """Bits a second of its link: the highest up to `BAUD` that its clock makes exactly.
 
         Raises
         ------
         InputError
             The clock does not make them.
         """
-        return link_rate(self.wanted_hz) if self.hosted else None
+        clock = self.wanted_hz
+        return clock / max(DIVISOR_MIN, math.ceil(clock / BAUD)) if self.hosted else None
 
     def wiring(self) -> Wiring:
         """Its design and pins.
@@ -299,11 +300,6 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     return result, best.bitstream, netlist.verilog
 
 
-def link_rate(clock_hz: float) -> float:
-    """Bits a second of a link at this clock: the highest up to `BAUD` that it makes exactly."""
-    return clock_hz / max(DIVISOR_MIN, math.ceil(clock_hz / BAUD))
-
-
 def board_of(model: Path) -> tuple[int, int, Any]:
     """(bits a second, lanes, lane type) of the board that runs ``model``: of the one build in the model's
     folder, else beside it, else in `BOARDS`.
@@ -403,7 +399,11 @@ def _result(
         "budgets": _budgets(config, wanted_hz),
         "energy": estimate(config, target.device, activity, needed_hz) if target.device in PARTS else None,
         "bitstream": f"{config.name}_{target.name}{best.bitstream.suffix}",
-        "tools": _versions(),
+        "tools": {
+            name: importlib.metadata.version(name)
+            for name in TOOL_PACKAGES
+            if importlib.util.find_spec(name.replace("-", "_"))
+        },
     }
 
 
@@ -475,14 +475,6 @@ def clock_sentence(result: Record) -> str:
 
 
 # ---------------------------------------------------------------------- kept work
-def _versions() -> dict[str, str]:
-    return {
-        name: importlib.metadata.version(name)
-        for name in TOOL_PACKAGES
-        if importlib.util.find_spec(name.replace("-", "_"))
-    }
-
-
 def _netlist(
     design: Callable[[], Component], family: Family, keep: tuple[str, ...], cache: Path
 ) -> tuple[Netlist, str]:

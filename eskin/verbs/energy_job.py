@@ -24,23 +24,19 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import mean_frame_cycles
 from eskin.rtl.program.timing import logit_to_decision
-from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.study import energy
-from eskin.verbs.build_job import suited_lane_type
 from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
 """Default comparison: board, lanes, lane type."""
-IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
-"""The same of images."""
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5
 """Cycles a frame of the slower run: in taxels, and over those of the run at full pace at least."""
 RESULT = "energy.json"
 
 
-def parse_configuration(text: str) -> tuple[str, int, str | None]:
-    """(target, lanes, lane type) of ``TARGET:LANES[:TYPE]``; None: no type is named."""
+def parse_configuration(text: str) -> tuple[str, int, str]:
+    """(target, lanes, lane type) of ``TARGET:LANES[:TYPE]``, plain where no type is named."""
     target, _, of_lanes = text.partition(":")
     lanes, _, kind = of_lanes.partition(":")
     if not re.fullmatch(r"\d{1,4}", lanes):
@@ -49,7 +45,7 @@ def parse_configuration(text: str) -> tuple[str, int, str | None]:
             "icebreaker:1:dsp"
         )
     find_target(target)
-    return target, int(lanes), kind or None
+    return target, int(lanes), kind or "plain"
 
 
 def measure(
@@ -68,7 +64,7 @@ def measure(
     Parameters
     ----------
     numbers, recordings:
-        Of `with_touches`, or images.
+        Of `with_touches`.
     work:
         Folder for design, vectors and captures.
     """
@@ -116,11 +112,7 @@ def counted(
         options["clock_hz"] = slower_cycles(config, results[0]) * config.sensor.scan_rate_hz
         results.append(flow.cosim(design, vectors, work=work / "slow", pace="declared", **options))
         counts.append(dataclasses.asdict(read_count(work / "slow")))
-    # The design's counter goes up to the last logit and has 16 bits: too few for an image, whose decision the
-    # bench times.
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
-    if config.is_image:
-        cycles = results[0]["cycles"]["decision_latency_max"]
     frame_cycles, quiet_frame_cycles = mean_frame_cycles(config)
     activity = energy.counted_activity(
         *counts,
@@ -137,16 +129,10 @@ def counted(
 def slower_cycles(config: AcceleratorConfig, full: Record) -> int:
     """Cycles a frame of the slower run, given the result of the one at full pace.
 
-    Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely. Rows
-    of an image are never held up.
+    Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely.
     """
-    held = 0 if config.is_image else math.ceil(SLOWER_LEAST * full["simulated_cycles"] / full["frames"])
+    held = math.ceil(SLOWER_LEAST * full["simulated_cycles"] / full["frames"])
     return max(SLOW_FACTOR * config.sensor.taxels, held)
-
-
-def _images(recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]:
-    numbers = recordings.evenly(min(count, len(recordings)))
-    return numbers, recordings.subset(numbers)
 
 
 def job(
@@ -164,7 +150,7 @@ def job(
     Parameters
     ----------
     configurations:
-        As for `parse_configuration`; None: CONFIGURATIONS, of images IMAGE_CONFIGURATIONS.
+        As for `parse_configuration`; None: CONFIGURATIONS.
 
     Returns
     -------
@@ -172,30 +158,20 @@ def job(
         configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), battery_j,
         passed (all bit-exact).
     """
-    config = model.config
-    chosen_boards = []
-    for target, lanes, kind in map(
-        parse_configuration, configurations or (IMAGE_CONFIGURATIONS if config.is_image else CONFIGURATIONS)
-    ):
-        kind = kind or (suited_lane_type(config, find_target(target)) if config.is_image else "plain")
-        chosen_boards.append((target, lanes, kind))
-    for target, lanes, kind in chosen_boards:  # one that cannot be is refused before any long work
-        on_lanes = config.with_lanes(lanes, kind)
-        if config.is_image:
-            refuse_hardware(on_lanes)
+    boards = [*map(parse_configuration, configurations or CONFIGURATIONS)]
+    for target, lanes, kind in boards:  # one that cannot be is refused before any long work
+        model.config.with_lanes(lanes, kind)
         if find_target(target).device not in energy.PARTS:
             raise InputError(
                 f"--configuration {target}: there is no energy model of its part; use another board"
             )
-    numbers, chosen = (
-        _images(recordings, count) if config.is_image else with_touches(model, recordings, count)
-    )
+    numbers, chosen = with_touches(model, recordings, count)
     rows = []
-    for number, (target, lanes, kind) in enumerate(chosen_boards):
-        notify("configurations", number, len(chosen_boards))
+    for number, (target, lanes, kind) in enumerate(boards):
+        notify("configurations", number, len(boards))
         rows.append(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )
-    result = energy.compare(rows, what="image" if config.is_image else "touch")
+    result = energy.compare(rows)
     write_json(out / RESULT, result)
     return result

@@ -5,10 +5,8 @@ import time
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from eskin.choose.choice import configure
-from eskin.golden.core import AcceleratorConfig, Progress, Record, content_key
+from eskin.golden.core import AcceleratorConfig, Arrays, Progress, Record, content_key
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
@@ -30,7 +28,7 @@ def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
     return evaluation.judge(recordings, trial)
 
 
-def choose(shared: tuple[Recordings, list[str]], values: dict[str, np.ndarray]) -> list[Record]:
+def choose(shared: tuple[Recordings, list[str]], values: Arrays) -> list[Record]:
     """The configuration chosen without each value's recordings; in a worker."""
     recordings, group = shared
     configs = evaluation.front_ends_without(recordings, values, group, cost_model())

@@ -15,7 +15,6 @@ from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     IntegerModel,
-    Trace,
     images_of,
     run,
     through_converter,
@@ -40,12 +39,10 @@ def cosimulate(
     recordings: Recordings,
     *,
     numbers: Sequence[int] | None = None,
-    trace: Trace | None = None,
     lanes: int | None = None,
     lane_type: str | None = None,
     work: Path = BUILD / "cosim",
     design: Path | None = None,
-    lowest: bool = False,
     level: str = "rtl",
     target: str | None = None,
     converter: str | None = None,
@@ -64,16 +61,11 @@ def cosimulate(
         Other lanes than the configuration's.
     numbers:
         What each recording is called in messages (its index in the whole data set).
-    trace:
-        The integer run over exactly these recordings, when it is at hand.
     work:
         Folder for design, vectors and captures.
     design:
         Folder for the design where several runs of the same one share it: the first of them writes it.
         Default: one in ``work``.
-    lowest:
-        Look for the lowest clock that meets every budget, at the declared pace; it is the result's
-        ``clock_hz``.
     level, target:
         ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets.
     converter:
@@ -81,8 +73,7 @@ def cosimulate(
         recorded). The golden model reads the samples that the converter makes of the recordings. Frames then
         come at the declared rate, by the design's own sample clock.
     chip:
-        With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and
-        placed (false: the netlist with probes alone). Registers, latches and memories begin at random.
+        With target ``asic``: pdk, liberty (paths), rom. Registers, latches and memories begin at random.
     options:
         As for eskin.cosim.flow.cosim.
 
@@ -97,26 +88,19 @@ def cosimulate(
     codes = None
     recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
-        if level != "rtl" or lowest or options.get("stalls"):
+        if level != "rtl" or options.get("stalls"):
             raise InputError(
                 f"--converter: is {config.interface.converter}, which goes with the design's own Verilog "
                 "and clock; "
-                "leave out --level, --stalls and --clock lowest, or give --converter none"
+                "leave out --level and --stalls, or give --converter none"
             )
-        model, trace = dataclasses.replace(model, config=config), None
+        model = dataclasses.replace(model, config=config)
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
-    if options.get("simulator") == flow.COMPILED and (chip is None or lowest):
-        reason = (
-            "looks for no clock; add --simulator verilator"
-            if lowest
-            else "is for chips; add --target asic, or take verilator"
-        )
-        raise InputError(f"--simulator {flow.COMPILED}: {reason}")
     if chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
-        options["hardware"], placed = _chip_parts(config, model.arrays, chip, options.get("simulator"))
+        options["hardware"], placed = _chip_parts(config, model.arrays, chip)
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
@@ -124,16 +108,15 @@ def cosimulate(
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
-    vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
+    vectors = expected_of(model, recordings, work / "vectors.npz", numbers, codes)
     options = {"builds": BUILD / "simulators", **options}
-    if lowest:
-        result = flow.lowest_clock(design, vectors, work=work, **options)
-    else:
-        result = flow.cosim(design, vectors, work=work / "run", **options)
+    result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:
-        chosen = {name: options[name] for name in ("simulator", "builds", "seed") if name in options}
-        second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
-        _add_placed(result, second, placed[1])
+        options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
+        second = flow.cosim(design, vectors, work=work / "placed", **options)
+        names = ("compared_values", "mismatches", "bit_exact", "mismatch_list")
+        result["without_probes"] = {name: second[name] for name in names} | {"cells": placed[1]}
+        result["passed"] = result["passed"] and second["bit_exact"]
     return result
 
 
@@ -157,22 +140,17 @@ def _check_target(level: str, target: str | None, chip: Record | None) -> None:
 
 
 def _chip_parts(
-    config: AcceleratorConfig, arrays: Arrays, chip: Record, simulator: str | None
-) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]] | None]:
+    config: AcceleratorConfig, arrays: Arrays, chip: Record
+) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]]]:
     """A chip's netlist with probes, and the one that is placed."""
     libraries = asic_job.libraries_of([*map(Path, chip["liberty"])])
     process = asic_job.process_of(chip["pdk"], libraries["typ"])
 
     def part(probes: bool) -> tuple[Hardware, Mapping[str, int]]:
         netlist = asic_job.netlist_of(config, arrays, process, probes=probes)
-        if simulator == flow.COMPILED:
-            ready = asic_job.compiled(netlist, process, chip.get("flipped"))
-            hardware = Hardware((), (), "netlist", "asic", probes, ready)
-        else:
-            hardware = asic_job.hardware_of(netlist, process, probes=probes)
-        return hardware, dict(netlist.cells)
+        return asic_job.hardware_of(netlist, process, probes=probes), dict(netlist.cells)
 
-    return part(True)[0], part(False) if chip.get("placed", True) else None
+    return part(True)[0], part(False)
 
 
 def expected_of(
@@ -180,8 +158,6 @@ def expected_of(
     recordings: Recordings,
     path: Path,
     numbers: Sequence[int] | np.ndarray | None = None,
-    *,
-    trace: Trace | None = None,
     codes: np.ndarray | None = None,
 ) -> Path:
     """The file of vectors of recordings or images: what goes in, and every stage of the integer model as torch
@@ -192,14 +168,8 @@ def expected_of(
         images = images_of(recordings)
         streams = torch_model.run_images_on_torch(model, images).streams
         return write_image_vectors(path, streams, images, numbers)
-    trace = trace or run(torch_model.on_torch(model), recordings)
+    trace = run(torch_model.on_torch(model), recordings)
     return write_vectors(path, trace, recordings, numbers, codes)
-
-
-def _add_placed(result: Record, second: Record, cells: Mapping[str, int]) -> None:
-    names = ("compared_values", "mismatches", "bit_exact", "mismatch_list")
-    result["without_probes"] = {name: second[name] for name in names} | {"cells": cells}
-    result["passed"] = result["passed"] and second["bit_exact"]
 
 
 def with_converter(

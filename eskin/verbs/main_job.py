@@ -216,13 +216,18 @@ class _Steps:
     timings: list[Record] = dataclasses.field(default_factory=list)
 
     def stage(
-        self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Progress], None]
+        self,
+        name: str,
+        packages: tuple[str, ...],
+        make: Callable[..., None],
+        *given: Any,
+        options: Any = None,
     ) -> Path:
-        """The folder of a stage: found finished, or made now."""
+        """The folder of a stage: found finished, or made now, by ``make(folder, notify, *given)``."""
         key = content_key([name, code_version(*packages), self.base, options])
         with self.stages(name) as notify:
             folder, wall_s, cached = self.work.finished(
-                f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify)
+                f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify, *given)
             )
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
         return folder
@@ -230,34 +235,25 @@ class _Steps:
     def all(self, result: Path, begin: float) -> Record:
         """Run every stage and fill ``result`` with all but the page. The
         record, as in run.json."""
-        trained = self.stage("training", (*GOLDEN, *COST), None, self._train)
-        quantised = self.stage(
-            "quantisation", GOLDEN, None, lambda folder, _: self._quantise(trained, folder)
-        )
+        trained = self.stage("training", (*GOLDEN, *COST), self._train)
+        quantised = self.stage("quantisation", GOLDEN, self._quantise, trained)
         model = IntegerModel.load(quantised / "model", images=True)
         training = load_training(quantised / "model")
         config = self.config = model.config
         numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
-        evaluated = self.stage(
-            "evaluation", GOLDEN, None, lambda folder, _: self._evaluate(quantised, folder)
-        )
+        evaluated = self.stage("evaluation", GOLDEN, self._evaluate, quantised)
         self.say(_accuracy(training, config.is_image))
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
-        generated = self.stage(
-            "Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder)
-        )
+        generated = self.stage("Verilog", ("golden", "rtl"), self._generate, model)
 
         if not config.is_image:
             self.say(board_sentence(config, self.prices.board))
 
-        def simulate(
-            name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., Record | None]
-        ) -> Path:
-            def make(folder: Path, notify: Progress) -> None:
-                self._simulate(model, generated / "rtl", numbers, played, job, folder, notify)
-
-            return self.stage(name, ("golden", "rtl", "cosim"), list(map(int, numbers)), make)
+        def simulate(name: str, numbers: np.ndarray, *given: Any) -> Path:
+            given = (model, generated / "rtl", numbers, *given)
+            options = list(map(int, numbers))
+            return self.stage(name, ("golden", "rtl", "cosim"), self._simulate, *given, options=options)
 
         folders = {"cosim": simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)}
         if not config.is_image:
@@ -311,29 +307,18 @@ class _Steps:
         """The folders of the runs at the configured clock and, where hardware and model agree so far, at the
         lowest that meets every budget."""
         few = self._few(numbers, self.config.hardware.clock_hz)
-        declared = simulate(
-            "pace of the sensor",
-            *few,
-            lambda *where, **options: flow.cosim(*where, pace="declared", **options),
-        )
+        declared = simulate("pace of the sensor", *few, partial(flow.cosim, pace="declared"))
         outcome = _outcome(declared)
         if not (full["bit_exact"] and outcome["bit_exact"]):
             return {"cosim_declared": declared}
         cycles = outcome["cycles"]
         few = self._few(numbers, latency.needed_clock(self.config, cycles))
-        lowest = simulate(
-            "lowest clock", *few, lambda *where, **options: _lowest_clock(*where, cycles=cycles, **options)
-        )
+        lowest = simulate("lowest clock", *few, partial(_lowest_clock, cycles=cycles))
         return {"cosim_declared": declared, "cosim_lowest": lowest}
 
     def _baselines(self, training: Record) -> list[Record]:
         """The baselines of the training, and other classifiers on the same folds."""
-        measured = self.stage(
-            "other classifiers",
-            GOLDEN,
-            None,
-            lambda folder, notify: self._yardsticks(training, folder, notify),
-        )
+        measured = self.stage("other classifiers", GOLDEN, self._yardsticks, training)
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Progress) -> None:
@@ -342,15 +327,15 @@ class _Steps:
             self.recordings, self.user_config, self.prices, out=folder / "model", progress=notify, **options
         )
 
-    def _quantise(self, trained: Path, folder: Path) -> None:
+    def _quantise(self, folder: Path, notify: Progress, trained: Path) -> None:
         shutil.copytree(trained / "model", folder / "model")
         prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
         integers.quantise(folder / "model", self.recordings if prototypes else None)
 
-    def _evaluate(self, quantised: Path, folder: Path) -> None:
+    def _evaluate(self, folder: Path, notify: Progress, quantised: Path) -> None:
         write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
 
-    def _yardsticks(self, training: Record, folder: Path, notify: Progress) -> None:
+    def _yardsticks(self, folder: Path, notify: Progress, training: Record) -> None:
         first = training["cross_validation"][0]
         rows = yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify)
         write_json(folder / "yardsticks.json", rows)
@@ -397,7 +382,7 @@ class _Steps:
                 found += doubts.leaks(**vars(leak))
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
-    def _generate(self, model: IntegerModel, folder: Path) -> None:
+    def _generate(self, folder: Path, notify: Progress, model: IntegerModel) -> None:
         """Verilog with a bench that plays the drawn recording, and that recording's stages for the
         report; or the first image."""
         if model.config.is_image:
@@ -463,13 +448,13 @@ class _Steps:
 
     def _simulate(
         self,
+        folder: Path,
+        notify: Progress,
         model: IntegerModel,
         design: Path,
         numbers: np.ndarray,
         played: Recordings,
         job,
-        folder: Path,
-        notify: Progress,
     ) -> None:
         notify("golden model", 0, len(played))
         vectors = expected_of(model, played, folder / "vectors.npz", numbers)

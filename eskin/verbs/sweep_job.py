@@ -3,7 +3,6 @@ written."""
 
 import csv
 import json
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.schedule_view import save_figure
 from eskin.study import sweep as sweeping
-from eskin.study.image_sweep import DEFAULT_GRID, ImageSweepRequest, make_image_points
+from eskin.study.image_sweep import COSTS, DEFAULT_GRID, judge_image_points, make_image_points
 from eskin.training import LEARNING
 from eskin.training.image_models import KEPT
 from eskin.training.splits import check_split, default_splits
@@ -59,40 +58,6 @@ def cost_of(config: AcceleratorConfig) -> dict[str, float]:
     }
 
 
-def request_of(
-    recordings: Recordings, config: AcceleratorConfig | None, request: SweepRequest
-) -> sweeping.Request:
-    """The points, splits and seeds that a sweep of ``request`` has; ``config``: sensor, windows, clock, and what
-    the grid leaves open; of images None.
-
-    Without groups every split that the configuration names is judged, by the first of them, and images by
-    random folds.
-
-    Raises
-    ------
-    InputError
-        A grid or group that cannot be used, or lanes that the hardware does not have.
-    """
-    grid, source = request.grid, f"grid '{request.grid}'"
-    splits = (
-        default_splits(recordings, config) if request.groups is None and config else [request.groups or []]
-    )
-    for groups in splits:
-        check_split(recordings, groups, FOLDS)
-    bounds = {name: getattr(request, name) for name in ("accuracy_floor", "latency_budget")}
-    common: Record = {"folds": FOLDS, "bounds": sweeping.Bounds(**bounds)}
-    if config is not None:
-        grids = sweeping.DEFAULT_GRID if grid == "default" else sweeping.read_grid(grid)
-        points: Sequence[Any] = sweeping.make_points(config, grids, source)
-        common |= {"base": config, "splits": splits}
-        return sweeping.SweepRequest(points=points, seeds=range(SEEDS), **common)
-    grids = DEFAULT_GRID if grid == "default" else sweeping.read_grid(grid)
-    points = make_image_points(recordings, grids, source)
-    for point in points:
-        refuse_hardware(point.config)
-    return ImageSweepRequest(points=points, group=splits[0], **common)
-
-
 def run(
     request: SweepRequest,
     recordings: Recordings,
@@ -101,26 +66,48 @@ def run(
     progress: Progress | None = None,
 ) -> Record:
     """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and
-    the chart. ``config`` as for `request_of`. Returns the result, as in sweep.json.
+    the chart. ``config``: sensor, windows, clock, and what the grid leaves open; of images None.
+
+    Without groups every split that the configuration names is judged, by the first of them, and images by
+    random folds. Returns the result, as in sweep.json.
 
     Raises
     ------
     InputError
-        A folder that cannot be used; before anything is trained.
+        A folder, grid or group that cannot be used, or lanes that the hardware does not have; before anything
+        is trained.
     """
-    out, sweep_request = request.out, request_of(recordings, config, request)
+    out, source, images = request.out, f"grid '{request.grid}'", config is None
+    splits = [request.groups or []]
+    if request.groups is None and config:
+        splits = default_splits(recordings, config)
+    for groups in splits:
+        check_split(recordings, groups, FOLDS)
+    grids = DEFAULT_GRID if images else sweeping.DEFAULT_GRID
+    if request.grid != "default":
+        grids = sweeping.read_grid(request.grid)
+    points: Any
+    if config is None:
+        points = make_image_points(recordings, grids, source)
+        for point in points:
+            refuse_hardware(point.config)
+    else:
+        points = sweeping.make_points(config, grids, source)
     for name in (RESULT, TABLE, CONFIG):
         check_target(out / name)
-    images = isinstance(sweep_request, ImageSweepRequest)
-    code = IMAGE_CODE if images else CODE
-    result = sweeping.sweep(
-        recordings,
-        sweep_request,
-        cost_of=cost_of,
-        jobs=Jobs(dask=request.dask, progress=progress, version=code),
-        keep=Memo(KEPT if images else CACHE),
-        version=json.dumps([recordings.content, code()]),
-    )
+    code, seeds = (IMAGE_CODE, [0]) if images else (CODE, list(range(SEEDS)))
+    jobs, keep = Jobs(dask=request.dask, progress=progress, version=code), Memo(KEPT if images else CACHE)
+    options: Record = {"seeds": seeds, "folds": FOLDS, "jobs": jobs, "keep": keep}
+    if config is None:
+        outcomes, own = judge_image_points(recordings, points, splits[0], **options)
+    else:
+        version = json.dumps([recordings.content, code()])
+        outcomes = sweeping.judge_points(recordings, points, splits, version=version, **options)
+        own = {"base": config.to_dict()}
+    bounds = {"accuracy floor": request.accuracy_floor, "latency budget": request.latency_budget}
+    given = {name: bound for name, bound in bounds.items() if bound is not None}
+    result = sweeping.sweep(points, outcomes, cost_of, given, COSTS if images else sweeping.COSTS)
+    result |= {"seeds": seeds, "folds": FOLDS, "judged_split": splits[0], **own}
     result["data"] = str(recordings.source)
     figure = accuracy_chart(result)
     for kind in ("png", "svg"):
@@ -132,7 +119,7 @@ def run(
         writer.writeheader()
         writer.writerows(rows)
     recommended = result["points"][result["recommended"]]["config"]
-    point = next(point for point in sweep_request.points if point.to_dict() == recommended)
+    point = next(point for point in points if point.to_dict() == recommended)
     write_json(out / CONFIG, point.recommended.to_dict())
     write_json(out / RESULT, result)
     return result

@@ -20,16 +20,8 @@ SMALL = dict(
     rest="initial",
     rest_frames=4,
 )
-KINDS = dict(
-    feature_kinds=("mean", "activity", "integral"),
-    activity_rule="change",
-    activity_block=2,
-    integral_knee=1,
-    integral_frac=2,
-)
 EVEN = PRESETS["thesis"].replace(**SMALL, window=4, steps=2, touch_frames=6)
 ODD = PRESETS["thesis"].replace(**SMALL, window=5, steps=3, touch_frames=6)
-FREE = PRESETS["pvdf"].replace(**SMALL, window=4, steps=2, onset_mean_frames=4, onset_check_frames=2)
 
 
 def _marks(m: Module, config: AcceleratorConfig) -> None:

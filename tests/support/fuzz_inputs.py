@@ -614,7 +614,7 @@ GOOD = {
     "teach": "../in/recordings.npz rough smooth x",
     "save_taught": "../in/taught.npz new keep/under .",
     "configuration": "icebreaker:4 ulx3s:1:dsp icebreaker:0 :::",
-    "clock": "12e6 lowest 1 -1 nan",
+    "clock": "12e6 inf 1 -1 nan",
     "dask": "tcp://127.0.0.1:1 x",
     "pdk": "ihp-sg13g2 sky130hd x",
     "liberty": "../in/cells.lib ../in/cells.lib.gz",

@@ -9,8 +9,6 @@ the same experiment must then report a failure. The tests check this for every m
 table entry) is not a mode; the tests check it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -99,7 +97,7 @@ class Scene:
         """State for another process: the fields, without values computed from them here."""
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}
 
-    def changed(self, config: Mapping[str, Any] | None = None, **parts: Any) -> Self:
+    def changed(self, config: Record | None = None, **parts: Any) -> Self:
         """The same with fields of the configuration or parts replaced."""
         return dataclasses.replace(
             self,
@@ -108,10 +106,6 @@ class Scene:
             origin=self.origin or self,
             memo={},
         )
-
-    def with_recordings(self, recordings: Recordings) -> Self:
-        """The same on other recordings."""
-        return dataclasses.replace(self, recordings=recordings, origin=None, memo={})
 
     def rng(self, *key: int) -> np.random.Generator:
         """Random numbers that depend on the seed and ``key`` alone."""
@@ -148,7 +142,8 @@ class Scene:
         if self.origin:
             few = self.origin.sample
             return dataclasses.replace(self, recordings=few.recordings, origin=few, memo={})
-        return self.with_recordings(self.clean.subset(self.clean.evenly(self.few)))
+        few = self.clean.subset(self.clean.evenly(self.few))
+        return dataclasses.replace(self, recordings=few, origin=None, memo={})
 
     @cached_property
     def touches(self) -> Touches:
@@ -228,9 +223,7 @@ class Bench(Scene):
         """The bench of a model, under the model's configuration."""
         return cls(config=model.config, model=model, real=real, recordings=recordings, **options)
 
-    def changed(
-        self, config: Mapping[str, Any] | None = None, *, arrays: Arrays | None = None, **parts: Any
-    ) -> Self:
+    def changed(self, config: Record | None = None, *, arrays: Arrays | None = None, **parts: Any) -> Self:
         """The same with fields of the configuration, arrays of the integer model, or parts replaced."""
         other = super().changed(config, **parts)
         arrays = {**self.model.arrays, **(arrays or {})}

@@ -18,7 +18,7 @@ from eskin.training import train
 from eskin.training.crossval import CrossValidationSettings
 from eskin.training.datasets import Datasets
 from eskin.training.integers import quantise
-from eskin.training.splits import split_folds
+from eskin.training.splits import error_over_groups, split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
@@ -162,3 +162,12 @@ def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypa
     for piece, test in zip(pieces, 2 * tests, strict=True):
         assert (piece.test == test).all() and (piece.train == np.setdiff1d(np.arange(24), test)).all()
     assert record["seeds"] == [0, 1] and [fold["recordings"] for fold in record["per_fold"]] == [6] * 4
+
+
+def test_recordings_of_one_group_are_one_draw(gripped):
+    """Of four persons one is right in every recording: a mean of four draws of 1, 0, 0 and 0."""
+    right = (gripped.groups["person"] == gripped.groups["person"][0]).astype(float)
+    assert error_over_groups(gripped, ["person"], right) == pytest.approx(0.25)
+    alone = right.std(ddof=1) / np.sqrt(len(right))
+    assert error_over_groups(gripped, [], right) == pytest.approx(alone)
+    assert error_over_groups(gripped, ["label", "person"], right) > alone

@@ -9,20 +9,17 @@ import pytest
 from eskin.cosim.live import Brought, LiveSimulator
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.model import Stream, run
-from eskin.golden.model.prototypes import forget
 from eskin.live.sources import SimulationSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.training.made_up import random_recordings
 from eskin.verbs.watch_job import BUILDS, board_source
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
-from tests.golden.model.test_prototypes import taught_model
 from tests.support.link_device import Device, golden_decisions
 from tests.support.link_flow import pack_decisions
 from tests.support.live_case import Stage
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
-from tests.support.touch_scenes import scene
 
 
 @pytest.fixture(scope="module")
@@ -152,24 +149,3 @@ def test_a_board_is_equal_and_a_wrong_decision_is_seen(model, recordings):
         stage = Stage(source, recordings).go()
         source._link._transport.close()
     assert [message["wrong"] for message in stage.seen("result")] == [0, 6, 1, 0, 0]
-
-
-def test_a_board_is_taught_by_its_registers():
-    """A refusal writes nothing; that the board holds another number is told."""
-    model, recordings = forget(taught_model("gru")), scene(4, seed=2).subset([3])
-    teach, forgets, count = 0x3C, 0x3D, 0x3E  # as packets name 0x48 to 0x4A
-    with Device(model.config, golden_decisions(model, recordings), registers={count: 1}) as device:
-        source = board(model, device)
-        source.arm()
-        (refusal,) = source.teach(1)
-        assert "there is no whole touch yet" in refusal.refused
-        source.take(recordings.recording(0))
-        source.finish()
-        loaded = len(device.writes)
-        (taught,) = source.teach(1)
-        assert [len(slots) for slots in taught.slots] == [0, 1, 0] and not taught.refused
-        differs, taught = source.forget(1)
-        assert [len(slots) for slots in taught.slots] == [0, 0, 0]
-        assert differs.sentence == "the board's register TAUGHT reads 1 touches and the model holds 0"
-        assert device.writes[loaded:] == [(teach, 1), (forgets, 1)]
-        source._link._transport.close()

@@ -6,8 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.study import baselines
-from eskin.study.baselines import METHODS, BaselineJob, Scene, judge, row_of
+from eskin.study.baselines import METHODS, BaselineJob, Held, Scene, judge, row_of
 from eskin.training import recipe as recipes
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene
@@ -17,7 +16,7 @@ from tests.support.touch_scenes import SMALL, scene
 def test_each_learns_the_scene(name, monkeypatch):
     quick = {key: dataclasses.replace(recipe, updates=150) for key, recipe in recipes.RECIPES.items()}
     monkeypatch.setattr(recipes, "RECIPES", quick)
-    shared = baselines._Held((scene(60, seed=3), SMALL))
+    shared = Held((scene(60, seed=3), SMALL))
     runs = judge(shared, BaselineJob(METHODS[name], ("person",), (1,), 2))["runs"]
     assert [run["fold"] for run in runs] == [0, 1] and sum(run["recordings"] for run in runs) == 60
     right = sum(run["accuracy"] * run["recordings"] for run in runs)
@@ -41,9 +40,7 @@ def test_labels_of_the_test_part_are_not_seen():
     """What can only be learnt by heart is not known of a part that was left out."""
     recordings = scene(60, seed=3)
     shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
-    outcome = judge(
-        baselines._Held((shuffled, SMALL)), BaselineJob(METHODS["neighbours"], ("person",), (0,), 5)
-    )
+    outcome = judge(Held((shuffled, SMALL)), BaselineJob(METHODS["neighbours"], ("person",), (0,), 5))
     assert row_of(METHODS["neighbours"], ["person"], outcome["runs"])["accuracy"] < 0.5
 
 

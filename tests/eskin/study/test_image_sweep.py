@@ -8,7 +8,8 @@ from eskin.jobs import Jobs
 from eskin.memo import Memo
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.image_passes import plan_of
-from eskin.study.image_sweep import DEFAULT_GRID, ImageSweepRequest, make_image_points, map_values
+from eskin.study import image_sweep
+from eskin.study.image_sweep import DEFAULT_GRID, make_image_points, map_values
 from eskin.study.sweep import flat_rows, sweep
 from tests.support.image_scenes import shapes
 
@@ -28,10 +29,12 @@ def judged(shared, piece):
     return {name: values.tolist() for name, values in found.items()} | {"wall_s": 0.0}
 
 
-def swept(scene, tmp_path, judging=judged, **changes):
-    request = ImageSweepRequest(points=make_image_points(scene, SMALL), folds=3, **changes)
-    given = {"cost_of": lambda _: COST, "jobs": Jobs(workers=1), "keep": Memo(tmp_path / "kept")}
-    return sweep(scene, request, judging=judging, **given)
+def swept(scene, tmp_path, monkeypatch, judging=judged, seeds=(0,)):
+    monkeypatch.setattr(image_sweep, "judge", judging)
+    points, jobs, keep = make_image_points(scene, SMALL), Jobs(workers=1), Memo(tmp_path / "kept")
+    options = {"seeds": list(seeds), "folds": 3, "jobs": jobs, "keep": keep}
+    outcomes, own = image_sweep.judge_image_points(scene, points, [], **options)
+    return sweep(points, outcomes, lambda _: COST, {}, image_sweep.COSTS) | own
 
 
 def test_memories_of_maps_are_those_of_the_hardware():
@@ -44,7 +47,7 @@ def test_memories_of_maps_are_those_of_the_hardware():
         assert point.cost()["weight_memory_bits"] <= weights * plan.weight_bits
 
 
-def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
+def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path, monkeypatch):
     scene, asked = shapes(6, 0, (8, 10)), []
 
     def counted(shared, piece):
@@ -52,7 +55,7 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
         asked.append((image.layers, image.width, piece.tuned_bits, piece.seed, piece.left_out))
         return judged(shared, piece)
 
-    result = swept(scene, tmp_path, counted, seeds=(0, 1))
+    result = swept(scene, tmp_path, monkeypatch, counted, seeds=(0, 1))
     # three networks, three folds, two seeds; not four points
     assert len(asked) == len(set(asked)) == 3 * 3 * 2
     # a fold of every network before the next fold
@@ -62,7 +65,7 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
     assert accuracies == pytest.approx([2 / 3, 1 / 3]) and eight["float_accuracy"] == 1
     assert len(others) == 2 and result["judged_images"] == 18
     assert result["recommended"] == 3 and result["recommendation"]["met"]
-    again = swept(scene, tmp_path, None, seeds=(0, 1))  # all is kept: nothing is judged again
+    again = swept(scene, tmp_path, monkeypatch, None, seeds=(0, 1))  # all is kept: nothing is judged again
     assert again == result
     assert [row["recommended"] for row in flat_rows(result)] == [False, False, False, True]
     figure = accuracy_chart(result | {"data": "shapes"})

@@ -27,18 +27,18 @@ class Stub:
     ``jobs``."""
 
     def __init__(self) -> None:
-        self.jobs: list[sweeping.Job] = []
+        self.jobs: list[dict] = []
 
     def __call__(self, recordings, job):
         self.jobs.append(job)
-        accuracy = 0.7 + 0.02 * job.config.network.hidden + 0.005 * job.widths.get("weight_bits", 8)
-        splits = [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]
+        accuracy = 0.7 + 0.02 * job["config"].network.hidden + 0.005 * job["widths"].get("weight_bits", 8)
+        splits = [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job["splits"])]
         return {"splits": splits}
 
     @staticmethod
     def split(groups, accuracy, job):
-        by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
-        times = [0.01 * (k + 1) for k in range(job.config.windows.steps)]
+        by_seed = [accuracy + 0.001 * (seed - np.mean(job["seeds"])) for seed in job["seeds"]]
+        times = [0.01 * (k + 1) for k in range(job["config"].windows.steps)]
         shares = {"accuracy": accuracy, "float_accuracy": accuracy, "float_by_seed": by_seed}
         return {
             "groups": list(groups),
@@ -58,17 +58,14 @@ def cost_by_size(config):
     return cycles | {"energy_j": 1e-6 * (100 + config.multiplies), "compute_j": 1e-9 * config.multiplies}
 
 
-def do_sweep(tmp_path, stub, grids=GRID, workers=1, progress=None, version="1", **options):
-    options = {"base": SMALL, "splits": [["person"], []], "seeds": (0, 1, 2), **options}
-    return sweeping.sweep(
-        scene(20),
-        sweeping.SweepRequest(points=sweeping.make_points(SMALL, grids), **options),
-        cost_of=cost_by_size,
-        jobs=Jobs(workers=workers, progress=progress),
-        keep=Memo(tmp_path / "cache"),
-        version=version,
-        judging=stub,
-    )
+def do_sweep(tmp_path, stub, grids=GRID, progress=None, **options):
+    options = {"splits": [["person"], []], "seeds": (0, 1, 2), "folds": 5, "version": "1", **options}
+    options |= {"jobs": Jobs(workers=1, progress=progress), "keep": Memo(tmp_path / "cache")}
+    points = sweeping.make_points(SMALL, grids)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sweeping, "judge", stub)
+        outcomes = sweeping.judge_points(scene(20), points, **options)
+    return sweeping.sweep(points, outcomes, cost_by_size, {})
 
 
 # ---------------------------------------------------------------------- points
@@ -180,14 +177,14 @@ bound = st.none() | st.integers(1, 10)
 @settings(deadline=None, derandomize=True)
 @given(figures, st.integers(1, 10), bound)
 def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, latency):
-    bounds = sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=latency)
+    bounds = {"accuracy floor": floor / 10} | ({"latency budget": latency} if latency else {})
 
     def misses(record, names):
         over = {"accuracy floor": floor / 10 - record["accuracy"]}
         over |= {"latency budget": record["latency_s"] - (latency or 99)}
         return {name: over[name] for name in names if over[name] > 0}
 
-    choice, names = sweeping.recommend(records, bounds), bounds.given()
+    choice, names = sweeping.recommend(records, bounds), bounds
     chosen = records[choice["point"]]
     meeting = [record for record in records if not misses(record, names)]
     assert choice["met"] == bool(meeting)

@@ -7,21 +7,16 @@ import threading
 import time
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
 from eskin.golden.model import run
-from eskin.golden.model.prototypes import forget
 from eskin.training.made_up import random_recordings
 from eskin.training.times import decision_times
 from eskin.verbs import watch_job
-from tests.golden.model.test_prototypes import taught_model
 from tests.support import browser
 from tests.support.random_models import random_integer_model
-from tests.support.table import each_row
-from tests.support.touch_scenes import scene
 
 
 def wait(condition: Callable[[], bool], seconds: float = 600.0) -> None:
@@ -133,57 +128,3 @@ def test_the_page_in_a_browser():
         }
     assert watched.result["decisions"] == dict(enumerate(trace.decision.tolist()))
     assert watched.result["recordings"] == 4
-
-
-def all_wrong(model):
-    """The model with every prototype where no touch is: what it was trained for is of no use,
-    and one touch taught is nearer."""
-    far = np.full_like(model.arrays["prototypes"], -8)
-    return type(model)(model.config, {**forget(model).arrays, "prototypes": far}, model.source)
-
-
-@pytest.mark.slow
-@browser.needs_browser
-@pytest.mark.timeout(1800)
-@each_row("simulate", [False, True])
-def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
-    """A button says what the touch was; the next one is decided so, by the model and by the simulated RTL
-    beside it; a touch under way is refused; `forget` takes it back."""
-    model = all_wrong(taught_model("gru"))
-    recordings = scene(9, seed=2).subset([2, 2, 2, 2])
-    assert run(model, recordings).decision.tolist() != [2] * 4
-    with Watched(model, recordings, speed=5, simulate=simulate) as watched, browser.opened() as page:
-        page.get(watched.address)
-
-        def click(name: str) -> None:
-            page.execute_script(f"document.getElementById('{name}').click()")
-
-        def to_the_end(played: int) -> None:
-            wait(lambda: body(page, "ended") == "1" and body(page, "played") == str(played))
-
-        wait(lambda: body(page, "ready") == "1")
-        to_the_end(4)
-        assert body(page, "taught") == "0 0 0" and text(page, "decision") != "pulse"
-        click("teach2")
-        wait(lambda: body(page, "taught") == "0 0 1")
-        empty = "document.getElementById('forget2').parentElement.querySelector('canvas')"
-        assert page.execute_script(f"return !{empty}.hidden && {empty}.width > 50")
-        click("next")
-        to_the_end(8)
-        rows = page.execute_script(
-            "return [...document.querySelectorAll('#rowsplayed tr')].map(r => r.cells[2].textContent)"
-        )
-        assert rows[:4] == ["pulse"] * 4 and "pulse" not in rows[4:]
-
-        watched.controls.pace(0.05)
-        click("next")
-        wait(lambda: 2 <= int(body(page, "steps") or 0) < 5 and body(page, "ended") == "0")
-        click("teach1")
-        wait(lambda: "a touch is under way" in text(page, "teachnote"))
-        assert body(page, "taught") == "0 0 1"
-        watched.controls.pace(5)
-        to_the_end(12)
-        click("forget2")
-        wait(lambda: body(page, "taught") == "0 0 0")
-        assert browser.console_errors(page) == []
-    assert watched.result["mismatches"] == 0
