@@ -239,7 +239,7 @@ class _Finder:
                 yield self.replaced("reset", word.value, "0")
         if name == "eq" and isinstance(first, ast.Constant) and first.value == 0:
             yield self.replaced("reset", node, f"{target}.eq({target})")
-        driven = {"eq": args, "drive": [word.value for word in node.keywords]}
+        driven: dict[str, list[ast.expr]] = {"eq": args, "drive": [word.value for word in node.keywords]}
         for value in driven.get(name, []):
             for read in ast.walk(value):  # another signal of the function
                 if isinstance(read, ast.Name) and read.id in names and len(names) > 1:
