@@ -1,18 +1,17 @@
 """Recordings in bulk into devices in this process (`eskin.cosim.device`): the same scoreboard, the same counts as under
 cocotb.
 
-A Verilated design is faster here than in a simulator that Python drives. A chip's netlist is compiled in
-seconds, and starts every recording with random contents in every flip-flop, latch and macro.
+A Verilated design is faster here than in a simulator that Python drives. A chip's netlist starts every recording with
+other random contents in every flip-flop, latch and macro.
 """
 
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eskin.cosim.device import FRAME_END, Device, Model
+from eskin.cosim.device import FRAME_END, Design, Device
 from eskin.cosim.scoreboard import REGISTERS, Mismatch, Scoreboard, flat_stages, loading, recordings_of
 from eskin.golden.core import Record, SimulationError
 
@@ -23,14 +22,13 @@ SETTLE = 6
 """Cycles that are always waited for a command."""
 
 
-def play(run: "Run", chip: Callable[[int], Model], *, seed: int = 1, threads: int = 1) -> Record:
+def play(run: "Run", *, seed: int = 1, threads: int = 1) -> Record:
     """Play recordings, up to the first value that differs, and say what `eskin.cosim.bench.Bench` says.
 
     Parameters
     ----------
-    chip:
-        Makes what is behind a device; called with the seed of what its states begin with. The recording at place k
-        begins with those of ``seed + k``, a reset and all bus writes.
+    seed:
+        The recording at place k begins with the random contents of ``seed + k``, a reset and all bus writes.
     threads:
         Recordings that are played at once.
     """
@@ -39,15 +37,17 @@ def play(run: "Run", chip: Callable[[int], Model], *, seed: int = 1, threads: in
     address, command, begun = registers["registers"], registers["bits"]["CONTROL"], time.monotonic()
     limit, stages = settings["patience"], (*flat_stages(config), "step") if settings["probes"] else ()
     boot += [(address["MEASURE"], registers["measures"]["STEP"]), (address["CONTROL"], command["ARM"])]
-    threads = min(threads, len(recordings))
-    idle = [chip(seed) for _ in range(threads)]
+
+    verilog, quick = (
+        "".join(path.read_text() for path in run.hardware.sources),
+        run.hardware.level == "netlist",
+    )
+    design = Design(verilog, run.builds, "co-simulation", quick=quick)
 
     def played(place: int) -> tuple[Device, int, dict[str, int]]:
         """The device, the cycle of ARM, and the registers at the end, empty if it stands still."""
-        model, status = idle.pop(), dict[str, int]()
-        model.begin(seed + place)
-        device = Device(model, config.sensor.sample_bits, stages)
-        armed = 0
+        device, armed = Device(design, config.sensor.sample_bits, stages, seed + place), 0
+        status = dict[str, int]()
         with suppress(SimulationError):
             device.reset(boot)
             armed = device.state.cycle
@@ -59,7 +59,6 @@ def play(run: "Run", chip: Callable[[int], Model], *, seed: int = 1, threads: in
             words = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
             flags = sum(device.read(address["TAXEL_FAULTS"] + k) << 16 * k for k in words)
             status = {name: device.read(address[name]) for name in REGISTERS} | {"TAXEL_FAULTS": flags}
-        idle.append(model)
         return device, armed, status
 
     scoreboard = Scoreboard(config, recordings[0].arrays, probes=settings["probes"])

@@ -1,5 +1,4 @@
 // The cycles of a device (cosim/device.py): bus accesses, frames, waiting, every stage taken down.
-// The device is a Verilated design, or, with NETLIST, a chip's netlist in tables (gates.cpp).
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -9,30 +8,6 @@ typedef int64_t i64;
 
 // A port that a device lacks has the number -1: it is driven in vain and says 0.
 
-#ifdef NETLIST
-#include "gates.cpp"
-struct Port {
-  std::vector<i32> nets;
-};
-struct Model {
-  Chip* chip;
-  bool gated;
-  i32 enable;
-  std::vector<Port> ports;
-  void put(int port, u64 value) {
-    if (port >= 0) ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value);
-  }
-  u64 get(int port) { return port < 0 ? 0 : ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
-  bool settle() { return ::settle(chip); }
-  bool edge(bool& passed) {
-    bool wrong = ::edge(chip);
-    passed = !gated || ::gate_passed(chip, 0);
-    if (passed && chip->joule) ::count(chip);
-    return wrong;
-  }
-  bool asleep() { return gated && !::get(chip, &enable, 1); }
-};
-#else
 #include "Vtop.h"
 #include "verilated.h"
 typedef uint64_t u64;
@@ -60,20 +35,15 @@ struct Model {
     memcpy(&value, p.at, p.bytes);
     return value;
   }
-  bool settle() {
+  void settle() {
     top.clk = 0;
     top.eval();
-    return false;
   }
-  bool edge(bool& passed) {
+  void edge() {
     top.clk = 1;
     top.eval();
-    passed = true;
-    return false;
   }
-  bool asleep() { return false; }
 };
-#endif
 
 enum { FRAME_END = -1, HUNG = -2 };
 struct Seen {
@@ -82,11 +52,10 @@ struct Seen {
   i64 cycle;
 };
 struct State {  // as in device.py, as Seen is
-  i64 cycle, edges, decisions, stalls, overruns, frame_cycles_max, frame, taxel;
+  i64 cycle, decisions, stalls, overruns, frame_cycles_max, frame, taxel;
   i64 stop_at;       // from this cycle on nothing waits any more
   i64 poke_at;       // the cycle in which the pokes are put, which are 0 in all others
   i64 watch;         // a register that is read in every cycle without another access, or -1
-  i64 failed;        // a netlist that did not come to rest
 };
 struct Stage {
   int valid, value;
@@ -108,13 +77,13 @@ struct Device {
 
   void put(int which, u64 value) { model.put(role[which], value); }
   u64 get(int which) { return model.get(role[which]); }
-  bool leaves() { return s.cycle >= s.stop_at || s.failed; }
+  bool leaves() { return s.cycle >= s.stop_at; }
 
   void tick() {
     for (const Poke& poke : pokes) model.put(poke.port, s.cycle == s.poke_at ? poke.value : 0);
     bool watching = s.watch >= 0 && !get(W_STB) && !get(R_STB);
     if (watching) put(ADDR, s.watch), put(R_STB, 1);
-    s.failed |= model.settle();
+    model.settle();
     taken = get(VALID) && get(READY);
     decided = get(O_VALID);
     for (size_t k = 0; k < stages.size(); k++)
@@ -122,33 +91,23 @@ struct Device {
         events.push_back({int32_t(k), uint32_t(model.get(stages[k].value)), uint32_t(get(R_DATA)), s.cycle});
     s.decisions += decided;
     if (get(HANG)) events.push_back({HUNG, uint32_t(s.frame), uint32_t(s.taxel + taken), s.cycle});
-    bool passed;
-    s.failed |= model.edge(passed);
-    s.edges += passed;
+    model.edge();
     s.cycle++;
     if (watching) put(R_STB, 0);
   }
 };
 
 extern "C" {  // whole numbers are i64, as device.py gives and takes them
-#ifdef NETLIST
-Device* open_device(Chip* chip, i64 gated, i64 enable) {
+Device* open_device(i64 seed) {
   Device* d = new Device{};
-  d->model.chip = chip, d->model.gated = gated, d->model.enable = i32(enable);
+  d->model.context.randSeed(int(seed));
   return d;
 }
-i64 port_of(Device* d, const i64* nets, i64 count) {
-  d->model.ports.push_back({{nets, nets + count}});
-  return d->model.ports.size() - 1;
-}
-#else
-Device* open_device() { return new Device{}; }
 i64 port_of(Device* d, const char* name) {
   for (size_t k = 0; k < d->model.ports.size(); k++)
     if (!strcmp(d->model.ports[k].name, name)) return k;
   return -1;
 }
-#endif
 void close_device(Device* d) { delete d; }
 State* state_of(Device* d) { return &d->s; }
 void put_port(Device* d, i64 port, u64 value) { d->model.put(port, value); }
@@ -175,7 +134,7 @@ i64 read_word(Device* d, i64 address) {
   d->put(ADDR, address), d->put(R_STB, 1);
   d->tick();
   d->put(R_STB, 0);
-  d->s.failed |= d->model.settle();
+  d->model.settle();
   return d->get(R_DATA);
 }
 
@@ -218,14 +177,10 @@ i64 play_frames(Device* d, const int32_t* samples, i64 frames, i64 taxels, i64 b
     i64 due = begun + llrint((s.frame + 1) * period);
     s.overruns += s.cycle > due;
     d->put(VALID, 0);
-    while (s.cycle < due && !d->leaves()) {
-      s.failed |= d->model.settle();
-      if (d->model.asleep() && !d->get(O_VALID)) s.cycle = due;  // nothing changes until the next taxel
-      else d->tick();
-    }
+    while (s.cycle < due && !d->leaves()) d->tick();
   }
   d->put(VALID, 0);
-  s.failed |= d->model.settle();
+  d->model.settle();
   return !hangs;
 }
 
@@ -240,8 +195,7 @@ void play_line(Device* d, i64 rx, i64 tx, i64 valid, i64 ready, const uint8_t* d
     d->model.settle();
     said[k] = d->model.get(tx);
     d->offers = d->offers && !d->model.get(ready);
-    bool passed;
-    d->model.edge(passed);
+    d->model.edge();
     d->s.cycle++;
   }
 }

@@ -1,15 +1,14 @@
 """A device in this process: bus accesses, frames, waiting, a record of every stage. The cycles themselves run
 in C++.
 
-Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). Both
-play the same scenarios into it: `eskin.cosim.live`, `eskin.cosim.bulk`.
+`eskin.cosim.live` and `eskin.cosim.bulk` play scenarios into it.
 """
 
 import ctypes
 import functools
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +29,7 @@ QUIET = 4
 FRAME_END, HUNG = -1, -2
 """Events of `Device.seen` that are no stage's: a frame's last taxel is taken; the watchdog acts (``value``
 frames and ``also`` taxels taken)."""
-COUNTS = "cycle edges decisions stalls overruns frame_cycles_max frame taxel stop_at poke_at watch failed"
+COUNTS = "cycle decisions stalls overruns frame_cycles_max frame taxel stop_at poke_at watch"
 SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
 Write = tuple[int, int]
 """Address and word of a bus write."""
@@ -63,21 +62,6 @@ def _passed(value: Any) -> Any:
     return value if isinstance(value, bytes) else ctypes.c_int64(value)
 
 
-class Model(Protocol):
-    """Interface of the model behind a device."""
-
-    library: Library
-
-    def begin(self, seed: int) -> None:
-        """As after power-on. ``seed`` chooses the contents that may then be anything."""
-
-    def open(self) -> int:
-        """A device of the C++ program."""
-
-    def port(self, device: int, name: str) -> int:
-        """Number of a port; -1: there is none."""
-
-
 class Design:
     """A Verilated design; an unchanged one is taken from ``builds``.
 
@@ -87,6 +71,8 @@ class Design:
         Holds the module ``top``.
     purpose:
         What needs it, for the message about a missing tool.
+    quick:
+        Compile it quickly: a netlist.
 
     Raises
     ------
@@ -94,23 +80,14 @@ class Design:
         A tool is missing; the build fails.
     """
 
-    def __init__(self, verilog: str, builds: Path, purpose: str, top: str = "accelerator") -> None:
-        self.library = Library(build_library(verilog, top, KERNEL, builds, purpose))
-
-    def begin(self, seed: int) -> None:
-        """Nothing depends on ``seed``: registers begin as the Verilog says, and a reset restores that."""
-
-    def open(self) -> int:
-        """As after power-on."""
-        return self.library.open_device()
-
-    def port(self, device: int, name: str) -> int:
-        """Number of a port; -1: there is none."""
-        return self.library.port_of(device, name.encode())
+    def __init__(
+        self, verilog: str, builds: Path, purpose: str, top: str = "accelerator", quick: bool = False
+    ) -> None:
+        self.library = Library(build_library(verilog, top, KERNEL, builds, purpose, quick))
 
 
 class Device:
-    """One device.
+    """One device, as after power-on.
 
     Parameters
     ----------
@@ -118,18 +95,22 @@ class Device:
         Of a sample.
     stages:
         Probes that are taken down, as far as the design has them; decisions always.
+    seed:
+        Of what the Verilog begins at random, not 0.
 
     Attributes
     ----------
     state: its counts and settings. stages: what is taken down, ``decision`` the last.
     """
 
-    def __init__(self, model: Model, sample_bits: int = 0, stages: Iterable[str] = ()) -> None:
-        self._model, self._library, self._bits = model, model.library, sample_bits
+    def __init__(
+        self, design: Design, sample_bits: int = 0, stages: Iterable[str] = (), seed: int = 1
+    ) -> None:
+        self._library, self._bits = (library := design.library), sample_bits
         # the cached function below holds the handle and not self, which would never be closed otherwise
-        handle = model.open()
+        handle = library.open_device(seed)
         self._device: int | None = handle
-        self.port = functools.cache(lambda name: model.port(handle, name))
+        self.port = functools.cache(lambda name: library.port_of(handle, name.encode()))
         self.state = State.from_address(self._call("state_of"))
         self.state.stop_at, self.state.watch, self.state.poke_at = FOREVER, -1, -1
         for role, name in enumerate(ROLES):
@@ -164,7 +145,7 @@ class Device:
 
     def cycle(self, count: int = 1) -> None:
         """So many clock cycles."""
-        self._rested("cycles", count)
+        self._call("cycles", count)
 
     def reset(self, boot: Iterable[Write] = ()) -> None:
         """Reset, then bus writes."""
@@ -193,7 +174,7 @@ class Device:
         SimulationError
             It never is: more than ``limit`` cycles pass without a decision.
         """
-        if not self._rested("settle_device", quiet, limit):
+        if not self._call("settle_device", quiet, limit):
             raise SimulationError("the simulated hardware hangs: it stays busy")
 
     def frames(self, frames: np.ndarray, period: float = 0.0, limit: int = STUCK) -> None:
@@ -210,7 +191,7 @@ class Device:
             A taxel is not taken within ``limit`` cycles.
         """
         samples = np.ascontiguousarray(frames, np.int32)
-        if not self._rested("play_frames", samples, *samples.shape, self._bits, float(period), limit):
+        if not self._call("play_frames", samples, *samples.shape, self._bits, float(period), limit):
             raise SimulationError("the simulated hardware hangs: it does not accept a beat")
 
     def line(self, levels: np.ndarray) -> bytes:
@@ -245,9 +226,3 @@ class Device:
     def forget(self) -> None:
         """Drop the events so far."""
         self._call("forget")
-
-    def _rested(self, name: str, *given: Any) -> int:
-        answer = self._call(name, *given)
-        if self.state.failed:
-            raise SimulationError("the netlist does not settle within a clock cycle")
-        return answer

@@ -12,14 +12,11 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import bulk, latency, runner
-from eskin.cosim.device import Design, Model
 from eskin.cosim.netlist import Hardware
 from eskin.cosim.scoreboard import Mismatch, count_stages, part_of, recordings_of
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError, converters
 
 PACES = ("full", "declared")
-COMPILED = "compiled"
-"""The simulator of a chip's netlist, in this process."""
 SLOWEST_CYCLES_PER_S = {
     "rtl verilator": 50e3,
     "rtl icarus": 500,
@@ -102,14 +99,11 @@ class Run:
         """The same of these recordings only."""
         return replace(self, expected=part_of(self.expected, positions))
 
-    def in_process(self) -> Callable[[int], Model] | None:
-        """The model behind a device in this process, by the seed of its states; None if there is none."""
-        if self.simulator == COMPILED:
-            return self.hardware.compiled
-        if self.simulator != "verilator" or self.hardware.level != "rtl" or self.settings["bits"] == 32:
-            return None
-        (verilog,) = self.hardware.sources
-        return lambda seed: Design(verilog.read_text(), self.builds, "co-simulation")
+    @property
+    def plays_here(self) -> bool:
+        """Devices in this process can play it (`eskin.cosim.bulk`)."""
+        ours = self.hardware.target in (None, "asic") and self.settings["frames"] == "samples"
+        return ours and self.simulator == "verilator"
 
     def play(
         self,
@@ -166,7 +160,7 @@ def cosim(
     vectors:
         File written by eskin.golden.model.vectors.write_vectors.
     simulator:
-        ``verilator``, ``icarus`` or, of hardware that has it, ``compiled``.
+        ``verilator`` or ``icarus``.
     pace:
         ``full``: a beat whenever ready. ``declared``: frames at the sensor's rate, at ``clock_hz``.
     clock_hz:
@@ -181,7 +175,7 @@ def cosim(
         On a mismatch, play its recording once more and keep waves.
     cocotb:
         Positions of the recordings that are played under cocotb; the others are played in bulk in this process
-        (`eskin.cosim.bulk`). Default: all, but with ``compiled``. What the process cannot play goes under cocotb, too:
+        (`eskin.cosim.bulk`). Default: all. What this process cannot play goes under cocotb, too:
         Icarus, a board's netlist, a converter, stalls, ``probe``.
     threads:
         Threads that play in bulk; default: one per core.
@@ -218,26 +212,20 @@ def cosim(
         settings["write_at"] = _open_touch(run.config, run.expected)
     played: Record = {"simulator": simulator, "level": run.hardware.level, "target": run.hardware.target}
     played |= {"pace": pace, "stalls": stalls, "seed": seed}
-    here = None if stalls or probe else run.in_process()
-    if simulator == COMPILED:
-        if here is None:
-            reason = "takes no stalls" if stalls else "is for chips"
-            raise InputError(f"--simulator {COMPILED}: {reason}; take verilator")
-        cocotb = ()
     everything = {*range(len(run.expected["numbers"]))}
-    shown = everything if here is None or cocotb is None else everything & {*cocotb}
+    here = cocotb is not None and run.plays_here and not (stalls or probe)
+    shown = everything & {*(cocotb or ())} if here else everything
     results = []
-    for positions, model in ((sorted(shown), None), (sorted(everything - shown), here)):
+    for positions, way in ((sorted(shown), "cocotb"), (sorted(everything - shown), "bulk")):
         if not positions:
             continue
         part = run.of_recordings(positions)
-        if model:
-            beside = 1 if simulator == COMPILED else threads or os.cpu_count() or 1
-            said = bulk.play(part, model, seed=seed, threads=beside)
+        if way == "bulk":
+            said = bulk.play(part, seed=seed, threads=threads or os.cpu_count() or 1)
         else:
             said = part.play(Path(work), settings)
-        results.append(_result(part, said, played, "cocotb" if model is None else "bulk"))
-        if said["mismatch"] and waves and simulator in runner.SIMULATORS:
+        results.append(_result(part, said, played, way))
+        if said["mismatch"] and waves:
             results[-1]["waves"] = str(_keep_waves(part, said["mismatch"], settings, Path(work)))
     return joined(run.config, results)
 

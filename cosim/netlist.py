@@ -14,11 +14,9 @@ multiplier are black boxes there, so ``cells_ecp5.sv`` describes their behaviour
 
 import importlib.util
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from eskin.cosim.device import Model
 from eskin.golden.core import InputError, replacing
 
 ECP5_CELLS, GOWIN_CELLS = (Path(__file__).with_name(f"cells_{name}.sv") for name in ("ecp5", "gowin"))
@@ -31,8 +29,7 @@ class Hardware:
 
     sources: Verilog files. options: for the compiler of either simulator. level: ``rtl`` or ``netlist``.
     target: the netlist's board. probes: the module has the probe ports; otherwise decisions
-    and registers alone are compared. compiled: of a chip, its netlist ready to play in this process, by the seed of its
-    states.
+    and registers alone are compared.
     """
 
     sources: tuple[Path, ...]
@@ -40,7 +37,6 @@ class Hardware:
     level: str = "rtl"
     target: str | None = None
     probes: bool = True
-    compiled: Callable[[int], Model] | None = None
 
 
 def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = True) -> Hardware:

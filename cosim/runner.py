@@ -168,7 +168,9 @@ def build(
     return Build(simulator, kept(root, simulator, described, make), top)
 
 
-def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: str) -> Path:
+def build_library(
+    design: str, top: str, kernel: Path, builds: Path, purpose: str, quick: bool = False
+) -> Path:
     """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one
     from ``builds``.
 
@@ -178,6 +180,8 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
     ----------
     purpose:
         What needs it, for the message about a missing tool.
+    quick:
+        Compile it quickly: a netlist, for which -O2 takes minutes.
 
     Raises
     ------
@@ -192,12 +196,14 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
         rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in names)
         (folder / "ports.h").write_text("".join(rows))
 
+    compiling = QUICKLY_COMPILED if quick else COMPILE_OPTIONS
+
     def make(folder: Path) -> None:
         (folder / "design.sv").write_text(design)
         sources = [folder / "design.sv", kernel]
-        _verilated(folder, top, "device.so", LIBRARY_OPTIONS, sources, COMPILE_OPTIONS, ports)
+        _verilated(folder, top, "device.so", LIBRARY_OPTIONS, sources, compiling, ports)
 
-    described = [design, top, LIBRARY_OPTIONS, COMPILE_OPTIONS, verilator_command()[0].stat().st_mtime_ns]
+    described = [design, top, LIBRARY_OPTIONS, compiling, verilator_command()[0].stat().st_mtime_ns]
     return kept(builds, kernel.stem, [*described, kernel], make) / "device.so"
 
 

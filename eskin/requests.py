@@ -440,9 +440,7 @@ class GenerateRequest(LaneOptions):
 @request
 class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
     recordings: str = option("Number of recordings, spread over the classes.", "all", metavar="N|all")
-    simulator: Literal["verilator", "icarus", "compiled"] | None = option(
-        "Simulator; compiled is for chips. Default: compiled for chips, else verilator.", None
-    )
+    simulator: Literal["verilator", "icarus"] = option("Simulator.", "verilator")
     jobs: int | None = option("Recordings played side by side. Default: one per core.", None, min=1)
     level: Literal["rtl", "netlist"] = option("Generated Verilog, or its netlist.", "rtl")
     target: str | None = option("Part of the netlist: a board such as icebreaker, or asic.", None)

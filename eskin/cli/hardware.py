@@ -81,13 +81,10 @@ def cosim(request: CosimRequest) -> Record:
     if request.clock is not None and not 1 <= request.clock < math.inf:
         raise InputError(f"--clock {request.clock:g}: is not a clock; give 1 Hz or more")
     lanes, lane_type = parse_lanes(request.lanes)
-    simulator = request.simulator or (
-        "compiled" if request.target == "asic" and not request.stalls else "verilator"
-    )
     options: Record = {
         "lanes": lanes,
         "lane_type": lane_type,
-        "simulator": simulator,
+        "simulator": request.simulator,
         "pace": request.pace,
         "clock_hz": request.clock,
         "stalls": request.stalls,

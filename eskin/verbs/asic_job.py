@@ -4,10 +4,9 @@ energy of its clock."""
 import math
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from eskin.cosim.gates import Chip
 from eskin.cosim.latency import limits
 from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.golden.core import (
@@ -26,7 +25,7 @@ from eskin.pages.views import words
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.liberty import Library, WireLoad, corners, read
 from eskin.rtl.asic.nets import BAND, Nets, blocks_of, costs
-from eskin.rtl.asic.synthesis import Netlist, Process, expression, models, process_of, synthesise
+from eskin.rtl.asic.synthesis import Netlist, Process, models, process_of, synthesise
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
@@ -86,11 +85,6 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool) -> Hardware
         with replacing(path) as temporary:
             temporary.write_text(content)
     return Hardware(sources, (), "netlist", "asic", probes)
-
-
-def compiled(netlist: Netlist, process: Process) -> Callable[[int], Chip]:
-    """Makes the netlist ready to play, with states of a seed."""
-    return lambda seed: Chip(netlist.module, process.cells, expression, seed)
 
 
 def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:

@@ -7,39 +7,38 @@ asked about.
 """
 
 import dataclasses
+from collections import defaultdict
+from collections.abc import Sequence
 from operator import ne
+from pathlib import Path
 
 import numpy as np
 
-from eskin.cosim.device import Device
-from eskin.cosim.gates import Chip
+from eskin.cosim.device import Design, Device
 from eskin.cosim.latency import limits
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import find_touches
 from eskin.rtl.asic.liberty import WireLoad
-from eskin.rtl.asic.nets import BAND, Nets, costs
-from eskin.rtl.asic.synthesis import expression
+from eskin.rtl.asic.nets import BAND, Costs, Nets, costs
+from eskin.rtl.asic.synthesis import models
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 from eskin.study.energy import BATTERY_J, TOUCHES_PER_S
 
-SEED = 1
-"""Seed of the random contents that registers and memories begin with."""
+BUILDS = Path("build/simulators")
+ZEPTO = 1e-21
+"""Joule of the unit in which a netlist adds up."""
 NEAR = 3
 """Frames on either side of a step whose energy may belong to its decision; fewer where windows follow
 closely."""
 DRAIN_CYCLES = 48
 """Cycles of a slow frame beyond two a taxel: enough for the clock to stop within it."""
 METHOD = (
-    "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; glitches "
-    "apart; no clock tree, no layout"
-)
-GLITCHES_BY = (
-    "cells take their Liberty delay at a short edge and a small load, shorter pulses are swallowed, a glitch "
-    "costs a full swing"
+    "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; no glitches, "
+    "no clock tree, no layout"
 )
 
 
@@ -78,11 +77,67 @@ def _resting(recordings: Recordings, frames: int) -> Recordings:
     return dataclasses.replace(one, samples=samples, offsets=np.array([0, len(samples)]))
 
 
+def counting(nets: Nets, cost: Costs) -> tuple[str, list[str]]:
+    """The netlist in Verilog, and the kinds of what it counts: output ``count__K`` is the energy so far of kind K, in
+    `ZEPTO` joule; kind ``edges`` counts edges behind the gate before all others (without one, all)."""
+    counted: defaultdict[str, list[tuple[str, float]]] = defaultdict(list)
+
+    def joined(bits: Sequence[int | str]) -> str:
+        names = [f"n{bit}" if isinstance(bit, int) else f"1'b{bit}" for bit in reversed(bits)]
+        return names[0] if len(names) == 1 else "{" + ",\n".join(names) + "}"  # no edge of {n} is seen
+
+    def count(kind: str, joule: float, clock: str, when: str = "1") -> None:
+        """Edges of ``clock``."""
+        toggle = f"toggle_{len(lines)}"
+        lines.append(f"reg {toggle} = 0; always @(posedge {clock}) if ({when}) {toggle} <= ~{toggle};")
+        counted[kind].append((toggle, joule))
+
+    ports, lines = nets.module["ports"], [f"wire n{net};" for net in {*nets.driver, *nets.receivers}]
+    for name, port in ports.items():
+        ends = joined(port["bits"]), name
+        lines.append("assign {} = {};".format(*ends if port["direction"] == "input" else reversed(ends)))
+    for name, kind in nets.cells.items():
+        pins = {pin: joined(bits) for pin, bits in nets.module["cells"][name]["connections"].items() if bits}
+        lines.append(
+            f"{kind.name} c{len(lines)} ({', '.join(f'.{pin}({ends})' for pin, ends in pins.items())});"
+        )
+        if kind.kind == "memory":
+            enable, write, read = (pins[f"A_{pin}"] for pin in ("MEN", "WEN", "REN"))
+            for access, when in (("write", write), ("read", f"{read} & ~{write}")):
+                count(ACCESSES, kind.access_j[access], pins["A_CLK"], f"{enable} & {when}")
+    for net, joule in cost.joule.items():
+        if cost.kind[net] == "clock":
+            count("clock", joule, f"n{net}")
+        else:
+            counted[cost.kind[net]].append((f"n{net}", joule))
+    (first, *others) = (name for name, *_ in nets.receivers[nets.clock])
+    gate = nets.cells[first].gate_pins.get("output")
+    trunk = nets.module["cells"][first]["connections"][gate][0] if gate and not others else nets.clock
+    count("edges", ZEPTO, f"n{trunk}")
+    for place, each in enumerate(counted.values()):
+        top, amounts = (
+            len(each) - 1,
+            (f"cost[{k}] = 64'd{round(joule / ZEPTO)};" for k, (_, joule) in enumerate(each)),
+        )
+        values = ",\n".join(value for value, _ in reversed(each))
+        lines += [
+            f"generate if (1) begin : counter_{place}",
+            f"reg [63:0] sum = 0; reg [63:0] cost [0:{top}]; reg [{top}:0] was; wire [{top}:0] now = {{{values}}}; integer k;",
+            *("initial begin", *amounts, f"end assign count__{place} = sum;"),
+            f"always @(posedge clk) begin for (k = 0; k <= {top}; k = k + 1) if (now[k] != was[k]) sum = sum + cost[k];",
+            "was <= now; end end endgenerate",
+        ]
+    heads = [f"{port['direction']} [{len(port['bits']) - 1}:0] {name}" for name, port in ports.items()]
+    heads += [f"output [63:0] count__{place}" for place in range(len(counted))]
+    cells = {cell.name: cell for cell in nets.cells.values()}
+    text = [f"module accelerator ({', '.join(heads)});", *lines, "endmodule", models(cells.values())]
+    return "\n".join(text), [*counted]
+
+
 def measured(
     model: IntegerModel, nets: Nets, voltage: float, wire: WireLoad, leakage_w: float, recordings: Recordings
 ) -> Record:
-    """The energies of `asic.json`, in joule, of one recording with a whole touch; the part of the glitches is
-    listed as ``glitches``.
+    """The energies of `asic.json`, in joule, of one recording with a whole touch.
 
     Parameters
     ----------
@@ -99,27 +154,21 @@ def measured(
     config = model.config
     chosen = _resting(with_touches(model, recordings, 1)[1], config.windows.hop)
     trace, cost = run(model, chosen), costs(nets, voltage, wire)
-    library = {cell.name: cell for cell in nets.cells.values()}
-    chip = Chip(nets.module, library, expression, SEED, delays=True)
-    place = {kind: number for number, kind in enumerate(sorted({*cost.kind.values(), ACCESSES, "clock"}))}
-    change, of = np.zeros(chip.nets), np.zeros(chip.nets, np.uint8)
-    for net, kind in cost.kind.items():
-        of[net], change[net] = place[kind], cost.joule[net] * (kind != "clock")
-    edges = np.array([cost.joule[net] for net in chip.gates] or [0.0])
-    joule = np.zeros(2 * len(place))  # what changes from cycle to cycle, and glitches
-    accesses = [nets.cells[name].access_j[kind] for name in chip.macros for kind in ("read", "write")]
-    of_macros = np.full(len(chip.macros), place[ACCESSES], np.uint8)
-    chip.count_into(joule, (change, of, edges, of[[*chip.gates, 0]], np.array(accesses), of_macros))
-    device = Device(chip, config.sensor.sample_bits)
+    text, kinds = counting(nets, cost)
+    device = Device(Design(text, BUILDS, "a chip's energy", quick=True), config.sensor.sample_bits)
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
     device.settle()
     device.forget()  # what a chain not yet reset may have offered
     marks = []
     for frame in chosen.recording(0):
-        marks.append([device.state.cycle, device.state.edges, device.state.decisions, *joule])
+        marks.append(
+            [device.state.decisions, *(device.get(f"count__{place}") for place in range(len(kinds)))]
+        )
         device.frames(frame[None], 2 * config.sensor.taxels + DRAIN_CYCLES)
-    # a row a frame, to the next one's first taxel: cycles, edges that passed, decisions, joule by kind
-    rows = np.diff(marks, axis=0)
+    # from each frame to the next one's first taxel
+    decided, *counts = np.diff(marks, axis=0).T
+    of_kind = dict(zip(kinds, counts, strict=True))
+    edges = of_kind.pop("edges")
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
     decisions = device.streams()["decision"][0].view(np.uint32).tolist()
@@ -127,16 +176,9 @@ def measured(
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
-    of_kind, extra = (
-        {kind: rows[:, low + number] for kind, number in place.items()} for low in (3, 3 + len(place))
-    )
-    of_kind["clock"] = of_kind["clock"] + cost.root_j * rows[:, 1]
-    energies = summary(config, rows, of_kind, onset, cost.root_j, leakage_w, clock)
-    beyond = summary(config, rows, extra, onset, 0.0, 0.0, clock)
-    glitches = {key: beyond[key] for key in GLITCHES} | {"method": GLITCHES_BY}
-    hours = BATTERY_J / (energies["average_w"] + glitches["average_w"]) / 3600
-    energies["glitches"] = glitches | {"battery_hours_with": hours}
-    return energies | {
+    joule = {kind: count * ZEPTO for kind, count in of_kind.items()}
+    joule["clock"] = joule.get("clock", 0) + cost.root_j * edges
+    return summary(config, decided, edges, joule, onset, cost.root_j, leakage_w, clock) | {
         "bit_exact": not differing and bool(decisions),
         "mismatches": differing,
         "compared_values": len(expected),
@@ -145,13 +187,12 @@ def measured(
 
 ACCESSES = "reads and writes"
 """Kinds of access that macros charge for."""
-GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "average_w")
-"""Energies that are told of glitches alone, too."""
 
 
 def summary(
     config: AcceleratorConfig,
-    rows: np.ndarray,
+    decisions: np.ndarray,
+    edges: np.ndarray,
     of_kind: Arrays,
     onset: int,
     root_j: float,
@@ -162,16 +203,16 @@ def summary(
 
     Parameters
     ----------
-    rows:
-        A frame each, as `measured` makes them.
+    decisions, edges:
+        Of each frame; edges of the clock behind its first gate.
     of_kind:
         Joule of each frame by what changes, edges of the clock included.
     onset:
         Number of the frame at which the touch begins.
     """
     frame = np.sum(list(of_kind.values()), axis=0)
-    decided = np.flatnonzero(rows[:, 2])
-    near = np.zeros(len(rows), bool)
+    decided = np.flatnonzero(decisions)
+    near = np.zeros(len(frame), bool)
     around = NEAR + schedule(config).step_cycles // (2 * config.sensor.taxels + DRAIN_CYCLES)
     around = min(around, max(1, (config.windows.hop - 1) // 2 - 1))
     for row in decided:
@@ -185,14 +226,14 @@ def summary(
     def whole(
         which: np.ndarray | slice,
     ) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
-        return float(frame[which].mean() + root_j * (period - rows[which, 1].mean()))
+        return float(frame[which].mean() + root_j * (period - edges[which].mean()))
 
     def step_energy(values: np.ndarray) -> float:
         return float((values[near].sum() - near.sum() * values[plain].mean()) / steps)
 
     step = step_energy(frame)
     parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
-    parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
+    parts["clock"] += hop * root_j * (period - float(edges[plain].mean()))
     parts |= {"step": step, "leakage": leakage_w * hop / rate}
     idle_w = leakage_w + rate * whole(quiet)
     average_w = idle_w + TOUCHES_PER_S * steps * step
@@ -202,8 +243,6 @@ def summary(
         "waiting_cycle_j": root_j,
         "leakage_w": leakage_w,
         "touch_j": frames * whole(plain) + steps * step + leakage_w * frames / rate,
-        "frame_j": whole(plain),
-        "quiet_frame_j": whole(quiet),
         "idle_w": idle_w,
         "average_w": average_w,
     }
@@ -212,7 +251,7 @@ def summary(
         "interval_parts_j": parts,
         "interval_frames": hop,
         "clock_hz": clock_hz,
-        "clocked_share": float(rows[plain, 1].mean()) / period,
+        "clocked_share": float(edges[plain].mean()) / period,
         "battery_hours": BATTERY_J / average_w / 3600,
         "method": METHOD,
     }

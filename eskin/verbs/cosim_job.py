@@ -19,7 +19,7 @@ from eskin.verbs import flow
 
 CACHE = flow.BUILD / "cosim_parts"
 """Finished parts of a run that was interrupted; gone when all are done."""
-PART = {"verilator": 40, "icarus": 8, "compiled": 16}
+PART = {"verilator": 40, "icarus": 8}
 """Recordings of a part. It does not depend on the number of workers, so that the result does not either: a
 part loads the design anew. Small enough that no worker waits long for the last part, and far more work than
 starting a simulator."""
@@ -69,12 +69,14 @@ def cosimulate(
         As for ``eskin.verbs.flow.cosimulate``, as JSON holds them.
     """
     options = {**options, "simulator": simulator}
-    shown = one_of_each(recordings.labels) if bench == "sample" else [*range(len(numbers))]
+    chip = options.get("target") == "asic"  # compiled in minutes under cocotb
+    sample = [] if chip else one_of_each(recordings.labels)
+    shown = sample if bench == "sample" else [*range(len(numbers))]
     order = [*shown, *sorted({*range(len(numbers))} - {*shown})]
     recordings, numbers = recordings.subset(order), [int(numbers[place]) for place in order]
     config = flow.with_converter(model.config, options.get("converter"), options.get("clock_hz"))
     alone = bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
-    alone = alone or any(options.get(name) for name in ("stalls", "target"))
+    alone = alone or bool(options.get("stalls") or (options.get("target") and not chip))
     size = PART[simulator] if alone or simulator != "verilator" else IN_BULK
     pieces = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     content = content_key(CODE(), model, recordings, numbers, len(shown), options)

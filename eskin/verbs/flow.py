@@ -98,11 +98,9 @@ def cosimulate(
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
-    if options.get("simulator") == flow.COMPILED and chip is None:
-        raise InputError(f"--simulator {flow.COMPILED}: is for chips; add --target asic, or take verilator")
     if chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
-        options["hardware"], placed = _chip_parts(config, model.arrays, chip, options.get("simulator"))
+        options["hardware"], placed = _chip_parts(config, model.arrays, chip)
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
@@ -114,8 +112,8 @@ def cosimulate(
     options = {"builds": BUILD / "simulators", **options}
     result = flow.cosim(design, vectors, work=work / "run", **options)
     if placed:
-        chosen = {name: options[name] for name in ("simulator", "builds", "seed") if name in options}
-        second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
+        options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
+        second = flow.cosim(design, vectors, work=work / "placed", **options)
         names = ("compared_values", "mismatches", "bit_exact", "mismatch_list")
         result["without_probes"] = {name: second[name] for name in names} | {"cells": placed[1]}
         result["passed"] = result["passed"] and second["bit_exact"]
@@ -142,7 +140,7 @@ def _check_target(level: str, target: str | None, chip: Record | None) -> None:
 
 
 def _chip_parts(
-    config: AcceleratorConfig, arrays: Arrays, chip: Record, simulator: str | None
+    config: AcceleratorConfig, arrays: Arrays, chip: Record
 ) -> tuple[Hardware, tuple[Hardware, Mapping[str, int]]]:
     """A chip's netlist with probes, and the one that is placed."""
     libraries = asic_job.libraries_of([*map(Path, chip["liberty"])])
@@ -150,12 +148,7 @@ def _chip_parts(
 
     def part(probes: bool) -> tuple[Hardware, Mapping[str, int]]:
         netlist = asic_job.netlist_of(config, arrays, process, probes=probes)
-        if simulator == flow.COMPILED:
-            ready = asic_job.compiled(netlist, process)
-            hardware = Hardware((), (), "netlist", "asic", probes, ready)
-        else:
-            hardware = asic_job.hardware_of(netlist, process, probes=probes)
-        return hardware, dict(netlist.cells)
+        return asic_job.hardware_of(netlist, process, probes=probes), dict(netlist.cells)
 
     return part(True)[0], part(False)
 

@@ -79,14 +79,12 @@ class Group:
 @dataclass(frozen=True, kw_only=True)
 class Pin:
     """A pin. function: of an output, in Liberty's operators; capacitance in farad; toggle_j: joule of the
-    cell each time it changes; delay_s: of an output, the middle of the tables' mean, at a short edge and a
-    small load."""
+    cell each time it changes."""
 
     direction: str
     function: str = ""
     capacitance: float = 0.0
     toggle_j: float = 0.0
-    delay_s: float = 0.0
     clock: bool = False
     gate: str = ""  # of a clock gate: "clock", "enable", "test" or "output"
 
@@ -241,13 +239,12 @@ def _library(path: Path, top: Group) -> Library:
     watt = _unit(top.attributes.get("leakage_power_unit", "1nW"))
     voltage = top.number("nom_voltage", conditions.number("voltage"))
     joule = farad  # of a volt squared
-    second = _unit(top.attributes.get("time_unit", "1ns"))
     return Library(
         path=path,
         name=" ".join(top.arguments),
         voltage=voltage,
         temperature=top.number("nom_temperature", conditions.number("temperature")),
-        cells=_by_name(top.named("cell"), lambda group: _cell(group, farad, watt, joule, second)),
+        cells=_by_name(top.named("cell"), lambda group: _cell(group, farad, watt, joule)),
         wire_loads=_by_name(top.named("wire_load"), lambda group: _wire_load(group, farad)),
     )
 
@@ -344,12 +341,7 @@ def _power(pin: Group) -> float:
     return sum(means) / len(means) if means else 0.0
 
 
-def _delay(pin: Group) -> float:
-    tables = [table for timing in pin.named("timing") for table in timing.named("cell_rise", "cell_fall")]
-    return sum(map(_middle, tables)) / len(tables) if tables else 0.0
-
-
-def _cell(group: Group, farad: float, watt: float, joule: float, second: float) -> Cell:
+def _cell(group: Group, farad: float, watt: float, joule: float) -> Cell:
     pins: dict[str, Pin] = {}
     accesses: dict[str, float] = {}
     for pin in group.named("pin", "bus"):
@@ -360,7 +352,6 @@ def _cell(group: Group, farad: float, watt: float, joule: float, second: float) 
             function=pin.attributes.get("function", ""),
             capacitance=pin.number("capacitance") * farad,
             toggle_j=_power(pin) * joule,
-            delay_s=_delay(pin) * second,
             clock=pin.attributes.get("clock") == "true",
             gate=gate,
         )

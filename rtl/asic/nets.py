@@ -2,8 +2,7 @@
 the block of the chain to which each cell belongs.
 
 A change of a net costs ``e = E_out + sum E_in + C V^2 / 2`` with the driver's and the receivers' internal
-energies of an edge and ``C`` = pins + wire. A clock net costs ``2 e`` for each of its cycles. A glitch costs
-as much as any other change and is counted separately (`eskin.verbs.chip_energy`).
+energies of an edge and ``C`` = pins + wire. A clock net costs ``2 e`` for each of its cycles.
 """
 
 import re

@@ -237,10 +237,10 @@ write_json mapped.json
     (folder / "buffered.json").write_text(json.dumps(mapped))
     written = f"""read_json buffered.json
 write_verilog -noattr -noexpr simulated.v
+write_json flat.json
 splitnets -ports
 opt_clean -purge
 tee -q -o cells.json stat -json
-write_json flat.json
 write_verilog -noattr -noexpr {top}.v
 """
     _run(folder, "written", written)

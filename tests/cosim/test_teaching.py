@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cosim.device import Design, Device, Model
+from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.data.archive import load_archive
@@ -52,7 +52,7 @@ def same(came: dict[str, np.ndarray], model: IntegerModel) -> None:
 class Taught:
     """A device and the golden stream beside it; every command goes to both."""
 
-    def __init__(self, model: IntegerModel, behind: Model, seed: int) -> None:
+    def __init__(self, model: IntegerModel, behind: Design, seed: int) -> None:
         self.config, self.rng = model.config, random.Random(seed)
         self.stream = Stream(model)
         self.device = Recorded(behind, self.config.sensor.sample_bits)

@@ -124,7 +124,9 @@ def test_models_say_what_cells_do_and_begin_at_random(tmp_path):
     assert "assign Y = (~(A&B));" in model(cells["sg13g2_nand2_1"])
     for name in ("ff", "la", "gate", "ram"):
         assert "$urandom" in model(cells[name])
-    assert "posedge force_0" in model(cells["ff"]) and "if (G) IQ = D;" in model(cells["la"])
+    assert "posedge force_0" in model(cells["ff"]) and "always @(posedge clock) IQ <= D;" in model(
+        cells["la"]
+    )
 
 
 def test_nets_with_many_receivers_get_trees_of_buffers_and_the_clock_does_not(tmp_path):
