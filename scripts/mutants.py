@@ -237,13 +237,14 @@ class _Finder:
         for word in node.keywords:
             if name == "Signal" and word.arg == "init" and self.source(word.value) != "0":
                 yield self.replaced("reset", word.value, "0")
-        if name == "eq" and len(args) == 1:
-            if isinstance(first, ast.Constant) and first.value == 0:
-                yield self.replaced("reset", node, f"{target}.eq({target})")
-            for read in ast.walk(args[0]):  # another signal of the function
+        if name == "eq" and isinstance(first, ast.Constant) and first.value == 0:
+            yield self.replaced("reset", node, f"{target}.eq({target})")
+        driven: dict[str, list[ast.expr]] = {"eq": args, "drive": [word.value for word in node.keywords]}
+        for given in driven.get(name, []):
+            for read in ast.walk(given):  # another signal of the function
                 if isinstance(read, ast.Name) and read.id in names and len(names) > 1:
                     others = [other for other in names if other != read.id]
-                    number = hashlib.sha256(f"{read.id}{sources[0]}".encode()).digest()[0]
+                    number = hashlib.sha256(f"{read.id}{self.source(given)}".encode()).digest()[0]
                     yield self.replaced("signal", read, others[number % len(others)])
 
 

@@ -12,6 +12,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.collisions import UNFILLED
 from eskin.rtl.common.memory_style import LARGE_WORDS, SMALL_FAMILY
+from eskin.rtl.common.ports import drive
 
 
 class OnePortMemory(wiring.Component):
@@ -49,14 +50,9 @@ class OnePortMemory(wiring.Component):
             return m
         m.submodules.memory = memory = Memory(shape=16, depth=self._words, init=[], attrs=UNFILLED)
         read, write = memory.read_port(), memory.write_port(granularity=8)
-        m.d.comb += [
-            read.addr.eq(self.address),
-            read.en.eq(self.enable & ~self.write.any()),
-            self.word.eq(read.data),
-            write.addr.eq(self.address),
-            write.data.eq(self.data),
-            write.en.eq(self.write & self.enable.replicate(2)),
-        ]
+        drive(m, read, addr=self.address, en=self.enable & ~self.write.any())
+        m.d.comb += self.word.eq(read.data)
+        drive(m, write, addr=self.address, data=self.data, en=self.write & self.enable.replicate(2))
         return m
 
     def _block(self, m: Module) -> None:

@@ -5,10 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-
-
-def _flags(*names: str) -> dict[str, wiring.Member]:
-    return {name: Out(1) for name in names}
+from eskin.rtl.common.ports import outputs
 
 
 def probe(bits: int = 32) -> wiring.Signature:
@@ -16,10 +13,10 @@ def probe(bits: int = 32) -> wiring.Signature:
     return wiring.Signature({"valid": Out(1), "value": Out(signed(bits))})
 
 
-FRAMES = wiring.Signature(_flags("offered", "taken", "first", "last"))
+FRAMES = wiring.Signature(outputs("offered", "taken", "first", "last"))
 """Beats at the input of a chain: one is offered, is taken; it is its frame's first, last."""
 
-ENGINE = wiring.Signature(_flags("working", "overrun", "windows_open", "slot_done", "step_done"))
+ENGINE = wiring.Signature(outputs("working", "overrun", "windows_open", "slot_done", "step_done"))
 """Status of an engine.
 
 working: a window waits, or the program is on its way to where it waits for one. overrun: a window arrives while
@@ -37,11 +34,11 @@ def detector_status(config: AcceleratorConfig) -> wiring.Signature:
     TAXEL_FAULTS while no frame is under way.
     """
     faults = {"flags": Out(config.sensor.taxels), "raised": Out(1)} if config.faults.fault_frames else {}
-    return wiring.Signature(_flags("armed", "touch", "started", "framing_fault") | faults)
+    return wiring.Signature(outputs("armed", "touch", "started", "framing_fault") | faults)
 
 
 TEACHING = wiring.Signature(
-    _flags("teach", "forget", "option", "loaded", "locked", "look")
+    outputs("teach", "forget", "option", "loaded", "locked", "look")
     | {"label": Out(7), "refused": In(1), "done": In(1), "in_use": In(8), "place": In(9)}
 )
 """Commands to a readout that is taught, and its answers.

@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.layouts import decision_layout, margin_units
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.decision.early_rule import EarlyRule
 from eskin.rtl.decision.score_search import make_search
 
@@ -57,8 +58,7 @@ class Classifier(wiring.Component):
                 "logit": In(data.StructLayout({"valid": 1, "value": signed(config.score_format.width)})),
                 "o": Out(stream.Signature(decision_layout(config))),
                 "finish": In(1),
-                "idle": Out(1),
-                "ended": Out(1),
+                **outputs("idle", "ended"),
             }
             | ({"far": In(1)} if config.readout_rule.unknown_above else {})
         )
@@ -91,11 +91,8 @@ class Classifier(wiring.Component):
             given = self.given = Signal()  # the touch has had its global decision, early
             m.submodules.early_rule = early = EarlyRule(config, len(margin))
             decides = self.decides = early.met
+            drive(m, early, best=best, margin=margin, taken=local_taken, ended=self.ended)
             m.d.comb += [
-                early.best.eq(best),
-                early.margin.eq(margin),
-                early.taken.eq(local_taken),
-                early.ended.eq(self.ended),
                 closes.eq((ends | (local_taken & decides)) & ~given),
                 self.ended.eq((taken & is_global & (final | partial)) | (ends & given)),
             ]
@@ -105,19 +102,23 @@ class Classifier(wiring.Component):
         unsure = below_threshold(config, margin)
         if config.readout_rule.unknown_above:
             unsure |= self.far
-        m.d.comb += [
-            search.score.valid.eq(self.logit.valid),
+        drive(
+            m,
+            search.score,
+            valid=self.logit.valid,
             # the sign bit turned over makes offset binary, which the search compares as unsigned
-            search.score.value.eq(self.logit.value ^ (1 << len(margin) - 1)),
-            self.idle.eq(~busy),
-            self.o.valid.eq(offered),
-            self.o.p["class"].eq(best),
-            self.o.p.margin.eq(margin_units(config, margin, is_global) if config.wide_decisions else margin),
-            self.o.p.step.eq(step),
-            self.o.p.is_global.eq(is_global),
-            self.o.p.partial.eq(partial),
-            self.o.p.unsure.eq(is_global & unsure),
-        ]
+            value=self.logit.value ^ (1 << len(margin) - 1),
+        )
+        m.d.comb += [self.idle.eq(~busy), self.o.valid.eq(offered), self.o.p["class"].eq(best)]
+        drive(
+            m,
+            self.o.p,
+            margin=margin_units(config, margin, is_global) if config.wide_decisions else margin,
+            step=step,
+            is_global=is_global,
+            partial=partial,
+            unsure=is_global & unsure,
+        )
         m.d.sync += [
             step.eq(step + (step_done & begun)),
             # a register, a cycle behind `step`: no decision of the step can be taken before
@@ -149,6 +150,6 @@ class Classifier(wiring.Component):
             with m.If(taken & ~is_global):
                 m.d.sync += votes[best].eq(votes[best] + 1)
             with m.If(tallying):
-                m.d.comb += [search.score.valid.eq(1), search.score.value.eq(votes[number])]
+                drive(m, search.score, valid=1, value=votes[number])
                 m.d.sync += tallying.eq(~last)
         return m

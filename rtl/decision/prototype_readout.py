@@ -14,6 +14,7 @@ from eskin.rtl.common.compare import exceeds, greater, reaches
 from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import prototypes_memory
+from eskin.rtl.common.ports import drive, inputs
 from eskin.rtl.common.register_check import parity_wrong
 from eskin.rtl.common.status import TEACHING
 from eskin.rtl.program.memory_map import Memory as Loaded
@@ -100,10 +101,7 @@ class PrototypeReadout(wiring.Component):
         super().__init__(
             {
                 "vector": In(data.StructLayout({"valid": 1, "value": shape_of(config.trajectory_format)})),
-                "logit_valid": In(1),
-                "step_done": In(1),
-                "ended": In(1),
-                "clear": In(1),
+                **inputs("logit_valid", "step_done", "ended", "clear"),
                 "score": Out(data.StructLayout({"valid": 1, "value": score})),
                 "idle": Out(1),
                 "load": In(load_signature(config)),
@@ -206,13 +204,10 @@ class PrototypeReadout(wiring.Component):
             beyond.eq(exceeds(self.load.address, words - 1)),
             written.eq(((head & ~teaching) | (body & target)) & sound),
             at.eq(Mux(asked, self.load.address, address)),
-            read.addr.eq(at),
-            read.en.eq(reads),
-            reading.eq(Mux(teaching, head, body)),
-            write.addr.eq(at),
-            write.data.eq(Mux(loads, self.load.data, codes)),
-            write.en.eq(written | (loads & ~beyond)),
         ]
+        drive(m, read, addr=at, en=reads)
+        m.d.comb += reading.eq(Mux(teaching, head, body))
+        drive(m, write, addr=at, data=Mux(loads, self.load.data, codes), en=written | (loads & ~beyond))
         m.d.sync += [comparing.eq(body & ~teaching & ~dropped), from_memory.eq(head & teaching)]
         comes = Mux(from_memory, read.data, codes[:stored])
         code: Value = narrow(vector.value, rule.state_code_shift, config.state_code_format).as_unsigned()
@@ -278,12 +273,10 @@ class PrototypeReadout(wiring.Component):
             registers.append((place, begins | place_ends, Mux(begins, 0, wrapping_increment(place, every))))
             with m.If(place_ends):
                 m.d.sync += kept.eq(place)
-            m.d.comb += [
-                sum_read.addr.eq(place),
-                sum_write.addr.eq(kept),
-                sum_write.data.eq(Cat(total, damaged) if checks else total),
-                sum_write.en.eq(whole_place & busy),
-            ]
+            m.d.comb += sum_read.addr.eq(place)
+            drive(
+                m, sum_write, addr=kept, data=Cat(total, damaged) if checks else total, en=whole_place & busy
+            )
             before = Mux(first, 0, sum_read.data[:sum_bits])
             if checks:
                 m.d.comb += was_damaged.eq(~first & sum_read.data[sum_bits])
@@ -304,12 +297,9 @@ class PrototypeReadout(wiring.Component):
             told.eq(whole_place & last_done & ~dropped),
             told_all.eq(whole_place & last_done & label_done & ~dropped),
         ]
-        m.d.comb += [
-            closes.eq(told & told_all),
-            self.score.valid.eq(told & busy),
-            self.score.value.eq(Cat(nearness, Const(1, 1))),
-            self.idle.eq(~(busy | teaching)),
-        ]
+        m.d.comb += closes.eq(told & told_all)
+        drive(m, self.score, valid=told & busy, value=Cat(nearness, Const(1, 1)))
+        m.d.comb += self.idle.eq(~(busy | teaching))
         if rule.unknown_above:
             limit = Signal(range(rule.unknown_above * config.windows.steps + 1))
             near = Signal()
@@ -397,26 +387,30 @@ class PrototypeReadout(wiring.Component):
         renewed = Signal.like(count)
         in_use = Signal(range(classes * places + 1))
         loaded = loads & beyond
+        drive(
+            m,
+            scan,
+            begins=(teaches & ~self.commands.option) | (self.ended & following & complete),
+            target=scan.teaching & (scan.label == chosen) & scan.slot[-1] & (scan.slot[:-1] == newest),
+        )
         m.d.comb += [
-            scan.begins.eq((teaches & ~self.commands.option) | (self.ended & following & complete)),
-            scan.target.eq(
-                scan.teaching & (scan.label == chosen) & scan.slot[-1] & (scan.slot[:-1] == newest)
-            ),
             renewed.eq(
                 Mux(
                     loaded,
                     self.load.data,
                     Mux(counted, _by_value(count, lambda n: n + 1 if n + 1 < 2 * places else places), 0),
                 )
-            ),
-            self.commands.refused.eq(
-                (self.commands.teach & ~teaches)
-                | (self.commands.forget & ~forgets)
-                | (self.ended & following & ~complete)
-            ),
-            self.commands.in_use.eq(in_use),
-            self.commands.done.eq(scan.ends),
+            )
         ]
+        drive(
+            m,
+            self.commands,
+            refused=(self.commands.teach & ~teaches)
+            | (self.commands.forget & ~forgets)
+            | (self.ended & following & ~complete),
+            in_use=in_use,
+            done=scan.ends,
+        )
         with m.If(loaded | counted | forgets):
             m.d.sync += [
                 Array(numbers)[at_class].eq(renewed),

@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.memory_style import before_an_adder
+from eskin.rtl.common.ports import drive
 from eskin.rtl.program.timing import holds_two_largest
 
 
@@ -79,16 +80,9 @@ class SearchTwice(wiring.Component):
         total = Cat(subtracting, held) + Cat(subtracting, read.data)
         exceeds = total[-1]  # strictly: ties stay with the lowest class
         search_ends = others & compared_last
-        m.d.comb += [
-            write.addr.eq(number),
-            write.en.eq(score.valid),
-            write.data.eq(score.value),
-            read.addr.eq(Mux(search_ends, best, reading)),
-            self.number.eq(number),
-            self.best.eq(best),
-            self.margin.eq(held),
-            self.found.eq(subtracting),
-        ]
+        drive(m, write, addr=number, en=score.valid, data=score.value)
+        m.d.comb += read.addr.eq(Mux(search_ends, best, reading))
+        drive(m, self, number=number, best=best, margin=held, found=subtracting)
         m.d.sync += [
             reading.eq(number),
             fetched.eq(write.en | searching),
@@ -159,12 +153,7 @@ class SearchOnce(wiring.Component):
         nearer = (margin + above)[-1]
         with m.If(judged & (unseen | nearer)):
             m.d.sync += margin.eq(Mux(larger, above + 1, ~above))
-        m.d.comb += [
-            self.number.eq(number),
-            self.best.eq(best),
-            self.margin.eq(margin),
-            self.found.eq(ending),
-        ]
+        drive(m, self, number=number, best=best, margin=margin, found=ending)
         return m
 
 

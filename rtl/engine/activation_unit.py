@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, sigmoid_table, tanh_table
 from eskin.rtl.common.memory_style import short_of_blocks
+from eskin.rtl.common.ports import drive, inputs
 from eskin.rtl.program.signature import parity
 
 
@@ -47,8 +48,7 @@ class ActivationUnit(wiring.Component):
         super().__init__(
             {
                 "index": In(signed(config.index_bits)),
-                "tanh": In(1),
-                "enable": In(1),
+                **inputs("tanh", "enable"),
                 "gate": Out(signed(config.gate_format.width)),
                 "not_state": Out(signed(config.formats.state_format.width)),
                 "walk": In(1),
@@ -77,12 +77,8 @@ class ActivationUnit(wiring.Component):
             next_entry = Signal(range(len(table)))
             m.d.sync += next_entry.eq(next_entry + self.walk)
             address = Mux(self.walk, next_entry, address)
-        m.d.comb += [
-            read.en.eq(self.enable | self.walk),
-            read.addr.eq(address),
-            self.gate.eq(code),
-            self.not_state.eq(~(code - half) if alike else code),
-        ]
+        drive(m, read, en=self.enable | self.walk, addr=address)
+        drive(m, self, gate=code, not_state=~(code - half) if alike else code)
         if config.hardware.checksum:
             m.d.comb += self.wrong.eq(read.data.xor())
         return m

@@ -15,6 +15,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import begins_as_told
+from eskin.rtl.common.ports import drive
 from eskin.rtl.program import memory_map
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.microcode import Layout
@@ -90,28 +91,24 @@ class CoefficientMemory(wiring.Component):
                 shape=signed(16), depth=layout.gate_depth, init=init, attrs=NO_COLLISION
             )
             read = part.read_port()
-            m.d.comb += [read.addr.eq(self.address), read.en.eq(self.enable)]
+            drive(m, read, addr=self.address, en=self.enable)
             return read.data, part.write_port()
 
         if apart:
             gate, write = memory("gates", [])
             constant, loaded = memory("constants", init)
-            m.d.comb += [
-                self.constant.eq(constant),
-                loaded.addr.eq(to),
-                loaded.data.eq(self.load.data),
-                loaded.en.eq(loads),
-                write.addr.eq(self.write_address),
-                write.data.eq(self.write_data),
-                write.en.eq(self.write),
-            ]
+            m.d.comb += self.constant.eq(constant)
+            drive(m, loaded, addr=to, data=self.load.data, en=loads)
+            drive(m, write, addr=self.write_address, data=self.write_data, en=self.write)
         else:
             gate, write = memory("both", init)
-            m.d.comb += [
-                write.addr.eq(Mux(loads, to, self.write_address)),
-                write.data.eq(Mux(loads, self.load.data, self.write_data)),
-                write.en.eq(loads | self.write),
-            ]
+            drive(
+                m,
+                write,
+                addr=Mux(loads, to, self.write_address),
+                data=Mux(loads, self.load.data, self.write_data),
+                en=loads | self.write,
+            )
         m.d.comb += self.gate.eq(gate)
         return m
 
@@ -126,22 +123,19 @@ class CoefficientMemory(wiring.Component):
             attrs=NO_COLLISION if config.hardware.loadable else {},
         )
         read = constants.read_port()
-        m.d.comb += [
-            read.addr.eq(self.address - layout.constants),
-            read.en.eq(self.enable & is_constant),
-            self.constant.eq(Mux(constant_read, read.data, 0)),
-        ]
+        drive(m, read, addr=self.address - layout.constants, en=self.enable & is_constant)
+        m.d.comb += self.constant.eq(Mux(constant_read, read.data, 0))
         with m.If(self.enable):
             m.d.sync += constant_read.eq(is_constant)
         if config.hardware.loadable:
             loaded = constants.write_port()
-            m.d.comb += [
-                loaded.addr.eq(self.load.address),
-                loaded.data.eq(self.load.data),
-                loaded.en.eq(
-                    self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]
-                ),
-            ]
+            drive(
+                m,
+                loaded,
+                addr=self.load.address,
+                data=self.load.data,
+                en=self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]],
+            )
         if not layout.program.gate_regions:
             return
         depth = len(layout.program.gate_regions) << layout.gate_bits
@@ -149,11 +143,6 @@ class CoefficientMemory(wiring.Component):
             shape=signed(config.gate_format.width), depth=depth, init=[], attrs=NO_COLLISION
         )
         gate, write = gates.read_port(), gates.write_port()
-        m.d.comb += [
-            gate.addr.eq(self.address),
-            gate.en.eq(self.enable & ~is_constant),
-            self.gate.eq(Mux(constant_read, 0, gate.data)),
-            write.addr.eq(self.write_address),
-            write.data.eq(self.write_data),
-            write.en.eq(self.write),
-        ]
+        drive(m, gate, addr=self.address, en=self.enable & ~is_constant)
+        m.d.comb += self.gate.eq(Mux(constant_read, 0, gate.data))
+        drive(m, write, addr=self.write_address, data=self.write_data, en=self.write)

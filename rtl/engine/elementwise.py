@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import narrow, saturate
+from eskin.rtl.common.ports import drive, inputs
 from eskin.rtl.program.scheduler import Schedule
 
 
@@ -48,9 +49,7 @@ class ElementwiseUnit(wiring.Component):
                 "s": In(signed(config.operand_bits)),
                 "not_t": In(state),
                 "x": In(signed(config.centred_format.width)),
-                "use_t": In(1),
-                "minus": In(1),
-                "add": In(1),
+                **inputs("use_t", "minus", "add"),
                 "a": Out(signed(16)),
                 "load": Out(signed(config.elementwise_bits)),
                 "acc": In(signed(config.elementwise_bits)),
@@ -72,13 +71,13 @@ class ElementwiseUnit(wiring.Component):
         # T comes as a complement, and -T = not_t + 1. The + 1 is always there; where nothing is subtracted it
         # cancels the -1.
         difference = Signal(signed(16))
-        m.d.comb += [
-            difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1),
-            self.a.eq(self.x ^ difference),
-            self.load.eq(
-                Cat(Const(half, config.formats.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed()
-            ),
-        ]
+        m.d.comb += difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1)
+        drive(
+            m,
+            self,
+            a=self.x ^ difference,
+            load=Cat(Const(half, config.formats.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed(),
+        )
         shifted = Signal(signed(config.elementwise_bits - config.formats.gate_frac))
         m.d.comb += [
             shifted.eq(self.acc >> config.formats.gate_frac),

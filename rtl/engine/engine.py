@@ -17,6 +17,7 @@ from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import centred_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import addends_memory, begins_as_told, lanes_in_large_memories
+from eskin.rtl.common.ports import drive, inputs, outputs
 from eskin.rtl.common.status import ENGINE, probe
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
@@ -117,10 +118,8 @@ class Engine(wiring.Component):
                 "logit": Out(
                     data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})
                 ),
-                "decider_idle": In(1),
-                "blank": In(1),
-                "started": Out(1),
-                "busy": Out(1),
+                **inputs("decider_idle", "blank"),
+                **outputs("started", "busy"),
                 "status": Out(ENGINE),
                 "check_failed": Out(1),
                 "feature": Out(probe()),
@@ -153,7 +152,7 @@ class Engine(wiring.Component):
 
         def read(part: Memory, address):
             port = part.read_port()
-            m.d.comb += [port.addr.eq(address), port.en.eq(enable)]
+            drive(m, port, addr=address, en=enable)
             return port.data
 
         states = memory("state_memory", signed(config.operand_bits), layout.state_depth)
@@ -162,10 +161,7 @@ class Engine(wiring.Component):
         m.submodules.coefficients = coefficients = CoefficientMemory(
             config, plan.program, images.get(memory_map.Memory.CONSTANTS, [])
         )
-        m.d.comb += [
-            coefficients.address.eq(word.gate | Mux(word.scale, lengths, 0)),
-            coefficients.enable.eq(enable),
-        ]
+        drive(m, coefficients, address=word.gate | Mux(word.scale, lengths, 0), enable=enable)
         wiring.connect(m, wiring.flipped(self.load), coefficients.load)
         gate = coefficients.gate | coefficients.constant
         # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
@@ -182,28 +178,32 @@ class Engine(wiring.Component):
         # ---------------------------------------------------------------- lanes
         m.submodules.elementwise = unit = ElementwiseUnit(config, plan)
         reads_states = any("S." in a for op in plan.program.elements for a, _ in op.terms)
-        m.d.comb += [
-            unit.s.eq(operand if plan.shared else read(states, word.element) if reads_states else 0),
-            unit.not_t.eq(not_t),
-            unit.x.eq(window_sum),
-            unit.use_t.eq(word.t_operand),
-            unit.minus.eq(word.minus),
-            unit.add.eq(word.add & (word.in_step if plan.shared else 1)),  # before, T's word for 0 may be any
-            unit.feature.eq(word.feature),
-        ]
+        drive(
+            m,
+            unit,
+            s=operand if plan.shared else read(states, word.element) if reads_states else 0,
+            not_t=not_t,
+            x=window_sum,
+            use_t=word.t_operand,
+            minus=word.minus,
+            add=word.add & (word.in_step if plan.shared else 1),  # before, T's word for 0 may be any
+            feature=word.feature,
+        )
         row_sums = self._lanes(m, sequencer, unit, operand, weights, gate, addends.read_data)
 
         # ---------------------------------------------------------------- sums of rows, one by one
         total = self._total(m, sequencer, row_sums, addends.read_data)
         m.submodules.narrowing = row = RowNarrowing(config)
-        m.d.comb += [row.total.eq(total), row.tanh.eq(word.tanh)]
-        m.d.comb += [
-            addends.read_address.eq(word.addend),
-            addends.read_enable.eq(enable),
-            addends.write.eq(enable & word.partial),
-            addends.write_address.eq(word.partial_to),
-            addends.write_data.eq(total),
-        ]
+        drive(m, row, total=total, tanh=word.tanh)
+        drive(
+            m,
+            addends,
+            read_address=word.addend,
+            read_enable=enable,
+            write=enable & word.partial,
+            write_address=word.partial_to,
+            write_data=total,
+        )
         wiring.connect(m, wiring.flipped(self.load), addends.load)
 
         # ---------------------------------------------------------------- results
@@ -211,17 +211,21 @@ class Engine(wiring.Component):
         if plan.program.t_regions:  # no cell has gates alone
             m.submodules.activation = table = ActivationUnit(config)
             t_write = values.write_port()
-            m.d.comb += [
-                table.enable.eq(enable),
-                table.index.eq(Mux(word.activated, unit.index, row.index)),
-                table.tanh.eq(word.tanh),
-                t_write.addr.eq(word.result),
-                t_write.data.eq(Mux(word.value, ~row.value, table.not_state)),
-                t_write.en.eq(enable & word.t_write),
-                coefficients.write_address.eq(word.result),
-                coefficients.write_data.eq(table.gate),
-                coefficients.write.eq(enable & word.gate_write),
-            ]
+            drive(m, table, enable=enable, index=Mux(word.activated, unit.index, row.index), tanh=word.tanh)
+            drive(
+                m,
+                t_write,
+                addr=word.result,
+                data=Mux(word.value, ~row.value, table.not_state),
+                en=enable & word.t_write,
+            )
+            drive(
+                m,
+                coefficients,
+                write_address=word.result,
+                write_data=table.gate,
+                write=enable & word.gate_write,
+            )
             if config.hardware.checksum:
                 m.d.comb += table.walk.eq(sequencer.waiting & ~enable)
                 # outside a step the index may come of sums that nothing was loaded into
@@ -230,30 +234,24 @@ class Engine(wiring.Component):
                 table_wrong = table.wrong & judged
         m.d.comb += unit.tick.eq(enable)
         state_write = states.write_port()
-        m.d.comb += [
-            state_write.addr.eq(word.state_to),
-            state_write.data.eq(unit.result),
-            state_write.en.eq(enable & word.state_write),
-        ]
-        m.d.comb += [self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit)]
+        drive(m, state_write, addr=word.state_to, data=unit.result, en=enable & word.state_write)
+        drive(m, self.logit, value=row.logit, valid=enable & word.logit)
         if config.hardware.checksum:
             m.submodules.check = check = MemoryCheck(code)
-            m.d.comb += [
-                check.word.eq(word),
-                check.enable.eq(enable),
-                check.weights.eq(Cat(weights)),
-                check.addend.eq(addends.read_data),
-                check.gate.eq(gate),
-                check.operand.eq(unit.a),
-                check.blank.eq(coefficients.constant),
-                self.check_failed.eq(check.fault | table_wrong | sequencer.wrong),
-            ]
-        m.d.comb += [
-            self.feature.valid.eq(state_write.en & word.feature),
-            self.feature.value.eq(unit.code),
-            self.state.valid.eq(state_write.en & word.hidden),
-            self.state.value.eq(unit.result),
-        ]
+            drive(
+                m,
+                check,
+                word=word,
+                enable=enable,
+                weights=Cat(weights),
+                addend=addends.read_data,
+                gate=gate,
+                operand=unit.a,
+                blank=coefficients.constant,
+            )
+            m.d.comb += self.check_failed.eq(check.fault | table_wrong | sequencer.wrong)
+        drive(m, self.feature, valid=state_write.en & word.feature, value=unit.code)
+        drive(m, self.state, valid=state_write.en & word.hidden, value=unit.result)
         return m
 
     def _windows(self, m: Module, sequencer: Sequencer, released: Value, layout) -> tuple[WindowQueue, Value]:
@@ -266,21 +264,22 @@ class Engine(wiring.Component):
         slot_write, slot_read = windows.write_port(), windows.read_port()
         m.submodules.queue = queue = self.queue = WindowQueue(config, layout.window_bits)
         wiring.connect(m, wiring.flipped(self.i), queue.i)
-        m.d.comb += [
-            queue.released.eq(released),
-            queue.started.eq(self.started),
-            queue.step_done.eq(self.status.step_done),
-            self.status.overrun.eq(queue.overrun),
-            self.status.windows_open.eq(queue.open),
-            slot_write.addr.eq(Cat(queue.taxel, queue.writing, self.blank)),
-            slot_write.data.eq(self.i.p.value),
-            slot_write.en.eq(queue.take | self.blank),
-            slot_read.addr.eq(
-                word.window
-                | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1])
-            ),
-            slot_read.en.eq(enable),
-        ]
+        drive(m, queue, released=released, started=self.started, step_done=self.status.step_done)
+        drive(m, self.status, overrun=queue.overrun, windows_open=queue.open)
+        drive(
+            m,
+            slot_write,
+            addr=Cat(queue.taxel, queue.writing, self.blank),
+            data=self.i.p.value,
+            en=queue.take | self.blank,
+        )
+        drive(
+            m,
+            slot_read,
+            addr=word.window
+            | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1]),
+            en=enable,
+        )
         return queue, slot_read.data
 
     def _steps(self, m: Module, sequencer: Sequencer, queue: WindowQueue, released: Value) -> Signal:
@@ -294,9 +293,8 @@ class Engine(wiring.Component):
             self.started.eq(sequencer.waiting & enable),
             self.status.working.eq(queue.any | ~sequencer.waiting),
             self.busy.eq(self.status.working | queue.taxel.any()),
-            self.status.slot_done.eq(enable & word.in_step),
-            self.status.step_done.eq(enable & word.ends_step),
         ]
+        drive(m, self.status, slot_done=enable & word.in_step, step_done=enable & word.ends_step)
         # A register, because everything depends on it: a step starts a cycle later.
         m.d.sync += sequencer.go.eq(sequencer.waiting & queue.waiting & self.decider_idle)
         slots = Signal(16)
@@ -304,10 +302,7 @@ class Engine(wiring.Component):
             m.d.sync += slots.eq(slots + 1)
         with m.If(sequencer.ended):
             m.d.sync += slots.eq(0)
-        m.d.comb += [
-            self.step.valid.eq(self.status.step_done),
-            self.step.value.eq(slots + logit_to_decision(config)),
-        ]
+        drive(m, self.step, valid=self.status.step_done, value=slots + logit_to_decision(config))
         return final
 
     def _lengths(
@@ -357,18 +352,22 @@ class Engine(wiring.Component):
                 f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []), **style
             )
             port = part.read_port()
-            m.d.comb += [
-                port.addr.eq(port_address if k < large else weight_address),
-                port.en.eq(enable & ~loads if k < large else enable),
-            ]
+            drive(
+                m,
+                port,
+                addr=port_address if k < large else weight_address,
+                en=enable & ~loads if k < large else enable,
+            )
             weights.append(port.data)
             if config.hardware.loadable:
                 write = part.write_port()
-                m.d.comb += [
-                    write.addr.eq(port_address if k < large else self.load.address),
-                    write.data.eq(self.load.data),
-                    write.en.eq(loads & self.load.select[lines[k]]),
-                ]
+                drive(
+                    m,
+                    write,
+                    addr=port_address if k < large else self.load.address,
+                    data=self.load.data,
+                    en=loads & self.load.select[lines[k]],
+                )
         return weights
 
     def _lanes(
@@ -387,29 +386,33 @@ class Engine(wiring.Component):
         row_sums = []
         for k in range(config.hardware.lanes):
             m.submodules[f"lane_{k}"] = lane = make_lane(config, row_lane_signature(config, plan))
-            m.d.comb += [lane.tick.eq(enable), lane.swap.eq(word.swap), lane.valid.eq(word.valid)]
-            m.d.comb += [lane.a.eq(operand), lane.b.eq(weights[k])]
+            drive(m, lane, tick=enable, swap=word.swap, valid=word.valid)
+            drive(m, lane, a=operand, b=weights[k])
             row_sums.append(lane.acc)
         if plan.shared:
-            m.d.comb += [
-                lane.a.eq(unit.a),
-                lane.b.eq(Mux(word.element_operand, gate, weights[0])),
-                lane.swap.eq(word.swap | word.element_first),
-                lane.valid.eq(word.valid | word.element_valid),
-                lane.load.eq(addend | unit.load),
-                unit.acc.eq(lane.acc),
-            ]
+            drive(
+                m,
+                lane,
+                a=unit.a,
+                b=Mux(word.element_operand, gate, weights[0]),
+                swap=word.swap | word.element_first,
+                valid=word.valid | word.element_valid,
+                load=addend | unit.load,
+            )
+            m.d.comb += unit.acc.eq(lane.acc)
         else:
             m.submodules.element_lane = element = make_lane(config, element_lane_signature(config, plan))
-            m.d.comb += [
-                element.tick.eq(enable),
-                element.a.eq(unit.a),
-                element.b.eq(gate),
-                element.swap.eq(word.element_first),
-                element.load.eq(unit.load),
-                element.valid.eq(word.element_valid),
-                unit.acc.eq(element.acc),
-            ]
+            drive(
+                m,
+                element,
+                tick=enable,
+                a=unit.a,
+                b=gate,
+                swap=word.element_first,
+                load=unit.load,
+                valid=word.element_valid,
+            )
+            m.d.comb += unit.acc.eq(element.acc)
         return row_sums
 
     def _total(self, m: Module, sequencer: Sequencer, row_sums: list[Value], addend: Value) -> Signal:
@@ -418,11 +421,8 @@ class Engine(wiring.Component):
         total = Signal(signed(config.accumulator_bits))
         if config.hardware.lanes > 1:
             m.submodules.chain = chain = RowChain(config.accumulator_bits, config.hardware.lanes)
+            drive(m, chain, tick=enable, swap=word.swap, shift=word.shift, addend=addend)
             m.d.comb += [
-                chain.tick.eq(enable),
-                chain.swap.eq(word.swap),
-                chain.shift.eq(word.shift),
-                chain.addend.eq(addend),
                 *(lane.eq(acc) for lane, acc in zip(chain.acc, row_sums, strict=True)),
                 total.eq(chain.total),
             ]
@@ -479,16 +479,18 @@ class _AddendMemory(wiring.Component):
             m.submodules[name] = memory
             read, write = memory.read_port(), memory.write_port()
             load = loads & (part == number)
-            m.d.comb += [read.addr.eq(self.read_address), read.en.eq(self.read_enable)]
+            drive(m, read, addr=self.read_address, en=self.read_enable)
             data_out.append(read.data)
             if self._plan.partial_rows:
-                m.d.comb += [
-                    write.addr.eq(Mux(load, entry, self.write_address)),
-                    write.data.eq(Mux(load, self.load.data, self.write_data[bits])),
-                    write.en.eq(load | self.write),
-                ]
+                drive(
+                    m,
+                    write,
+                    addr=Mux(load, entry, self.write_address),
+                    data=Mux(load, self.load.data, self.write_data[bits]),
+                    en=load | self.write,
+                )
             else:
-                m.d.comb += [write.addr.eq(entry), write.data.eq(self.load.data), write.en.eq(load)]
+                drive(m, write, addr=entry, data=self.load.data, en=load)
         m.d.comb += self.read_data.eq(Cat(*data_out))
         return m
 
@@ -498,11 +500,8 @@ class _AddendMemory(wiring.Component):
         shape = signed(self._config.accumulator_bits)
         m.submodules.constants = constants = Memory(shape=shape, depth=plan.addend_words, init=self._image)
         constant = constants.read_port()
-        m.d.comb += [
-            constant.addr.eq(self.read_address),
-            constant.en.eq(self.read_enable),
-            self.read_data.eq(constant.data),
-        ]
+        drive(m, constant, addr=self.read_address, en=self.read_enable)
+        m.d.comb += self.read_data.eq(constant.data)
         if not plan.partial_rows:
             return
         m.submodules.sums = sums = Memory(shape=shape, depth=plan.partial_rows, init=[], attrs=NO_COLLISION)
@@ -514,13 +513,10 @@ class _AddendMemory(wiring.Component):
         m.d.comb += [
             is_sum.eq((self.read_address >= first) & (self.read_address < first + plan.partial_rows)),
             constant.en.eq(self.read_enable & ~is_sum),
-            read.addr.eq(self.read_address - first),
-            read.en.eq(self.read_enable & is_sum),
-            write.addr.eq(self.write_address - first),
-            write.data.eq(self.write_data),
-            write.en.eq(self.write),
-            self.read_data.eq(Mux(sum_read, read.data, constant.data)),
         ]
+        drive(m, read, addr=self.read_address - first, en=self.read_enable & is_sum)
+        drive(m, write, addr=self.write_address - first, data=self.write_data, en=self.write)
+        m.d.comb += self.read_data.eq(Mux(sum_read, read.data, constant.data))
 
     def _loaded_entry(self, m: Module, loads: Value) -> tuple[Value, Value]:
         """(part, word) that the host's next write goes to.

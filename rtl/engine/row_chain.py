@@ -4,6 +4,8 @@ from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.ports import inputs
+
 
 class RowChain(wiring.Component):
     """A shift register with a link for each of ``count`` lanes: sums leave at lane 0 while addends come in
@@ -31,9 +33,7 @@ class RowChain(wiring.Component):
         lanes = data.ArrayLayout(acc, count)
         super().__init__(
             {
-                "tick": In(1),
-                "swap": In(1),
-                "shift": In(1),
+                **inputs("tick", "swap", "shift"),
                 "acc": In(lanes),
                 "addend": In(acc),
                 "load": Out(lanes),

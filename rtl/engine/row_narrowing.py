@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import not_all_equal, saturate
+from eskin.rtl.common.ports import drive
 
 
 class RowNarrowing(wiring.Component):
@@ -63,8 +64,10 @@ class RowNarrowing(wiring.Component):
         ]
         index = Mux(self.tanh, fine[:low], fine[more : low + more])
         index = Mux(over | (self.tanh & over_fine), (~negative).replicate(low), index)
-        m.d.comb += [
-            self.index.eq(Cat(index, negative)),
-            self.value.eq(saturate(total >> config.value_shift, config.formats.state_format)),
-        ]
+        drive(
+            m,
+            self,
+            index=Cat(index, negative),
+            value=saturate(total >> config.value_shift, config.formats.state_format),
+        )
         return m

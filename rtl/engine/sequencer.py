@@ -3,9 +3,10 @@
 from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 
 from eskin.rtl.common.memory_style import program_memory
+from eskin.rtl.common.ports import drive, inputs, outputs
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 
 
@@ -46,13 +47,9 @@ class Sequencer(wiring.Component):
         self._code = code
         super().__init__(
             {
-                "go": In(1),
-                "restart": In(1),
+                **inputs("go", "restart"),
                 "word": Out(control_layout(code)),
-                "enable": Out(1),
-                "waiting": Out(1),
-                "ended": Out(1),
-                "wrong": Out(1),
+                **outputs("enable", "waiting", "ended", "wrong"),
             }
         )
 
@@ -103,15 +100,13 @@ class Sequencer(wiring.Component):
         last = Signal()
         fetching = Signal()
         m.d.sync += primed.eq(1)
+        drive(m, self, waiting=primed & field("wait"), enable=primed & (~field("wait") | self.go))
         m.d.comb += [
-            self.waiting.eq(primed & field("wait")),
-            self.enable.eq(primed & (~field("wait") | self.go)),
             last.eq(fetch.data.once | ends),
             self.ended.eq(self.enable & field("end")),
             fetching.eq(~primed | (self.enable & last)),
-            fetch.en.eq(fetching),
-            fetch.addr.eq(pc),
         ]
+        drive(m, fetch, en=fetching, addr=pc)
         # A condition becomes the flip-flops' clock enable, a condition of its own their reset; as an addend it
         # would run through the carries. ``primed``: until the first word arrives, the memory's output is
         # still that of before the reset.

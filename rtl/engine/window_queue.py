@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import centred_layout
+from eskin.rtl.common.ports import drive, inputs, outputs
 
 
 class WindowQueue(wiring.Component):
@@ -40,12 +41,13 @@ class WindowQueue(wiring.Component):
     def __init__(self, config: AcceleratorConfig, taxel_bits: int) -> None:
         self._inputs = config.inputs
         layout = centred_layout(config)
-        flags = ("take", "writing", "reading", "waiting", "final", "any", "computing", "open", "overrun")
         super().__init__(
             {
                 "i": In(stream.Signature(layout)),
-                **{name: In(1) for name in ("hold", "released", "started", "step_done")},
-                **{name: Out(1) for name in flags},
+                **inputs("hold", "released", "started", "step_done"),
+                **outputs(
+                    "take", "writing", "reading", "waiting", "final", "any", "computing", "open", "overrun"
+                ),
                 "taxel": Out(taxel_bits),
                 "length": Out(layout["length"].shape),
             }
@@ -64,16 +66,17 @@ class WindowQueue(wiring.Component):
         room = Signal()
         computing = self.computing
         m.d.sync += room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last))
-        m.d.comb += [
-            self.i.ready.eq(room & ~self.hold),
-            take.eq(self.i.valid & self.i.ready),
-            self.waiting.eq(full.bit_select(reading, 1)),
-            self.length.eq(lengths[reading]),
-            self.final.eq(finals.bit_select(reading, 1)),
-            self.any.eq(full.any()),
-            self.open.eq(full.any() | computing),
-            self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
-        ]
+        m.d.comb += [self.i.ready.eq(room & ~self.hold), take.eq(self.i.valid & self.i.ready)]
+        drive(
+            m,
+            self,
+            waiting=full.bit_select(reading, 1),
+            length=lengths[reading],
+            final=finals.bit_select(reading, 1),
+            any=full.any(),
+            open=full.any() | computing,
+            overrun=self.i.valid & self.i.p.first & full.all(),
+        )
         with m.If(take):
             m.d.sync += [
                 taxel.eq(wrapping_increment(taxel, self._inputs)),

@@ -3,7 +3,7 @@
 from amaranth.hdl import Const, IOBufferInstance, IOPort, Module
 from amaranth.lib import wiring
 
-from eskin.rtl.common.forward import forward, members_but
+from eskin.rtl.common.ports import forward, members_but
 from eskin.rtl.interface.i2c_master import I2C_PINS
 
 

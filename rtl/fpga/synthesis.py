@@ -16,7 +16,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import open_collisions, without_contents
-from eskin.rtl.common.forward import forward
+from eskin.rtl.common.ports import forward, inputs
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.top.image_accelerator import make_accelerator
@@ -122,7 +122,7 @@ class Harness(wiring.Component):
 
     def __init__(self, design: wiring.Component) -> None:
         self._chain = design
-        super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
+        super().__init__({**inputs("shift_in", "capture"), "shift_out": Out(1)})
 
     def elaborate(self, platform):
         m = Module()

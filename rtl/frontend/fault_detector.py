@@ -9,6 +9,7 @@ from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.ports import drive
 
 
 class FaultDetector(wiring.Component):
@@ -71,7 +72,7 @@ class FaultDetector(wiring.Component):
         m.d.sync += fresh.eq(self.i.valid)
         with m.If(self.i.valid):
             m.d.sync += taxel.eq(self.i.taxel)
-        m.d.comb += [read.addr.eq(self.i.taxel), read.en.eq(self.i.valid)]
+        drive(m, read, addr=self.i.taxel, en=self.i.valid)
         before = read.data
 
         # --- frame_in_block in the block; memory contents of an earlier recording are never looked at
@@ -95,16 +96,10 @@ class FaultDetector(wiring.Component):
         left = Signal(width + 1)  # its carry shows that it is not below 0
         m.d.comb += left.eq(before.left + low + rises)
         active = ~block_first & (before.active | ~left[-1] | ~high.all())
-        m.d.comb += [
-            self.flag.eq((before.flag & known) | (block_last & judged & ~active)),
-            write.addr.eq(taxel),
-            write.en.eq(fresh),
-            write.data.sample.eq(sample),
-            write.data.left.eq(Mux(block_first, limit, left)),
-            write.data.active.eq(active),
-            write.data.flag.eq(self.flag),
-            self.raised.eq(fresh & self.flag),
-        ]
+        m.d.comb += self.flag.eq((before.flag & known) | (block_last & judged & ~active))
+        drive(m, write, addr=taxel, en=fresh)
+        drive(m, write.data, sample=sample, left=Mux(block_first, limit, left), active=active, flag=self.flag)
+        m.d.comb += self.raised.eq(fresh & self.flag)
         with m.If(fresh):
             m.d.sync += self.flags.eq(Cat(self.flags[1:], self.flag))
         return m

@@ -9,6 +9,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.common.ports import drive, outputs
 
 
 class FrameAligner(wiring.Component):
@@ -33,13 +34,12 @@ class FrameAligner(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._taxels = config.sensor.taxels
-        outputs = ("offered", "fresh", "last", "frame_taken", "framing_fault")
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),
                 "advance": In(1),
                 "index": Out(range(self._taxels)),
-                **{name: Out(1) for name in outputs},
+                **outputs("offered", "fresh", "last", "frame_taken", "framing_fault"),
             }
         )
 
@@ -52,11 +52,15 @@ class FrameAligner(wiring.Component):
         at_last = reaches(index, self._taxels - 1)
         early = self.i.valid & self.i.p.first & inside
         stray = ~self.i.p.first & ~inside
+        drive(
+            m,
+            self,
+            fresh=self.i.valid & ~filling & ~early & ~stray,
+            offered=self.fresh | filling,
+            last=at_last,
+            frame_taken=advance & self.offered & at_last,
+        )
         m.d.comb += [
-            self.fresh.eq(self.i.valid & ~filling & ~early & ~stray),
-            self.offered.eq(self.fresh | filling),
-            self.last.eq(at_last),
-            self.frame_taken.eq(advance & self.offered & at_last),
             self.i.ready.eq(advance & ~filling & ~early),
             self.framing_fault.eq(
                 self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))

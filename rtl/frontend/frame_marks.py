@@ -8,6 +8,7 @@ from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
+from eskin.rtl.common.ports import drive, outputs
 
 
 def marks_of(config: AcceleratorConfig) -> tuple[str, ...]:
@@ -36,7 +37,7 @@ class FrameMarks(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        super().__init__({"taken": In(1), **{name: Out(1) for name in marks_of(config)}})
+        super().__init__({"taken": In(1), **outputs(*marks_of(config))})
 
     def elaborate(self, platform):
         m = Module()
@@ -45,11 +46,13 @@ class FrameMarks(wiring.Component):
             settle_left = Signal(range(config.rest_level.rest_frames + 1), init=config.rest_level.rest_frames)
             with m.If(self.taken & (settle_left != 0)):
                 m.d.sync += settle_left.eq(settle_left - 1)
-            m.d.comb += [
-                self.settling.eq(settle_left != 0),
-                self.settle_first.eq(settle_left == config.rest_level.rest_frames),
-                self.settle_last.eq(settle_left == 1),
-            ]
+            drive(
+                m,
+                self,
+                settling=settle_left != 0,
+                settle_first=settle_left == config.rest_level.rest_frames,
+                settle_last=settle_left == 1,
+            )
         if config.onset_rule.onset == "baseline":
             check = Signal(ceil_log2(config.onset_rule.onset_check_frames))
             with m.If(self.taken):
@@ -61,11 +64,13 @@ class FrameMarks(wiring.Component):
             hop_last = reaches(hop_frame, config.windows.hop - 1)
             with m.If(self.taken):
                 m.d.sync += [hop_frame.eq(Mux(hop_last, 0, hop_frame + 1)), hop_zero.eq(hop_zero & ~hop_last)]
-            m.d.comb += [
-                self.hop_last.eq(hop_last),
-                self.boundary.eq(hop_last & ~hop_zero),
-                self.recording_first.eq((hop_frame == 0) & hop_zero),
-            ]
+            drive(
+                m,
+                self,
+                hop_last=hop_last,
+                boundary=hop_last & ~hop_zero,
+                recording_first=(hop_frame == 0) & hop_zero,
+            )
         return m
 
 

@@ -8,9 +8,9 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import centred_layout, expands, sample_layout, touch_layout
 from eskin.rtl.common.load_port import load_signature
+from eskin.rtl.common.ports import forward, outputs
 from eskin.rtl.common.status import detector_status
 from eskin.rtl.frontend.feature_expander import FeatureExpander
 from eskin.rtl.frontend.frame_marks import TouchMarks
@@ -70,8 +70,7 @@ class FrontEnd(wiring.Component):
                 "o": Out(stream.Signature(centred_layout(config))),
                 "load": In(load_signature(config)),
                 "status": Out(detector_status(config)),
-                "wrong": Out(1),
-                "blank": Out(1),
+                **outputs("wrong", "blank"),
             }
         )
 

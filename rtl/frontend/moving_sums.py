@@ -4,12 +4,13 @@ section 2)."""
 from amaranth.hdl import Cat, Module, Mux, Shape, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig, signed_bits
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import exceeds
+from eskin.rtl.common.ports import drive, inputs, outputs
 
 
 class MovingSums(wiring.Component):
@@ -39,16 +40,14 @@ class MovingSums(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, complement: Shape) -> None:
         self._config = config
-        flags = ("advance", "coming_valid", "last", "block_end", "masked", "settling", "last_taken")
         index = range(config.sensor.taxels)
         super().__init__(
             {
-                **{name: In(1) for name in flags},
+                **inputs("advance", "coming_valid", "last", "block_end", "masked", "settling", "last_taken"),
                 "coming_index": In(index),
                 "index": In(index),
                 "complement": In(complement),
-                "over": Out(1),
-                "decided": Out(1),
+                **outputs("over", "decided"),
             }
         )
 
@@ -79,12 +78,8 @@ class MovingSums(wiring.Component):
             for key in ("index", "last", "block_end", "masked")
         }
         m.d.sync += [fresh.eq(self.advance & self.coming_valid), added.eq(fresh)]
-        m.d.comb += [
-            total_read.addr.eq(self.coming_index),
-            total_read.en.eq(self.advance),
-            past_read.addr.eq(Cat(self.index, slot) if blocks > 1 else self.index),
-            past_read.en.eq(fresh),
-        ]
+        drive(m, total_read, addr=self.coming_index, en=self.advance)
+        drive(m, past_read, addr=Cat(self.index, slot) if blocks > 1 else self.index, en=fresh)
         with m.If(fresh):
             m.d.sync += total.eq(Mux(self.settling, 0, total_read.data - ~self.complement))
             m.d.sync += [register.eq(getattr(self, key)) for key, register in held.items()]
@@ -95,14 +90,14 @@ class MovingSums(wiring.Component):
             moved_valid.eq(added & held["block_end"] & ~held["masked"]),
             moved_last.eq(added & held["block_end"] & held["last"]),
         ]
-        m.d.comb += [
-            total_write.addr.eq(held["index"]),
-            total_write.data.eq(total),
-            total_write.en.eq(added),
-            past_write.addr.eq(Cat(held["index"], slot) if blocks > 1 else held["index"]),
-            past_write.data.eq(total),
-            past_write.en.eq(added & held["block_end"]),
-        ]
+        drive(m, total_write, addr=held["index"], data=total, en=added)
+        drive(
+            m,
+            past_write,
+            addr=Cat(held["index"], slot) if blocks > 1 else held["index"],
+            data=total,
+            en=added & held["block_end"],
+        )
         limit = rule.onset_threshold * rule.onset_mean_frames
         m.d.comb += self.over.eq(moved_valid & (exceeds(moved, limit) | ~exceeds(moved, -limit - 1)))
         with m.If(moved_last):

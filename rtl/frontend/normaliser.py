@@ -14,6 +14,7 @@ from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.layouts import centred_layout, sum_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import means_memory
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import mean_count
@@ -93,8 +94,7 @@ class Normaliser(wiring.Component):
             "i": In(stream.Signature(sum_layout(config))),
             "mask": In(config.sensor.taxels),
             "o": Out(stream.Signature(centred_layout(config))),
-            "wrong": Out(1),
-            "blank": Out(1),
+            **outputs("wrong", "blank"),
             "load": In(load_signature(config)),
         }
         super().__init__(ports)
@@ -114,11 +114,13 @@ class Normaliser(wiring.Component):
             # one or two words a mean
             entry, word = (self.load.address >> words - 1, self.load.address[: words - 1])
             loads = self.load.enable & self.load.select[load_lines(config)[Loaded.MEANS]]
-            m.d.comb += [
-                write.addr.eq(entry),
-                write.data.eq(self.load.data.replicate(words)),
-                write.en.eq(Cat(loads & (word == half) for half in range(words))),
-            ]
+            drive(
+                m,
+                write,
+                addr=entry,
+                data=self.load.data.replicate(words),
+                en=Cat(loads & (word == half) for half in range(words)),
+            )
 
         width = config.centred_format.width
         # bits that no borrow comes from: 0 in every mean
@@ -150,12 +152,8 @@ class Normaliser(wiring.Component):
         blanked = Signal()
         masked = Signal()
         m.d.sync += [begun.eq(1), blanked.eq(begun)]
-        m.d.comb += [
-            self.blank.eq(begun & ~blanked),
-            adder.step.eq(~added),
-            adder.word.eq(read.data[low:sum_bits].as_signed()),
-            adder.addend.eq(complement >> low),
-        ]
+        m.d.comb += self.blank.eq(begun & ~blanked)
+        drive(m, adder, step=~added, word=read.data[low:sum_bits].as_signed(), addend=complement >> low)
         out_of_use = (
             self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)
         )
@@ -188,13 +186,14 @@ class Normaliser(wiring.Component):
             level.eq(~negative & ~masked),
             picked.eq(Mux(forced, level.replicate(len(picked)), choice)),
         ]
-        m.d.comb += [
-            self.o.valid.eq(added),
-            self.i.ready.eq(added & self.o.ready),
-            self.o.p.value.eq(Cat(Mux(forced, picked[0].replicate(width - 1), shifted), negative)),
-            self.o.p.length.eq(self.i.p.length),
-            self.o.p.first.eq(at_first),
-            self.o.p.last.eq(at_last),
-            self.o.p.final.eq(self.i.p.final),
-        ]
+        m.d.comb += [self.o.valid.eq(added), self.i.ready.eq(added & self.o.ready)]
+        drive(
+            m,
+            self.o.p,
+            value=Cat(Mux(forced, picked[0].replicate(width - 1), shifted), negative),
+            length=self.i.p.length,
+            first=at_first,
+            last=at_last,
+            final=self.i.p.final,
+        )
         return m

@@ -11,6 +11,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.fixed import clip
 from eskin.rtl.common.layouts import frame_layout, sample_layout
+from eskin.rtl.common.ports import drive
 from eskin.rtl.common.status import detector_status
 from eskin.rtl.frontend.fault_detector import FaultDetector
 from eskin.rtl.frontend.frame_aligner import FrameAligner
@@ -94,11 +95,8 @@ class OnsetDetector(wiring.Component):
                 2
             )  # the stages, in this cycle and the one before: all state is written
             open_now = (index != 0) | empty.all()
-            m.d.comb += [
-                aligner.i.p.eq(self.i.p),
-                aligner.i.valid.eq(self.i.valid & open_now),
-                self.i.ready.eq(aligner.i.ready & open_now),
-            ]
+            drive(m, aligner.i, p=self.i.p, valid=self.i.valid & open_now)
+            m.d.comb += self.i.ready.eq(aligner.i.ready & open_now)
         else:
             wiring.connect(m, wiring.flipped(self.i), aligner.i)
         m.d.comb += [aligner.advance.eq(advance), self.status.framing_fault.eq(aligner.framing_fault)]
@@ -124,14 +122,9 @@ class OnsetDetector(wiring.Component):
             m.d.sync += complement.eq(~sample)
         if config.faults.fault_frames:
             m.submodules.fault_detector = faults = FaultDetector(config)
-            m.d.comb += [
-                faults.i.valid.eq(advance & offered),
-                faults.i.taxel.eq(index),
-                faults.complement.eq(complement),
-                faults.settling.eq(now.settling if has_rest else 0),
-                self.status.flags.eq(faults.flags),
-                self.status.raised.eq(faults.raised),
-            ]
+            drive(m, faults.i, valid=advance & offered, taxel=index)
+            drive(m, faults, complement=complement, settling=now.settling if has_rest else 0)
+            drive(m, self.status, flags=faults.flags, raised=faults.raised)
             now.masked = now.masked | faults.flag
         if config.onset_rule.onset == "band":
             outside = Signal()  # of the sample held
@@ -149,23 +142,21 @@ class OnsetDetector(wiring.Component):
         before = SimpleNamespace(valid=offered, index=index)
         if has_rest:
             m.submodules.rest_level = rest_level = RestLevel(config)
-            m.d.comb += [
-                rest_level.advance.eq(advance),
-                rest_level.coming_index.eq(index),
-                rest_level.sample.eq(complement),
-                rest_level.settle_first.eq(now.settle_first),
-            ]
+            drive(
+                m,
+                rest_level,
+                advance=advance,
+                coming_index=index,
+                sample=complement,
+                settle_first=now.settle_first,
+            )
             before, now = (
                 now,
                 stage("deviation", **carried(now), complement=Mux(now.settling, -1, rest_level.deviation)),
             )
             hit = now.hit if config.onset_rule.onset == "band" else hit
             complement, level_next = now.complement, rest_level.next
-            m.d.comb += [
-                rest_level.settling.eq(now.settling),
-                rest_level.settle_last.eq(now.settle_last),
-                rest_level.negative.eq(complement[-1]),
-            ]
+            drive(m, rest_level, settling=now.settling, settle_last=now.settle_last, negative=complement[-1])
         if config.rest_level.clip:
             levels = {"level": level_next} if has_rest else {}
             before, now = (
@@ -231,17 +222,14 @@ class OnsetDetector(wiring.Component):
         if config.onset_rule.onset == "baseline":
             m.submodules.sums = sums = self.sums = MovingSums(config, complement.shape())
             over, decided = sums.over, sums.decided
+            drive(m, sums, advance=advance, coming_valid=before.valid, coming_index=before.index)
             m.d.comb += [
-                sums.advance.eq(advance),
-                sums.coming_valid.eq(before.valid),
-                sums.coming_index.eq(before.index),
                 *(
                     getattr(sums, key).eq(getattr(now, key))
                     for key in ("index", "last", "block_end", "masked", "settling")
-                ),
-                sums.complement.eq(complement),
-                sums.last_taken.eq(self.o.ready & now.last),
+                )
             ]
+            drive(m, sums, complement=complement, last_taken=self.o.ready & now.last)
             judged = now.block_end  # settling frames add 0 and meet no rule
             waiting = now.block_end & now.last & ~decided
             with m.If(over):
@@ -257,7 +245,7 @@ class OnsetDetector(wiring.Component):
             m.d.sync += any_hit.eq(0)
         if config.onset_rule.onset_span > 1 and not config.opens_at_once:
             m.submodules.onset_filter = onset_filter = OnsetFilter(config)
-            m.d.comb += [onset_filter.i.valid.eq(frame_left & judged), onset_filter.i.hit.eq(met)]
+            drive(m, onset_filter.i, valid=frame_left & judged, hit=met)
             met = onset_filter.met
         return met, judged, waiting
 
@@ -265,23 +253,11 @@ class OnsetDetector(wiring.Component):
         """The detector's state and the marks of the frame that leaves; whether it is armed."""
         config = self.config
         m.submodules.state = state = self.state = TouchState(config)
-        m.d.comb += [
-            state.frame_left.eq(frame_left),
-            state.last.eq(now.last),
-            state.judged.eq(judged),
-            state.met.eq(met),
-            self.status.armed.eq(state.armed),
-            self.status.touch.eq(state.touch),
-            self.status.started.eq(state.started),
-        ]
+        drive(m, state, frame_left=frame_left, last=now.last, judged=judged, met=met)
+        drive(m, self.status, armed=state.armed, touch=state.touch, started=state.started)
         if config.windows.window_mode == "touch":
-            m.d.comb += [self.o.p.touch.eq(state.touch), self.o.p.onset.eq(state.onset)]
+            drive(m, self.o.p, touch=state.touch, onset=state.onset)
         else:
-            m.d.comb += [
-                state.boundary.eq(now.boundary),
-                state.recording_first.eq(now.recording_first),
-                self.o.p.hop_last.eq(now.hop_last),
-                self.o.p.emit.eq(state.emit),
-                self.o.p.end.eq(state.end),
-            ]
+            drive(m, state, boundary=now.boundary, recording_first=now.recording_first)
+            drive(m, self.o.p, hop_last=now.hop_last, emit=state.emit, end=state.end)
         return state.armed

@@ -8,6 +8,7 @@ from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.ports import drive, inputs
 
 
 class RestLevel(wiring.Component):
@@ -49,13 +50,10 @@ class RestLevel(wiring.Component):
             self.reciprocal = exact_reciprocal(
                 frames, 16 * frames * (span.max_code - span.min_code) + frames // 2
             )
-        index, flags = (
-            range(config.sensor.taxels),
-            ("advance", "settle_first", "settling", "settle_last", "negative", "w_enable"),
-        )
+        index = range(config.sensor.taxels)
         super().__init__(
             {
-                **{name: In(1) for name in flags},
+                **inputs("advance", "settle_first", "settling", "settle_last", "negative", "w_enable"),
                 "coming_index": In(index),
                 "sample": In(signed(config.sensor.sample_bits + 1)),
                 "deviation": Out(signed(config.sensor.sample_bits + 1)),
@@ -79,14 +77,9 @@ class RestLevel(wiring.Component):
         deviation = (
             Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(baseline[3:], Const(0, 1)).as_signed()
         )
-        m.d.comb += [
-            read.addr.eq(self.coming_index),
-            read.en.eq(self.advance),
-            self.deviation.eq(deviation[1 : bits + 2]),
-            write.addr.eq(self.w_index),
-            write.data.eq(self.w_level),
-            write.en.eq(self.w_enable),
-        ]
+        drive(m, read, addr=self.coming_index, en=self.advance)
+        m.d.comb += self.deviation.eq(deviation[1 : bits + 2])
+        drive(m, write, addr=self.w_index, data=self.w_level, en=self.w_enable)
         held = Signal(self.level_bits, reset_less=True)
         sample = Signal(bits, reset_less=True)
         at_level = Signal(reset_less=True)

@@ -2,10 +2,10 @@
 
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
+from eskin.rtl.common.ports import drive, inputs, outputs
 
 
 class TouchState(wiring.Component):
@@ -33,9 +33,10 @@ class TouchState(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        inputs = ("frame_left", "last", "judged", "met", "boundary", "recording_first")
-        outputs = ("armed", "touch", "onset", "emit", "end", "started")
-        super().__init__({**{name: In(1) for name in inputs}, **{name: Out(1) for name in outputs}})
+        super().__init__(
+            inputs("frame_left", "last", "judged", "met", "boundary", "recording_first")
+            | outputs("armed", "touch", "onset", "emit", "end", "started")
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -43,11 +44,8 @@ class TouchState(wiring.Component):
         armed = Signal(init=not config.opens_at_once)
         touch = Signal(init=config.opens_at_once)
         onset, end = self.onset, self.end
-        m.d.comb += [
-            self.armed.eq(armed),
-            self.touch.eq(touch),
-            onset.eq(armed & self.judged & met & self.last),
-        ]
+        drive(m, self, armed=armed, touch=touch)
+        m.d.comb += onset.eq(armed & self.judged & met & self.last)
         judged_every = config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1
         needed = -(-config.onset_rule.rearm_frames // judged_every)
         rearming = Const(0, 1) if config.opens_at_once else self.judged & ~armed & ~touch

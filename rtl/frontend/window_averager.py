@@ -12,6 +12,7 @@ from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.frame_gap import frame_gap
 from eskin.rtl.common.layouts import beat_layout, comes, expands, sum_layout
+from eskin.rtl.common.ports import drive
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from eskin.rtl.program.timing import STATE_BEATS
 
@@ -172,25 +173,26 @@ class WindowAverager(wiring.Component):
         bank = Signal(name="bank")
         fresh = Signal()
         word_next = Cat(kind_next, index_next, parity ^ turns ^ (operation_next == Operation.PREVIOUS))
-        m.d.comb += [
-            read.addr.eq(word_next if gap is None else Mux(gap, Cat(kind, index, parity), word_next)),
-            read.en.eq(step if gap is None else step | gap),
-            write.addr.eq(Cat(*([self.o.p.kind] if several else ()), self.o.p.taxel, bank)),
-            write.data.eq(Cat(total, *([self.o.p.masked] if has_faults else ()))),
-            write.en.eq(fresh),
-            self.o.p.complement.eq(total),
-        ]
+        drive(
+            m,
+            read,
+            addr=word_next if gap is None else Mux(gap, Cat(kind, index, parity), word_next),
+            en=step if gap is None else step | gap,
+        )
+        drive(
+            m,
+            write,
+            addr=Cat(*([self.o.p.kind] if several else ()), self.o.p.taxel, bank),
+            data=Cat(total, *([self.o.p.masked] if has_faults else ())),
+            en=fresh,
+        )
+        m.d.comb += self.o.p.complement.eq(total)
         newest = ~operation.as_value()[0]
         m.d.sync += fresh.eq(step & newest & ~draining)
         addend = Signal(signed(bits))
         nothing = draining.replicate(len(self.i.p.complement)).as_signed()
-        m.d.comb += [
-            addend.eq(Mux(newest, self.i.p.complement | nothing, total)),
-            adder.step.eq(step),
-            adder.alone.eq(alone),
-            adder.word.eq(read.data[:bits]),
-            adder.addend.eq(addend),
-        ]
+        m.d.comb += addend.eq(Mux(newest, self.i.p.complement | nothing, total))
+        drive(m, adder, step=step, alone=alone, word=read.data[:bits], addend=addend)
         with m.If(step):
             m.d.sync += [
                 index.eq(index_next),

@@ -4,6 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.ports import drive
 from eskin.rtl.host.bus_shell import ADDRESS_BITS, request_signature
 
 
@@ -52,15 +53,17 @@ class Axi4LiteFront(wiring.Component):
         # a request that is being taken, or whose response waits, must not act again
         writable = self.s_axi_awvalid & self.s_axi_wvalid & ~self.s_axi_awready & ~self.s_axi_bvalid
         readable = self.s_axi_arvalid & ~self.s_axi_arready & ~self.s_axi_rvalid
-        m.d.comb += [
-            write.eq(Mux(busy, chosen, writable)),
-            request.valid.eq(busy | writable | readable),
-            request.write.eq(write),
-            request.whole.eq(self.s_axi_wstrb.all()),
-            request.address.eq(Mux(write, self.s_axi_awaddr, self.s_axi_araddr)[2:]),
-            request.w_data.eq(self.s_axi_wdata),
-            ends.eq(request.valid & request.done),
-        ]
+        m.d.comb += write.eq(Mux(busy, chosen, writable))
+        drive(
+            m,
+            request,
+            valid=busy | writable | readable,
+            write=write,
+            whole=self.s_axi_wstrb.all(),
+            address=Mux(write, self.s_axi_awaddr, self.s_axi_araddr)[2:],
+            w_data=self.s_axi_wdata,
+        )
+        m.d.comb += ends.eq(request.valid & request.done)
         m.d.sync += [
             busy.eq(request.valid & ~request.done),
             chosen.eq(write),

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.common.ports import drive
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.decision_queue import DecisionQueue
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister, TeachRegister
@@ -81,16 +82,22 @@ class BusShell(wiring.Component):
         ends: Value = ~done
         space: Value | int = 0
         local: dict[ShellRegister, Value] = {}
-        m.d.comb += [
-            acts.eq(request.valid & ~done),
-            bus.addr.eq(request.address[:inner_bits]),
-            bus.w_data.eq(request.w_data),
-            bus.w_stb.eq(acts & inner & writes),
-            bus.r_stb.eq(acts & inner & reads),
-            queue.clear.eq(arming),
-            queue.asked.eq(acts & reads & own & (place == ShellRegister.DECISION - FIRST)),
-            queue.take.eq(request.valid),  # the outputs are valid with ``done``
-        ]
+        m.d.comb += acts.eq(request.valid & ~done)
+        drive(
+            m,
+            bus,
+            addr=request.address[:inner_bits],
+            w_data=request.w_data,
+            w_stb=acts & inner & writes,
+            r_stb=acts & inner & reads,
+        )
+        drive(
+            m,
+            queue,
+            clear=arming,
+            asked=acts & reads & own & (place == ShellRegister.DECISION - FIRST),
+            take=request.valid,  # the outputs are valid with ``done``
+        )
         # in the cycle after the write the accelerator restarts
         m.d.sync += arming.eq(bus.w_stb & (bus.addr == Register.CONTROL) & (bus.w_data & Control.ARM).any())
 
@@ -104,11 +111,15 @@ class BusShell(wiring.Component):
             pair = request.address[0]
             feeds = writes & own & (place[1:] == 0)
             more = pair & ~second & (taxel != last)
+            m.d.comb += frame.valid.eq(acts & feeds & ~refusing)
+            drive(
+                m,
+                frame.p,
+                sample=Mux(second, request.w_data[16:], request.w_data[:16]),
+                first=taxel == 0,
+                last=taxel == last,
+            )
             m.d.comb += [
-                frame.valid.eq(acts & feeds & ~refusing),
-                frame.p.sample.eq(Mux(second, request.w_data[16:], request.w_data[:16])),
-                frame.p.first.eq(taxel == 0),
-                frame.p.last.eq(taxel == last),
                 taken.eq(frame.valid & frame.ready),
                 # only this CPU could end such a wait, and it cannot while it waits
                 stuck.eq(frame.valid & ~frame.ready & queue.i.valid & ~queue.i.ready),

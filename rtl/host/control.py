@@ -7,9 +7,9 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import has_door
 from eskin.rtl.common.load_port import load_signature
+from eskin.rtl.common.ports import drive, forward, inputs, outputs
 from eskin.rtl.common.register_check import parity_wrong
 from eskin.rtl.common.status import ENGINE, FRAMES, TEACHING, detector_status
 from eskin.rtl.host.cycle_counter import CycleCounter
@@ -34,7 +34,7 @@ def bus_signature() -> wiring.Signature:
     """The host bus, seen from the host: write ``w_data`` to ``addr`` with ``w_stb``, read it with ``r_stb``;
     ``r_data`` one cycle later."""
     return wiring.Signature(
-        {"addr": Out(8), "w_data": Out(16), "w_stb": Out(1), "r_stb": Out(1), "r_data": In(16)}
+        {"addr": Out(8), "w_data": Out(16), **outputs("w_stb", "r_stb"), "r_data": In(16)}
     )
 
 
@@ -95,20 +95,14 @@ class HostControl(wiring.Component):
         super().__init__(
             {
                 "bus": In(bus_signature()),
-                "clear": Out(1),
-                "restart": Out(1),
-                "finish": Out(1),
+                **outputs("clear", "restart", "finish"),
                 "load": Out(load_signature(config)),
                 "mask": Out(config.sensor.taxels),
-                "busy": Out(1),
-                "due": Out(1),
-                "awake": Out(1),
+                **outputs("busy", "due", "awake"),
                 "frames": In(FRAMES),
                 "detector": In(detector_status(config)),
                 "engine": In(ENGINE),
-                **{
-                    name: In(1) for name in ("moving", "global_taken", "decider_idle", "check_failed", "hung")
-                },
+                **inputs("moving", "global_taken", "decider_idle", "check_failed", "hung"),
                 **({"any_fault": Out(1)} if fed_by else {}),
                 **({"every": Out(1)} if has_door(config) else {}),
                 **({"teaching": Out(TEACHING)} if config.readout_rule.taught else {}),
@@ -142,13 +136,15 @@ class HostControl(wiring.Component):
         m.d.comb += [
             state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
             self.awake.eq(awake | self.teaching.look if config.readout_rule.taught else awake),
-            loader.data.eq(bus.w_data),
-            loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
-            loader.locked.eq(touch | ~self.decider_idle if config.readout_rule.taught else touch),
-            cycles.measure.eq(measure),
-            cycles.anew.eq(measured),
-            cycles.forget.eq(measured | forgotten),
         ]
+        drive(
+            m,
+            loader,
+            data=bus.w_data,
+            written=bus.w_stb & (bus.addr == Register.MEMORY_DATA),
+            locked=touch | ~self.decider_idle if config.readout_rule.taught else touch,
+        )
+        drive(m, cycles, measure=measure, anew=measured, forget=measured | forgotten)
 
         wrong = []  # configuration registers with the wrong parity
         known = Signal()
@@ -231,15 +227,18 @@ class HostControl(wiring.Component):
                 teaching.look.eq(loader.seek | loader.onward),
                 fresh.eq((fresh | teaching.look) & ~(loader.locked | bus.w_stb)),
             ]
+            drive(
+                m,
+                teaching,
+                teach=bus.w_stb & (bus.addr == TeachRegister.TEACH),
+                forget=bus.w_stb & (bus.addr == TeachRegister.FORGET),
+            )
             m.d.comb += [
-                teaching.teach.eq(bus.w_stb & (bus.addr == TeachRegister.TEACH)),
-                teaching.forget.eq(bus.w_stb & (bus.addr == TeachRegister.FORGET)),
                 Cat(teaching.label, teaching.option, teaching.loaded).eq(bus.w_data),
                 teaching.locked.eq(touch),
                 given.eq(fresh & ~teaching.look & ~loader.locked),
-                loader.seek.eq(bus.w_stb & at_places),
-                loader.onward.eq(asked & given),
             ]
+            drive(m, loader, seek=bus.w_stb & at_places, onward=asked & given)
             readable |= {
                 TeachRegister.TAUGHT: Cat(teaching.in_use, refused, odd),
                 TeachRegister.PLACES: Mux(given, Cat(teaching.place, loader.load.address[:7]), 0xFFFF),

@@ -4,6 +4,7 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.ports import inputs
 from eskin.rtl.common.status import ENGINE, FRAMES
 from eskin.rtl.program.memory_map import Measure
 
@@ -29,10 +30,15 @@ class CycleCounter(wiring.Component):
     """
 
     def __init__(self) -> None:
-        inputs = {name: In(1) for name in ("clear", "anew", "forget")}
         status = {"frames": In(FRAMES), "engine": In(ENGINE)}
         super().__init__(
-            {"measure": In(2), **inputs, **status, "longest": Out(COUNTER_BITS), "counts": Out(1)}
+            {
+                "measure": In(2),
+                **inputs("clear", "anew", "forget"),
+                **status,
+                "longest": Out(COUNTER_BITS),
+                "counts": Out(1),
+            }
         )
 
     def elaborate(self, platform):

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, margin_units
+from eskin.rtl.common.ports import drive, inputs, outputs
 from eskin.rtl.program.memory_map import DECISION_FIELDS
 
 DEPTHS = (0, 2, 4)
@@ -75,13 +76,10 @@ class DecisionQueue(wiring.Component):
         super().__init__(
             {
                 "i": In(stream.Signature(decision_layout(config))),
-                "global_only": In(1),
-                "clear": In(1),
+                **inputs("global_only", "clear"),
                 "word": Out(32),
-                "waits": Out(1),
-                "global_waits": Out(1),
-                "asked": In(1),
-                "take": In(1),
+                **outputs("waits", "global_waits"),
+                **inputs("asked", "take"),
             }
         )
 
@@ -99,13 +97,9 @@ class DecisionQueue(wiring.Component):
         if not self._depth:
             shown = self.shown = Signal()
             m.d.sync += shown.eq(self.asked)
-            m.d.comb += [
-                room.eq(self.take & shows),
-                self.waits.eq(offered),
-                self.global_waits.eq(offered & self.i.p.is_global),
-                shows.eq(shown & offered),
-                index.eq(shown),
-            ]
+            m.d.comb += room.eq(self.take & shows)
+            drive(m, self, waits=offered, global_waits=offered & self.i.p.is_global)
+            m.d.comb += [shows.eq(shown & offered), index.eq(shown)]
             head: Value = word
         else:
             # A ring, as its entries take what comes without a choice in front of them.

@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.program.flash_image import FLASH_OFFSET, MAGIC
 from eskin.rtl.program.memory_map import Control, Register
@@ -18,7 +19,7 @@ TAPS = 0x04C11DB7
 UNIT, HEAD, CHECK = 24, 32, 32
 """Bits of a unit, of the command to read, of the checksum."""
 
-flash_pins = wiring.Signature({"cs_n": Out(1, init=1), "sclk": Out(1), "mosi": Out(1), "miso": In(1, init=1)})
+flash_pins = wiring.Signature({"cs_n": Out(1, init=1), **outputs("sclk", "mosi"), "miso": In(1, init=1)})
 """Mode 0: both sides change their data when the clock falls."""
 
 
@@ -55,9 +56,7 @@ class FlashLoader(wiring.Component):
 
     def __init__(self, number: int, writes: int, *, wake_cycles: int, offset: int = FLASH_OFFSET) -> None:
         self._number, self._writes, self._wake_cycles, self._offset = number, writes, wake_cycles, offset
-        super().__init__(
-            {"pins": Out(flash_pins), "bus": Out(bus_signature()), "done": Out(1), "failed": Out(1)}
-        )
+        super().__init__({"pins": Out(flash_pins), "bus": Out(bus_signature()), **outputs("done", "failed")})
 
     def elaborate(self, platform):
         m = Module()
@@ -78,17 +77,20 @@ class FlashLoader(wiring.Component):
         check_now = self.check_now = Signal(CHECK)
         strobe = Signal()
         arm = Signal()
+        drive(m, pins, sclk=phase[1], mosi=out[-1])
         m.d.comb += [
-            pins.sclk.eq(phase[1]),
-            pins.mosi.eq(out[-1]),
             tick.eq(phase == 3),
             last.eq(tick & (left == 0)),
             unit_now.eq(Cat(line, unit)),
             check_now.eq((check << 1) ^ Mux(check[-1] ^ line, TAPS, 0)),
-            self.bus.addr.eq(Mux(arm, int(Register.CONTROL), unit[16:])),
-            self.bus.w_data.eq(Mux(arm, int(Control.ARM), unit[:16])),
-            self.bus.w_stb.eq(strobe | arm),
         ]
+        drive(
+            m,
+            self.bus,
+            addr=Mux(arm, int(Register.CONTROL), unit[16:]),
+            w_data=Mux(arm, int(Control.ARM), unit[:16]),
+            w_stb=strobe | arm,
+        )
         m.d.sync += [phase.eq(Mux(pins.cs_n, 0, phase + 1)), strobe.eq(0)]
         with m.If(tick):
             m.d.sync += [out.eq(out << 1), unit.eq(unit_now), left.eq(left - (left != 0))]
@@ -140,5 +142,5 @@ class FlashLoader(wiring.Component):
                 pass
             with m.State("FAILED"):
                 m.d.sync += pins.cs_n.eq(1)
-        m.d.comb += [self.done.eq(states.ongoing("DONE")), self.failed.eq(states.ongoing("FAILED"))]
+        drive(m, self, done=states.ongoing("DONE"), failed=states.ongoing("FAILED"))
         return m

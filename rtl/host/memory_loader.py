@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.load_port import load_lines, load_signature
+from eskin.rtl.common.ports import drive, inputs
 from eskin.rtl.common.register_check import at_end
 from eskin.rtl.program.memory_map import Memory, load_words
 
@@ -33,9 +34,9 @@ class MemoryLoader(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        controls = {name: In(1) for name in ("chosen", "written", "locked")}
+        controls = inputs("chosen", "written", "locked")
         if config.readout_rule.taught:
-            controls |= {"seek": In(1), "onward": In(1)}
+            controls |= inputs("seek", "onward")
         super().__init__({"data": In(16), **controls, "load": Out(load_signature(config)), "refused": Out(1)})
 
     def elaborate(self, platform):
@@ -48,13 +49,15 @@ class MemoryLoader(wiring.Component):
         refuses = self.locked
         if hardware.checksum:
             refuses = self.locked | at_end(self._config, select, address)
-        m.d.comb += [
-            self.refused.eq(self.written & refuses),
-            self.load.enable.eq(self.written & ~refuses & int(hardware.loadable)),
-            self.load.select.eq(select),
-            self.load.address.eq(address),
-            self.load.data.eq(self.data),
-        ]
+        m.d.comb += self.refused.eq(self.written & refuses)
+        drive(
+            m,
+            self.load,
+            enable=self.written & ~refuses & int(hardware.loadable),
+            select=select,
+            address=address,
+            data=self.data,
+        )
         m.d.sync += address.eq(address + self.load.enable)
         with m.If(self.chosen):
             m.d.sync += address.eq(0)

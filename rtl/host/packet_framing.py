@@ -5,6 +5,8 @@ from amaranth.hdl import Module, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.ports import drive, outputs
+
 FLAG, ESCAPE = 0x7E, 0x7D
 FLIPPED_BIT = 5
 """Bit of an escaped byte that is inverted."""
@@ -40,14 +42,7 @@ class Unstuffer(wiring.Component):
 
     def __init__(self) -> None:
         super().__init__(
-            {
-                "data": In(8),
-                "valid": In(1),
-                "byte": Out(8),
-                "byte_valid": Out(1),
-                "end": Out(1),
-                "aborted": Out(1),
-            }
+            {"data": In(8), "valid": In(1), "byte": Out(8), **outputs("byte_valid", "end", "aborted")}
         )
 
     def elaborate(self, platform):
@@ -55,12 +50,14 @@ class Unstuffer(wiring.Component):
         escaped = Signal()
         special = is_special(self.data)
         is_flag, is_escape = special & self.data[1], special & self.data[0] & ~escaped
-        m.d.comb += [
-            self.byte.eq(self.data ^ (escaped << FLIPPED_BIT)),
-            self.end.eq(self.valid & is_flag),
-            self.byte_valid.eq(self.valid & ~is_flag & ~is_escape),
-            self.aborted.eq(escaped),
-        ]
+        drive(
+            m,
+            self,
+            byte=self.data ^ (escaped << FLIPPED_BIT),
+            end=self.valid & is_flag,
+            byte_valid=self.valid & ~is_flag & ~is_escape,
+            aborted=escaped,
+        )
         with m.If(self.valid):
             m.d.sync += escaped.eq(is_escape)
         return m

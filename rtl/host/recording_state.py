@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.ports import drive, inputs, outputs
 from eskin.rtl.common.status import ENGINE, detector_status
 
 QUIET_BITS = {False: 4, True: 2}
@@ -41,12 +42,10 @@ class RecordingState(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        inputs = ("clear", "finish_asked", "moving", "global_taken", "decider_idle")
         status = {"detector": In(detector_status(config)), "engine": In(ENGINE)}
-        outputs = ("finish", "busy", "touch", "touched", "due")
         super().__init__(
-            {name: In(1) for name in inputs}
-            | {name: Out(1) for name in outputs}
+            inputs("clear", "finish_asked", "moving", "global_taken", "decider_idle")
+            | outputs("finish", "busy", "touch", "touched", "due")
             | status
             | {"touches": Out(8)}
         )
@@ -69,11 +68,8 @@ class RecordingState(wiring.Component):
         m.d.sync += [moving.eq(self.moving | self.engine.working), quiet.eq(quiet + ~quiet.all())]
         with m.If(moving):
             m.d.sync += quiet.eq(0)
-        m.d.comb += [
-            idle.eq(quiet.all() & ~moving & self.decider_idle),
-            self.finish.eq(finishing & ~finished & idle),
-            self.busy.eq(~idle | finishing | self.clear),
-        ]
+        m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
+        drive(m, self, finish=finishing & ~finished & idle, busy=~idle | finishing | self.clear)
         decided = self.global_taken & undecided.any()
         # (`touch` is registered, as it decides on writes.)
         m.d.sync += [

@@ -6,6 +6,7 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import InputError
+from eskin.rtl.common.ports import drive
 
 DIVISOR_MIN = 4
 """Clocks a bit: with fewer, one clock of doubt about the edge is more than a quarter of a bit."""
@@ -78,7 +79,7 @@ class UartReceiver(wiring.Component):
         ) // 2  # to the middle of data bit 0, half a clock of doubt about the edge taken off
         timer = Signal(range(to_first + 1))
         sample = active & (timer == 0)
-        m.d.comb += [self.data.eq(shift[1:]), self.valid.eq(sample & ~shift[0] & line)]
+        drive(m, self, data=shift[1:], valid=sample & ~shift[0] & line)
         m.d.sync += before.eq(line)
         with m.If(~active):
             m.d.sync += [timer.eq(to_first), shift.eq(0xFF), active.eq(before & ~line)]

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.common.ports import drive
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.packet_framing import FrameCheck, Unstuffer
 from eskin.rtl.host.packet_transmitter import PacketTransmitter
@@ -77,15 +78,10 @@ class UartLink(wiring.Component):
             self._config, self._divisor
         )
         wiring.connect(m, wiring.flipped(self.decision), transmitter.decision)
-        m.d.comb += [
-            receiver.rx.eq(self.rx),
-            unstuffer.data.eq(receiver.data),
-            unstuffer.valid.eq(receiver.valid),
-            check.byte.eq(unstuffer.byte),
-            check.valid.eq(unstuffer.byte_valid),
-            check.start.eq(unstuffer.end),
-            self.tx.eq(transmitter.tx),
-        ]
+        m.d.comb += receiver.rx.eq(self.rx)
+        drive(m, unstuffer, data=receiver.data, valid=receiver.valid)
+        drive(m, check, byte=unstuffer.byte, valid=unstuffer.byte_valid, start=unstuffer.end)
+        m.d.comb += self.tx.eq(transmitter.tx)
 
         # ---------------------------------------------------------------- a packet comes in
         # word and high: words and odd byte so far; while a packet acts, the next word. No packet has a
@@ -133,18 +129,10 @@ class UartLink(wiring.Component):
         if self._config.readout_rule.taught:
             low = address[:2]
             address = Mux(address[2:] == WINDOW >> 2, Cat(low, Const(min(TeachRegister) >> 2, 6)), address)
-        m.d.comb += [
-            read.addr.eq(word),
-            read.en.eq(forward),
-            self.bus.addr.eq(address),
-            self.bus.w_data.eq(read.data),
-            self.frame.p.sample.eq(Cat(read.data)),
-            self.frame.p.first.eq(word == 2),
-            self.frame.p.last.eq(word == taxels + 1),
-            transmitter.r_data.eq(self.bus.r_data),
-            transmitter.address.eq(command.address),
-            transmitter.expected.eq(self.expected),
-        ]
+        drive(m, read, addr=word, en=forward)
+        drive(m, self.bus, addr=address, w_data=read.data)
+        drive(m, self.frame.p, sample=Cat(read.data), first=word == 2, last=word == taxels + 1)
+        drive(m, transmitter, r_data=self.bus.r_data, address=command.address, expected=self.expected)
         with m.FSM(name="act"):
             with m.State("RECEIVE"):
                 with m.If(good & command.is_read):

@@ -4,6 +4,7 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.ports import drive, inputs
 from eskin.rtl.host.bus_shell import ADDRESS_BITS, request_signature
 
 
@@ -16,9 +17,7 @@ class WishboneFront(wiring.Component):
     def __init__(self) -> None:
         super().__init__(
             {
-                "wb_cyc": In(1),
-                "wb_stb": In(1),
-                "wb_we": In(1),
+                **inputs("wb_cyc", "wb_stb", "wb_we"),
                 "wb_adr": In(ADDRESS_BITS),
                 "wb_sel": In(4),
                 "wb_dat_w": In(32),
@@ -31,13 +30,14 @@ class WishboneFront(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         request = self.request
-        m.d.comb += [
-            request.valid.eq(self.wb_cyc & self.wb_stb),
-            request.write.eq(self.wb_we),
-            request.whole.eq(self.wb_sel.all()),
-            request.address.eq(self.wb_adr[2:]),
-            request.w_data.eq(self.wb_dat_w),
-            self.wb_dat_r.eq(request.r_data),
-            self.wb_ack.eq(request.valid & request.done),
-        ]
+        drive(
+            m,
+            request,
+            valid=self.wb_cyc & self.wb_stb,
+            write=self.wb_we,
+            whole=self.wb_sel.all(),
+            address=self.wb_adr[2:],
+            w_data=self.wb_dat_w,
+        )
+        drive(m, self, wb_dat_r=request.r_data, wb_ack=request.valid & request.done)
         return m

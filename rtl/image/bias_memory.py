@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.images import BIAS_BITS
 from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.ports import drive
 from eskin.rtl.program.image_passes import ImagePlan
 
 ADDEND_BITS = BIAS_BITS + 1
@@ -51,13 +52,15 @@ class BiasMemory(wiring.Component):
                 shape=bits, depth=depth, init=[], attrs=NO_COLLISION
             )
             read, write = memory.read_port(), memory.write_port()
-            m.d.comb += [
-                read.addr.eq(address),
-                write.addr.eq(self.load_address >> 1),
-                write.data.eq(self.load_word),
-                write.en.eq(self.load & (self.load_address[0] == half)),
-            ]
+            m.d.comb += read.addr.eq(address)
+            drive(
+                m,
+                write,
+                addr=self.load_address >> 1,
+                data=self.load_word,
+                en=self.load & (self.load_address[0] == half),
+            )
             parts.append(read.data)
         word = Cat(*parts)
-        m.d.comb += [self.addend.eq(word[:ADDEND_BITS]), self.parity.eq(word[ADDEND_BITS:])]
+        drive(m, self, addend=word[:ADDEND_BITS], parity=word[ADDEND_BITS:])
         return m

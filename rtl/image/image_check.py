@@ -4,6 +4,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common.ports import inputs
 from eskin.rtl.engine.memory_check import folded
 from eskin.rtl.image.bias_memory import ADDEND_BITS
 from eskin.rtl.program.image_passes import ImagePlan
@@ -36,9 +37,14 @@ class ImageCheck(wiring.Component):
 
     def __init__(self, plan: ImagePlan) -> None:
         self._plan = plan
-        ones = ("begins", "arrives", "checks", "multiplies", "dense", "ends", "shifts")
         words = {"word": In(16), "weights": In(plan.lanes * plan.weight_bits), "addend": In(ADDEND_BITS + 1)}
-        super().__init__({**{name: In(1) for name in ones}, **words, "fault": Out(1)})
+        super().__init__(
+            {
+                **inputs("begins", "arrives", "checks", "multiplies", "dense", "ends", "shifts"),
+                **words,
+                "fault": Out(1),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()

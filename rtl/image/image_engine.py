@@ -6,6 +6,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.load_port import image_lines, lines_signature
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.common.status import probe
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature
 from eskin.rtl.engine.row_chain import RowChain
@@ -60,8 +61,7 @@ class ImageEngine(wiring.Component):
             {
                 "fill": In(data.StructLayout({"valid": 1, "address": plan.address_bits, "value": 8})),
                 "start": In(1),
-                "busy": Out(1),
-                "done": Out(1),
+                **outputs("busy", "done"),
                 "logit": Out(data.StructLayout({"valid": 1, "value": signed(plan.logit_format.width)})),
                 "load": In(lines_signature(len(image_lines(plan)))),
                 "check_failed": Out(1),
@@ -85,12 +85,8 @@ class ImageEngine(wiring.Component):
         # source: memory of maps that is read; while idle the other one
         source = Signal(init=1)
         written = Signal(plan.address_bits)
-        m.d.comb += [
-            fetch.fetch.eq(self.start | (sequencer.done & ~now.last)),
-            fetch.rewind.eq(self.start),
-            self.done.eq(sequencer.done & now.last),
-            sequencer.now.eq(now),
-        ]
+        drive(m, fetch, fetch=self.start | (sequencer.done & ~now.last), rewind=self.start)
+        m.d.comb += [self.done.eq(sequencer.done & now.last), sequencer.now.eq(now)]
         m.d.sync += sequencer.go.eq(fetch.fetched)
         with m.If(self.start):
             m.d.sync += [self.busy.eq(1), source.eq(0)]
@@ -102,19 +98,18 @@ class ImageEngine(wiring.Component):
             m.d.sync += written.eq(0)
         with m.Elif(drain.value.valid):
             m.d.sync += written.eq(written + 1)
-        m.d.comb += [
-            maps.source.eq(source),
-            maps.read.eq(tap.valid),
-            maps.read_address.eq(tap.activation),
-            maps.write.eq(Mux(self.busy, drain.value.valid, self.fill.valid)),
-            maps.write_address.eq(Mux(self.busy, written, self.fill.address)),
-            maps.write_value.eq(Mux(self.busy, drain.value.value, self.fill.value)),
-            weights.read.eq(tap.valid),
-            weights.dense.eq(now.dense),
-            weights.address.eq(tap.weight),
-            self.map.valid.eq(drain.value.valid),
-            self.map.value.eq(drain.value.value),
-        ]
+        drive(
+            m,
+            maps,
+            source=source,
+            read=tap.valid,
+            read_address=tap.activation,
+            write=Mux(self.busy, drain.value.valid, self.fill.valid),
+            write_address=Mux(self.busy, written, self.fill.address),
+            write_value=Mux(self.busy, drain.value.value, self.fill.value),
+        )
+        drive(m, weights, read=tap.valid, dense=now.dense, address=tap.weight)
+        drive(m, self.map, valid=drain.value.valid, value=drain.value.value)
 
         # ---------------------------------------------------------------- lanes
         # A tap's operands come a cycle after its addresses. `valid` comes with them for the plain lane, and a
@@ -131,60 +126,69 @@ class ImageEngine(wiring.Component):
         )
         for number in range(plan.lanes):
             m.submodules[f"lane_{number}"] = lane = LANE_TYPES[self._lane_type](signature)
-            m.d.comb += [
-                lane.tick.eq(1),
-                lane.a.eq(maps.value),
-                lane.b.eq(weights.weights[number]),
-                lane.swap.eq(swap),
-                lane.load.eq(chain.load[number]),
-                lane.valid.eq(multiplied if self._lane_type == "dsp" else fetched),
-                chain.acc[number].eq(lane.acc),
-            ]
-        m.d.comb += [
-            biases.restart.eq(begun),
-            biases.first.eq(sequencer.addend),
-            chain.tick.eq(1),
-            chain.swap.eq(swap),
-            chain.shift.eq(drain.move),
-            chain.addend.eq(biases.addend),
-            drain.swap.eq(swap),
-            drain.sums.eq(released[1]),
-            drain.shift.eq(now.shift),
-            drain.last.eq(now.last),
-            drain.pairs.eq(now.pairs),
-            drain.total.eq(chain.total),
-            self.logit.eq(drain.logit),
-        ]
+            drive(
+                m,
+                lane,
+                tick=1,
+                a=maps.value,
+                b=weights.weights[number],
+                swap=swap,
+                load=chain.load[number],
+                valid=multiplied if self._lane_type == "dsp" else fetched,
+            )
+            m.d.comb += chain.acc[number].eq(lane.acc)
+        drive(m, biases, restart=begun, first=sequencer.addend)
+        drive(m, chain, tick=1, swap=swap, shift=drain.move, addend=biases.addend)
+        drive(
+            m,
+            drain,
+            swap=swap,
+            sums=released[1],
+            shift=now.shift,
+            last=now.last,
+            pairs=now.pairs,
+            total=chain.total,
+        )
+        m.d.comb += self.logit.eq(drain.logit)
 
         if plan.checksum:
             m.submodules.check = check = ImageCheck(plan)
-            m.d.comb += [
-                check.begins.eq(self.start),
-                check.arrives.eq(fetch.arrives),
-                check.word.eq(fetch.arrived),
-                check.checks.eq(fetch.checks),
-                check.multiplies.eq(fetched),
-                check.weights.eq(weights.weights),
-                check.dense.eq(now.dense),
-                check.ends.eq(swap & sequencer.ending & now.last),
-                check.shifts.eq(drain.move),
-                check.addend.eq(Cat(biases.addend, biases.parity)),
-                self.check_failed.eq(check.fault),
-            ]
+            drive(
+                m,
+                check,
+                begins=self.start,
+                arrives=fetch.arrives,
+                word=fetch.arrived,
+                checks=fetch.checks,
+                multiplies=fetched,
+                weights=weights.weights,
+                dense=now.dense,
+                ends=swap & sequencer.ending & now.last,
+                shifts=drain.move,
+                addend=Cat(biases.addend, biases.parity),
+            )
+            m.d.comb += self.check_failed.eq(check.fault)
 
         # ---------------------------------------------------------------- the host's writes
+        drive(
+            m,
+            fetch,
+            write=load.enable & load.select[lines[ImageMemory.PASSES]],
+            address=load.address,
+            word=load.data,
+        )
+        drive(
+            m,
+            biases,
+            load=load.enable & load.select[lines[ImageMemory.BIASES]],
+            load_address=load.address,
+            load_word=load.data,
+        )
         m.d.comb += [
-            fetch.write.eq(load.enable & load.select[lines[ImageMemory.PASSES]]),
-            fetch.address.eq(load.address),
-            fetch.word.eq(load.data),
-            biases.load.eq(load.enable & load.select[lines[ImageMemory.BIASES]]),
-            biases.load_address.eq(load.address),
-            biases.load_word.eq(load.data),
             weights.load.eq(load.enable),
             *(weights.column[column].eq(load.select[lines[column]]) for column in range(plan.columns)),
             weights.load_dense[0].eq(load.select[lines[ImageMemory.DENSE_LOW]]),
             weights.load_dense[1].eq(load.select[lines[ImageMemory.DENSE_HIGH]]),
-            weights.load_address.eq(load.address),
-            weights.load_word.eq(load.data),
         ]
+        drive(m, weights, load_address=load.address, load_word=load.data)
         return m

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.common.status import detector_status
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.program.image_passes import plan_of
@@ -37,7 +38,6 @@ class ImageReceiver(wiring.Component):
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         fill = data.StructLayout({"valid": 1, "address": plan_of(config).address_bits, "value": 8})
-        outputs = ("start", "open", "waiting", "over")
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),
@@ -45,7 +45,7 @@ class ImageReceiver(wiring.Component):
                 "fill": Out(fill),
                 "status": Out(detector_status(config)),
             }
-            | {name: Out(1) for name in outputs}
+            | outputs("start", "open", "waiting", "over")
         )
 
     def elaborate(self, platform):
@@ -57,17 +57,23 @@ class ImageReceiver(wiring.Component):
         address = Signal(range(pixels))
         before = Signal(8)  # the pixel before this one
         last = address == pixels - 1
-        m.d.comb += [
-            aligner.advance.eq(1),
-            self.fill.valid.eq(aligner.offered & ~self.over),
-            self.fill.address.eq(address),
-            self.fill.value.eq(Mux(aligner.fresh, self.i.p.sample, before)),
-            self.status.framing_fault.eq(aligner.framing_fault),
-            self.status.started.eq(self.fill.valid & ~self.open),
-            self.status.touch.eq(self.open | self.over),
-            self.status.armed.eq(~self.open & ~self.over),
-            self.start.eq(self.waiting & self.free),
-        ]
+        m.d.comb += aligner.advance.eq(1)
+        drive(
+            m,
+            self.fill,
+            valid=aligner.offered & ~self.over,
+            address=address,
+            value=Mux(aligner.fresh, self.i.p.sample, before),
+        )
+        drive(
+            m,
+            self.status,
+            framing_fault=aligner.framing_fault,
+            started=self.fill.valid & ~self.open,
+            touch=self.open | self.over,
+            armed=~self.open & ~self.over,
+        )
+        m.d.comb += self.start.eq(self.waiting & self.free)
         with m.If(self.fill.valid):
             m.d.sync += [before.eq(self.fill.value), address.eq(address + 1)]
             m.d.sync += [self.open.eq(~last), self.waiting.eq(last), self.over.eq(last)]

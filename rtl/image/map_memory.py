@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.one_port_memory import OnePortMemory
+from eskin.rtl.common.ports import drive, inputs
 from eskin.rtl.program.image_passes import ImagePlan
 
 
@@ -24,8 +25,7 @@ class MapMemory(wiring.Component):
         self._plan = plan
         super().__init__(
             {
-                "source": In(1),
-                "read": In(1),
+                **inputs("source", "read"),
                 "read_address": In(plan.address_bits),
                 "value": Out(8),
                 "write": In(1),
@@ -45,12 +45,14 @@ class MapMemory(wiring.Component):
             m.submodules[f"maps_{number}"] = memory
             reads = self.source == number
             address = Mux(reads, self.read_address, self.write_address)
-            m.d.comb += [
-                memory.address.eq(address >> 1),
-                memory.enable.eq(Mux(reads, self.read, self.write)),
-                memory.write.eq(Mux(reads, 0, Cat(~self.write_address[0], self.write_address[0]))),
-                memory.data.eq(self.write_value.replicate(2)),
-            ]
+            drive(
+                m,
+                memory,
+                address=address >> 1,
+                enable=Mux(reads, self.read, self.write),
+                write=Mux(reads, 0, Cat(~self.write_address[0], self.write_address[0])),
+                data=self.write_value.replicate(2),
+            )
             words.append(memory.word)
         word = Mux(source, words[1], words[0])
         m.d.comb += self.value.eq(Mux(high, word[8:], word[:8]))

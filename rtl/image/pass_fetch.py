@@ -7,6 +7,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.ports import drive
 from eskin.rtl.image.layouts import pass_layout
 from eskin.rtl.program.image_passes import PASS_WORDS, ImagePlan, Word
 
@@ -51,18 +52,15 @@ class PassFetch(wiring.Component):
         m = Module()
         m.submodules.program = program = Memory(shape=16, depth=self._words, init=[], attrs=NO_COLLISION)
         read, write = program.read_port(), program.write_port()
-        m.d.comb += [write.addr.eq(self.address), write.data.eq(self.word), write.en.eq(self.write)]
+        drive(m, write, addr=self.address, data=self.word, en=self.write)
         address = Signal(range(self._words + 1))
         reading = Signal()
         number = Signal(range(PASS_WORDS + 2))
         arrived = Signal(range(PASS_WORDS + 2))
         arriving = Signal()
         last = PASS_WORDS - 1 if not self._checksum else PASS_WORDS + self.now.last
-        m.d.comb += [
-            read.addr.eq(address),
-            read.en.eq(reading),
-            self.fetched.eq(arriving & (arrived == PASS_WORDS - 1)),
-        ]
+        drive(m, read, addr=address, en=reading)
+        m.d.comb += self.fetched.eq(arriving & (arrived == PASS_WORDS - 1))
         m.d.sync += [arriving.eq(reading), arrived.eq(number)]
         with m.If(self.fetch):
             m.d.sync += [reading.eq(1), number.eq(0)]
@@ -71,11 +69,7 @@ class PassFetch(wiring.Component):
         with m.Elif(reading):
             m.d.sync += [address.eq(address + 1), number.eq(number + 1), reading.eq(number != last)]
         now, word = self.now, read.data
-        m.d.comb += [
-            self.arrives.eq(arriving),
-            self.arrived.eq(word),
-            self.checks.eq(arriving & (arrived == PASS_WORDS)),
-        ]
+        drive(m, self, arrives=arriving, arrived=word, checks=arriving & (arrived == PASS_WORDS))
         parts = {
             Word.FLAGS: (
                 (now.radius, 0),

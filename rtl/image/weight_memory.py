@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.one_port_memory import OnePortMemory
+from eskin.rtl.common.ports import drive, inputs
 from eskin.rtl.program.image_passes import ImagePlan
 
 DENSE_MEMORIES = 2
@@ -31,8 +32,7 @@ class WeightMemory(wiring.Component):
         self._plan = plan
         super().__init__(
             {
-                "read": In(1),
-                "dense": In(1),
+                **inputs("read", "dense"),
                 "address": In(plan.address_bits),
                 "weights": Out(data.ArrayLayout(signed(plan.weight_bits), plan.lanes)),
                 "load": In(1),
@@ -54,13 +54,8 @@ class WeightMemory(wiring.Component):
                 shape=bits, depth=max(1, plan.conv_words), init=[], attrs=NO_COLLISION
             )
             read, write = memory.read_port(), memory.write_port()
-            m.d.comb += [
-                read.addr.eq(self.address),
-                read.en.eq(self.read & ~self.dense),
-                write.addr.eq(self.load_address),
-                write.data.eq(self.load_word),
-                write.en.eq(self.load & self.column[column]),
-            ]
+            drive(m, read, addr=self.address, en=self.read & ~self.dense)
+            drive(m, write, addr=self.load_address, data=self.load_word, en=self.load & self.column[column])
             word.append(read.data)
         conv = Cat(*word)
 
@@ -69,12 +64,14 @@ class WeightMemory(wiring.Component):
         for half in range(DENSE_MEMORIES):
             m.submodules[f"dense_{half}"] = memory = OnePortMemory(plan.dense_words)
             writes = self.load & self.load_dense[half]
-            m.d.comb += [
-                memory.address.eq(Mux(writes, self.load_address, self.address >> part)),
-                memory.enable.eq(writes | (self.read & self.dense)),
-                memory.write.eq(writes.replicate(2)),
-                memory.data.eq(self.load_word),
-            ]
+            drive(
+                m,
+                memory,
+                address=Mux(writes, self.load_address, self.address >> part),
+                enable=writes | (self.read & self.dense),
+                write=writes.replicate(2),
+                data=self.load_word,
+            )
             halves.append(memory.word)
         dense = Cat(*halves)
         was_dense = Signal()

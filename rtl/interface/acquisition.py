@@ -13,8 +13,8 @@ from eskin.golden.core.converters import sample_clock
 from eskin.golden.core.converters.ddc232 import DdcPlan
 from eskin.golden.core.converters.matrix import MatrixPlan
 from eskin.golden.core.converters.mpr121 import MprPlan
-from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.common.ports import drive, forward, outputs
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter
 from eskin.rtl.interface.frame_guard import FrameGuard
@@ -72,9 +72,7 @@ class Acquisition(wiring.Component):
             {
                 "run": In(1),
                 "o": Out(stream.Signature(sample_layout(config))),
-                "sampling": Out(1),
-                "handing": Out(1),
-                "broken": Out(1),
+                **outputs("sampling", "handing", "broken"),
                 "fault": Out(FAULT_BITS),
                 "pins": Out(self.converter.pins.signature),
             }
@@ -95,15 +93,14 @@ class Acquisition(wiring.Component):
             converter.start.eq(clock.tick),
             self.sampling.eq(clock.tick & ~converter.busy & ~converter.away),
             narrower.code.eq(converter.put.code),
-            guard.put.valid.eq(converter.put.valid),
-            guard.put.place.eq(converter.put.place),
-            guard.put.sample.eq(narrower.sample),
-            guard.finished.eq(converter.finished),
-            guard.bad.eq(converter.fault.any()),
-            self.broken.eq(guard.broken | missed),
-            self.fault.eq(
-                Mux(converter.finished, converter.fault, 0)
-                | Mux(guard.late | missed, int(ConverterFault.LATE), 0)
-            ),
         ]
+        drive(m, guard.put, valid=converter.put.valid, place=converter.put.place, sample=narrower.sample)
+        drive(m, guard, finished=converter.finished, bad=converter.fault.any())
+        drive(
+            m,
+            self,
+            broken=guard.broken | missed,
+            fault=Mux(converter.finished, converter.fault, 0)
+            | Mux(guard.late | missed, int(ConverterFault.LATE), 0),
+        )
         return m

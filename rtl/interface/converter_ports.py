@@ -5,6 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
+from eskin.rtl.common.ports import outputs
 
 FAULT_BITS = len(ConverterFault)
 
@@ -26,6 +27,6 @@ def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
         One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong
         with it. While ``away``: setting up has failed and restarts.
     """
-    told = {"busy": Out(1), "away": Out(1), "finished": Out(1), "fault": Out(FAULT_BITS)}
+    told = {**outputs("busy", "away", "finished"), "fault": Out(FAULT_BITS)}
     put = data.StructLayout({"valid": 1, "place": range(taxels), "code": unsigned(code_bits)})
     return {"start": In(1), "put": Out(put)} | told

@@ -17,6 +17,7 @@ from eskin.golden.core.converters.ddc232 import (
     WARM_UP,
     DdcPlan,
 )
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 
 EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
@@ -24,12 +25,7 @@ EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
 
 DDC_PINS = wiring.Signature(
     {
-        "clk": Out(1),
-        "reset_n": Out(1),
-        "conv": Out(1),
-        "din_cfg": Out(1),
-        "clk_cfg": Out(1),
-        "dclk": Out(1),
+        **outputs("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk"),
         "dvalid_n": In(1, init=1),
         "dout": In(1, init=1),
     }
@@ -111,11 +107,7 @@ class Ddc232Converter(wiring.Component):
 
         wired = Array([Const(taxel is not None, 1) for taxel in plan.places])[word]
         taxel = Array([Const(taxel or 0, len(self.put.place)) for taxel in plan.places])[word]
-        m.d.comb += [
-            self.put.valid.eq(code_due & wired),
-            self.put.place.eq(taxel),
-            self.put.code.eq(shift[:bits]),
-        ]
+        drive(m, self.put, valid=code_due & wired, place=taxel, code=shift[:bits])
         m.d.sync += code_due.eq(0)
 
         def wait(cycles: int):
@@ -129,7 +121,7 @@ class Ddc232Converter(wiring.Component):
                 m.d.sync += [place.eq(place - 1), wait(plan.half), bit_clock.eq(place[0] & (place != 1))]
 
         def failed(fault: ConverterFault):
-            m.d.comb += [self.finished.eq(1), self.fault.eq(int(fault))]
+            drive(m, self, finished=1, fault=int(fault))
             m.d.sync += [wait(plan.wait), warm.eq(WARM_UP)]
             m.next = "reset"
 
@@ -198,8 +190,10 @@ class Ddc232Converter(wiring.Component):
                         m.d.comb += self.finished.eq(1)
                         m.next = "idle"
         reading = states.ongoing("wait") | states.ongoing("read")
-        m.d.comb += [
-            self.busy.eq(~states.ongoing("idle")),
-            self.away.eq(~reading & (~states.ongoing("idle") | (warm != 0) | ~over)),
-        ]
+        drive(
+            m,
+            self,
+            busy=~states.ongoing("idle"),
+            away=~reading & (~states.ongoing("idle") | (warm != 0) | ~over),
+        )
         return m

@@ -9,6 +9,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import shape_of
 from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.common.ports import drive, inputs, outputs
 
 
 class FrameGuard(wiring.Component):
@@ -45,12 +46,9 @@ class FrameGuard(wiring.Component):
         super().__init__(
             {
                 "put": In(put),
-                "finished": In(1),
-                "bad": In(1),
+                **inputs("finished", "bad"),
                 "o": Out(stream.Signature(sample_layout(config))),
-                "handing": Out(1),
-                "late": Out(1),
-                "broken": Out(1),
+                **outputs("handing", "late", "broken"),
             }
         )
 
@@ -65,19 +63,16 @@ class FrameGuard(wiring.Component):
         place = self.place = Signal(range(taxels))
         spoilt = self.spoilt = Signal()
         read_yet = Signal()
-        m.d.comb += [
-            write.addr.eq(self.put.place),
-            write.data.eq(self.put.sample),
-            write.en.eq(self.put.valid & ~self.handing),
-            self.late.eq(self.put.valid & self.handing),
-            self.broken.eq(self.finished & (self.bad | spoilt | self.handing)),
-            read.addr.eq(place),
-            read.en.eq(self.handing & ~read_yet),
-            self.o.valid.eq(self.handing & read_yet),
-            self.o.p.sample.eq(read.data),
-            self.o.p.first.eq(place == 0),
-            self.o.p.last.eq(place == taxels - 1),
-        ]
+        drive(m, write, addr=self.put.place, data=self.put.sample, en=self.put.valid & ~self.handing)
+        drive(
+            m,
+            self,
+            late=self.put.valid & self.handing,
+            broken=self.finished & (self.bad | spoilt | self.handing),
+        )
+        drive(m, read, addr=place, en=self.handing & ~read_yet)
+        m.d.comb += self.o.valid.eq(self.handing & read_yet)
+        drive(m, self.o.p, sample=read.data, first=place == 0, last=place == taxels - 1)
         m.d.sync += spoilt.eq((spoilt | self.late) & ~self.finished)
         with m.If(~self.handing):
             m.d.sync += [self.handing.eq(self.finished & ~self.broken), place.eq(0), read_yet.eq(0)]

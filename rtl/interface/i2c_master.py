@@ -7,7 +7,9 @@ from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-I2C_PINS = wiring.Signature({"scl_low": Out(1), "sda_low": Out(1), "sda": In(1, init=1)})
+from eskin.rtl.common.ports import drive, outputs
+
+I2C_PINS = wiring.Signature({**outputs("scl_low", "sda_low"), "sda": In(1, init=1)})
 """Open drain: ``..._low`` pulls the wire low, otherwise its pull-up holds it high. This controller is the
 only one on its bus, and no chip here stretches the clock, so SCL is not listened to."""
 
@@ -65,8 +67,7 @@ class I2cMaster(wiring.Component):
                 "start": In(1),
                 "op": In(I2cOp),
                 "byte": In(8),
-                "idle": Out(1),
-                "done": Out(1),
+                **outputs("idle", "done"),
                 "heard": Out(8),
                 "acknowledged": Out(1),
                 "pins": Out(I2C_PINS),
@@ -84,7 +85,7 @@ class I2cMaster(wiring.Component):
         out = Signal(9, init=0x1FF)
         over = timer == 0
         phase = 3 - (quarters - 1)[:2]  # 0..3 within a bit
-        m.d.comb += [self.idle.eq(quarters == 0), self.done.eq((quarters == 1) & over)]
+        drive(m, self, idle=quarters == 0, done=(quarters == 1) & over)
         with m.If(quarters == 0), m.If(self.start):
             is_bit = (self.op == I2cOp.START) | (self.op == I2cOp.STOP)
             m.d.sync += [op.eq(self.op), quarters.eq(Mux(is_bit, 4, 36)), timer.eq(self._quarter - 1)]

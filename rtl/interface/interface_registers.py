@@ -5,6 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.stimulation import reset_settings
@@ -45,7 +46,7 @@ class InterfaceRegisters(wiring.Component):
         self._config, self._registers = config, interface_registers(config)
         told = In(data.StructLayout({"valid": 1, "payload": position_layout}))
         super().__init__(
-            {"bus": In(bus_signature()), "inner": Out(bus_signature()), "armed": Out(1), "arm": Out(1)}
+            {"bus": In(bus_signature()), "inner": Out(bus_signature()), **outputs("armed", "arm")}
             | ({"position": told} if config.interface.position else {})
             | ({"fault": In(FAULT_BITS)} if InterfaceRegister.CONVERTER_FAULTS in self._registers else {})
             | (
@@ -63,13 +64,8 @@ class InterfaceRegisters(wiring.Component):
         r_data = Signal(16)
         with m.Switch(bus.addr), m.Case(*map(int, self._registers)):
             m.d.comb += mine.eq(1)
-        m.d.comb += [
-            inner.addr.eq(bus.addr),
-            inner.w_data.eq(bus.w_data),
-            inner.w_stb.eq(bus.w_stb & ~mine),
-            inner.r_stb.eq(bus.r_stb & ~mine),
-            bus.r_data.eq(Mux(was_mine, r_data, inner.r_data)),
-        ]
+        drive(m, inner, addr=bus.addr, w_data=bus.w_data, w_stb=bus.w_stb & ~mine, r_stb=bus.r_stb & ~mine)
+        m.d.comb += bus.r_data.eq(Mux(was_mine, r_data, inner.r_data))
         command = bus.w_stb & (bus.addr == Register.CONTROL)
         arm = self.arm
         m.d.comb += arm.eq(command & (bus.w_data & Control.ARM).any())

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters.matrix import MatrixPlan
+from eskin.rtl.common.ports import drive
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster
 
@@ -42,11 +43,8 @@ class MatrixConverter(wiring.Component):
         m = Module()
         plan, pins, chip = self._plan, self.pins, self._plan.port.chip
         m.submodules.master = master = SpiMaster(plan.port)
-        m.d.comb += [
-            pins.cs_n.eq(master.pins.cs_n),
-            pins.sclk.eq(master.pins.sclk),
-            master.pins.miso.eq(pins.miso),
-        ]
+        drive(m, pins, cs_n=master.pins.cs_n, sclk=master.pins.sclk)
+        m.d.comb += master.pins.miso.eq(pins.miso)
         settle = Signal(range(plan.settle + 1))
         settled = settle == 0
         converting = Signal()  # the transfer of this cell is under way
@@ -61,17 +59,15 @@ class MatrixConverter(wiring.Component):
         last_column, last_row = pins.column == plan.columns - 1, pins.row == plan.rows - 1
         taken = Signal()  # the word is there
         m.d.sync += [taken.eq(master.done & converting), settle.eq(settle - ~settled)]
-        m.d.comb += [
-            master.start.eq(self.busy & settled & ~converting),
-            self.put.valid.eq(taken),
-            self.put.place.eq(cell),
-            self.put.code.eq(code),
-            self.finished.eq(taken & last_column & last_row),
-            self.fault.eq(
-                Mux(wrong_now, int(ConverterFault.ORDER), 0)
-                | Mux(low_now | high_now, int(ConverterFault.STUCK), 0)
-            ),
-        ]
+        m.d.comb += master.start.eq(self.busy & settled & ~converting)
+        drive(m, self.put, valid=taken, place=cell, code=code)
+        drive(
+            m,
+            self,
+            finished=taken & last_column & last_row,
+            fault=Mux(wrong_now, int(ConverterFault.ORDER), 0)
+            | Mux(low_now | high_now, int(ConverterFault.STUCK), 0),
+        )
         with m.If(master.start & master.idle):
             m.d.sync += converting.eq(1)
         with m.Elif(master.idle):  # only after an upset: the transfer that is waited for is not there

@@ -10,6 +10,7 @@ from amaranth.lib.wiring import Out
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters import mpr121
 from eskin.golden.core.converters.mpr121 import FULL, MprPlan
+from eskin.rtl.common.ports import drive
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 
@@ -121,10 +122,7 @@ class Mpr121Converter(wiring.Component):
         row = Signal(range(max(2, plan.rows)))
         column = Signal(range(max(2, plan.columns)))
         cell = Signal.like(self.put.place)
-        m.d.comb += [
-            self.busy.eq(running | expanding),
-            self.away.eq(fresh | ~running & ~expanding & (timer != 0)),
-        ]
+        drive(m, self, busy=running | expanding, away=fresh | ~running & ~expanding & (timer != 0))
         m.d.sync += timer.eq(timer - (timer != 0))
 
         # ---------------------------------------------------------------- cells
@@ -137,11 +135,9 @@ class Mpr121Converter(wiring.Component):
 
         by_column, by_row = line(column, 0, across), line(row, across, total - across)
         last_column, last_row = column == plan.columns - 1, row == plan.rows - 1
-        m.d.comb += [
-            self.put.valid.eq(expanding),
-            self.put.place.eq(cell),
-            self.put.code.eq(FULL - Mux(by_row > by_column, by_row, by_column)),
-        ]
+        drive(
+            m, self.put, valid=expanding, place=cell, code=FULL - Mux(by_row > by_column, by_row, by_column)
+        )
         bad = Signal(len(self.fault))
         m.d.comb += bad.eq(
             Mux(wrong, int(ConverterFault.ORDER), 0) | Mux(dead | high, int(ConverterFault.STUCK), 0)
@@ -149,7 +145,7 @@ class Mpr121Converter(wiring.Component):
 
         def begin(fault):
             """The start-up after a frame or step, with its fault."""
-            m.d.comb += [self.finished.eq(1), self.fault.eq(fault)]
+            drive(m, self, finished=1, fault=fault)
             m.d.sync += [
                 running.eq(1),
                 fresh.eq(1),
@@ -170,11 +166,7 @@ class Mpr121Converter(wiring.Component):
                 with m.Else():
                     m.d.comb += self.finished.eq(1)
         with m.Elif(running):
-            m.d.comb += [
-                master.op.eq(step.op),
-                master.byte.eq(step.byte),
-                master.start.eq((timer == 0) & ~issued),
-            ]
+            drive(m, master, op=step.op, byte=step.byte, start=(timer == 0) & ~issued)
             with m.If(master.start):
                 m.d.sync += issued.eq(1)
             with m.Elif(master.idle):  # only after an upset: the operation that is waited for is not there

@@ -6,6 +6,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
 from eskin.golden.core import ConverterFault, SpiPlan
+from eskin.rtl.common.ports import drive
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster, spi_pins
 
@@ -46,19 +47,21 @@ class SpiConverter(wiring.Component):
         handing = Signal()  # the codes of the transfer that has ended are forwarded, a line a cycle
         begin = Signal()
         commands = Array([Const(command, chip.bits) for _, command in plan.transfers[:per_select]])
-        m.d.comb += [master.start.eq(begin), master.select.eq(group), master.command.eq(commands[step])]
+        drive(m, master, start=begin, select=group, command=commands[step])
 
         word = Signal(chip.bits)
         m.d.comb += word.eq(Array(list(master.words))[line])
         code = word[chip.code_bit : chip.code_bit + chip.code_bits]
         counted = step >= chip.delay  # before that, data of commands of the frame before
         channel = Signal(range(max(2, chip.channels)))
-        m.d.comb += [
-            channel.eq(step - chip.delay),
-            self.put.valid.eq(handing & counted),
-            self.put.code.eq(code),
-            self.put.place.eq((group * plan.lines + line) * chip.channels + channel),
-        ]
+        m.d.comb += channel.eq(step - chip.delay)
+        drive(
+            m,
+            self.put,
+            valid=handing & counted,
+            code=code,
+            place=(group * plan.lines + line) * chip.channels + channel,
+        )
 
         # ---------------------------------------------------------------- its faults
         judged = plan.lines if chip.channels > 1 else 1

@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import SpiPlan
 from eskin.golden.core.converters.base import HALF_MIN
+from eskin.rtl.common.ports import drive, outputs
 
 
 def spi_pins(lines: int, selects: int) -> wiring.Signature:
@@ -16,8 +17,7 @@ def spi_pins(lines: int, selects: int) -> wiring.Signature:
     return wiring.Signature(
         {
             "cs_n": Out(selects, init=(1 << selects) - 1),
-            "sclk": Out(1),
-            "mosi": Out(1),
+            **outputs("sclk", "mosi"),
             "miso": In(lines, init=(1 << lines) - 1),
         }
     )
@@ -64,8 +64,7 @@ class SpiMaster(wiring.Component):
                 "start": In(1),
                 "select": In(range(max(2, selects))),
                 "command": In(bits),
-                "idle": Out(1),
-                "done": Out(1),
+                **outputs("idle", "done"),
                 "words": Out(data.ArrayLayout(unsigned(bits), lines)),
                 "pins": Out(spi_pins(lines, selects)),
             }
@@ -84,7 +83,8 @@ class SpiMaster(wiring.Component):
         out = Signal(plan.chip.bits)
         over = timer == 0
         last = place == 1
-        m.d.comb += [self.idle.eq((place == 0) & over), self.done.eq(last & over), pins.mosi.eq(out[-1])]
+        drive(m, self, idle=(place == 0) & over, done=last & over)
+        m.d.comb += pins.mosi.eq(out[-1])
         m.d.sync += timer.eq(timer - ~over)
         with m.If(self.start & self.idle):
             m.d.sync += [

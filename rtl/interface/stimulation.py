@@ -8,8 +8,8 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.common.ports import drive, forward
 from eskin.rtl.host.uart import UartTransmitter, uart_divisor
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames, settings_layout
 from eskin.rtl.interface.stimulus import Stimulus
@@ -75,9 +75,6 @@ class Stimulation(wiring.Component):
         forward(m, self, stimulus, self._name)
         forward(m, self, frames, "fault", "settings", "on")
         forward(m, self, transmitter, "tx")
-        m.d.comb += [
-            stimulus.clear.eq(self.fault),
-            frames.request.eq(stimulus.request),
-            frames.electrode.eq(stimulus.electrode),
-        ]
+        m.d.comb += stimulus.clear.eq(self.fault)
+        drive(m, frames, request=stimulus.request, electrode=stimulus.electrode)
         return m

@@ -5,6 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.groups import Interface
+from eskin.rtl.common.ports import drive, outputs
 
 ELECTRODES = (11, 6, 27, 22, 10, 7, 1, 23, 9, 8, 2, 24, 12, 5, 28, 21, 13, 4, 29, 20, 14, 3, 30, 19)
 """Channel of the stimulator for each electrode, row by row of 4."""
@@ -61,8 +62,7 @@ class StimulatorFrames(wiring.Component):
                 "fault": In(1),
                 "settings": In(settings_layout),
                 "byte": Out(stream.Signature(8)),
-                "on": Out(1),
-                "resting": Out(1),
+                **outputs("on", "resting"),
             }
         )
 
@@ -103,12 +103,8 @@ class StimulatorFrames(wiring.Component):
         head = Array([Array([Const(byte, 8) for byte in text]) for text in heads])[frame][place[:2]]
         lasts = Array([Const(4 + size) for size in BODIES.values()] + [Const(3), Const(4)])
         last = place == lasts[frame]
-        m.d.comb += [
-            self.byte.valid.eq(sending),
-            self.byte.payload.eq(Mux(place < 4, head, Mux(last, ord("<"), body))),
-            self.on.eq(burst != 0),
-            self.resting.eq((frame == OFF) & ~sending & (offs == 0) & (burst == 0)),
-        ]
+        drive(m, self.byte, valid=sending, payload=Mux(place < 4, head, Mux(last, ord("<"), body)))
+        drive(m, self, on=burst != 0, resting=(frame == OFF) & ~sending & (offs == 0) & (burst == 0))
         with m.If(sending & self.byte.ready):
             m.d.sync += [place.eq(Mux(last, 0, place + 1)), sending.eq(~last)]
 

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.common.ports import drive
 
 FRACTION = 4
 """Fraction bits of a position."""
@@ -159,14 +160,8 @@ class TouchPosition(wiring.Component):
         is_across = wide >= high
         is_slide = Mux(is_across, wide, high) >= interface.slide_least
         heading = Mux(is_across, Mux(is_left, 2, 1), Mux(is_up, 4, 3))
-        m.d.comb += [
-            self.o.valid.eq(known | over),
-            self.o.payload.x.eq(x),
-            self.o.payload.y.eq(y),
-            self.o.payload.peak.eq(peak),
-            self.o.payload.ended.eq(over),
-            self.o.payload.direction.eq(Mux(over & is_slide, heading, 0)),
-        ]
+        m.d.comb += self.o.valid.eq(known | over)
+        drive(m, self.o.payload, x=x, y=y, peak=peak, ended=over, direction=Mux(over & is_slide, heading, 0))
         with m.If(over):
             m.d.sync += fresh.eq(1)
         with m.If(self.clear):

@@ -13,6 +13,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, has_door, sample_layout
+from eskin.rtl.common.ports import drive
 from eskin.rtl.common.status import probe
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
@@ -67,11 +68,15 @@ class HostedChain(wiring.Component):
         m.submodules.control = control = HostControl(self._config, self._fed_by)
         wiring.connect(m, wiring.flipped(self.bus), control.bus)
         wiring.connect(m, classifier.o, wiring.flipped(self.o))
+        drive(
+            m,
+            control.frames,
+            offered=self.i.valid,
+            taken=self.i.valid & self.i.ready,
+            first=self.i.p.first,
+            last=self.i.p.last,
+        )
         m.d.comb += [
-            control.frames.offered.eq(self.i.valid),
-            control.frames.taken.eq(self.i.valid & self.i.ready),
-            control.frames.first.eq(self.i.p.first),
-            control.frames.last.eq(self.i.p.last),
             control.global_taken.eq(classifier.ended),
             classifier.finish.eq(control.finish),
             self.busy.eq(control.busy),
@@ -85,11 +90,13 @@ class HostedChain(wiring.Component):
         chain."""
         if self.watching is not None:
             m.submodules.watchdog = watchdog = self.watching
-            m.d.comb += [
-                watchdog.due.eq(reduce(or_, (self.i.valid & ~self.i.ready, *due, control.due))),
-                watchdog.done.eq(done | self.o.valid | control.load.enable),
-                control.hung.eq(watchdog.hung),
-            ]
+            drive(
+                m,
+                watchdog,
+                due=reduce(or_, (self.i.valid & ~self.i.ready, *due, control.due)),
+                done=done | self.o.valid | control.load.enable,
+            )
+            m.d.comb += control.hung.eq(watchdog.hung)
 
     def probed(self, engine: wiring.Component, *names: str) -> list:
         """Statements that show the engine's probes."""
@@ -172,14 +179,10 @@ class Accelerator(HostedChain):
         m.d.comb += [
             front_end.mask.eq(control.mask),
             classifier.logit.eq(engine.logit if readout is None else readout.score),
-            engine.decider_idle.eq(decider_idle),
-            engine.blank.eq(front_end.blank),
         ]
+        drive(m, engine, decider_idle=decider_idle, blank=front_end.blank)
         if config.faults.fault_frames:
-            m.d.comb += [
-                self.probe.fault.valid.eq(self.probe.sum.valid),
-                self.probe.fault.value.eq(front_end.averager.o.p.masked),
-            ]
+            drive(m, self.probe.fault, valid=self.probe.sum.valid, value=front_end.averager.o.p.masked)
         every = (
             front_end.detector,
             front_end.ring,
@@ -199,11 +202,13 @@ class Accelerator(HostedChain):
         check_failed = engine.check_failed | front_end.wrong
         if readout is not None and config.hardware.checksum:
             check_failed |= readout.wrong
-        m.d.comb += [
-            control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts), dropping, *holds).any()),
-            control.decider_idle.eq(decider_idle),
-            control.check_failed.eq(check_failed),
-        ]
+        drive(
+            m,
+            control,
+            moving=Cat(self.i.valid, *(part.o.valid for part in parts), dropping, *holds).any(),
+            decider_idle=decider_idle,
+            check_failed=check_failed,
+        )
         self.watched(m, control, engine.status.step_done, engine.status.working, ~decider_idle)
         if self.watching is not None:
             # An upset may have changed their counts of steps. The reset lets every touch begin as the first
@@ -214,11 +219,13 @@ class Accelerator(HostedChain):
                 (decided | classifier.ended) & ~begin_anew & ~control.clear & ~engine.started
             )
 
-        m.d.comb += [
-            self.probe.sum.valid.eq(front_end.averager.o.valid & front_end.averager.o.ready),
-            self.probe.sum.value.eq(~front_end.averager.o.p.complement),
-            *self.probed(engine, "feature", "state", "logit", "step"),
-        ]
+        drive(
+            m,
+            self.probe.sum,
+            valid=front_end.averager.o.valid & front_end.averager.o.ready,
+            value=~front_end.averager.o.p.complement,
+        )
+        m.d.comb += [*self.probed(engine, "feature", "state", "logit", "step")]
         return m, self.needed(m, control)
 
     def _nearest(
@@ -228,15 +235,16 @@ class Accelerator(HostedChain):
         config = self._config
         vector = engine.state if config.recurrent else engine.logit
         m.submodules.readout = readout = PrototypeReadout(config)
-        m.d.comb += [
-            readout.vector.valid.eq(vector.valid),
-            readout.vector.value.eq(vector.value),
-            readout.logit_valid.eq(engine.logit.valid),
-            readout.step_done.eq(engine.status.step_done),
-            readout.ended.eq(classifier.ended),
+        drive(m, readout.vector, valid=vector.valid, value=vector.value)
+        drive(
+            m,
+            readout,
+            logit_valid=engine.logit.valid,
+            step_done=engine.status.step_done,
+            ended=classifier.ended,
             # not with engine and classifier: the touch that ended may be taught
-            readout.clear.eq(control.clear),
-        ]
+            clear=control.clear,
+        )
         if config.readout_rule.unknown_above:
             m.d.comb += classifier.far.eq(readout.far)
         if config.readout_rule.taught:

@@ -10,6 +10,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
 from eskin.rtl.host.uart import uart_divisor
@@ -140,7 +141,7 @@ class Board(wiring.Component):
         stimulates = sensing and config.interface.stimulator != "none"
         shelled = {"bus": In(bus_signature()), "o": Out(self.core.o.signature), "any_fault": Out(1)}
         super().__init__(
-            {"decision": Out(class_pin_count(config, class_pins)), "decision_valid": Out(1), "led": Out(1)}
+            {"decision": Out(class_pin_count(config, class_pins)), **outputs("decision_valid", "led")}
             | ({"rx": In(1, init=1), "tx": Out(1, init=1)} if baud else {})
             | ({"unsure": Out(1)} if config.network.margin_threshold else {})
             | ({"pins": Out(self.core.pins.signature)} if sensing else {})
@@ -207,11 +208,8 @@ class Board(wiring.Component):
         position: Any = None
         if config.interface.position:
             m.submodules.position = position = TouchPosition(config)
-            m.d.comb += [
-                position.i.valid.eq(frame.valid & frame.ready),
-                position.i.payload.eq(frame.payload),
-                position.clear.eq(broken if registers is None else broken | registers.arm),
-            ]
+            drive(m, position.i, valid=frame.valid & frame.ready, payload=frame.payload)
+            m.d.comb += position.clear.eq(broken if registers is None else broken | registers.arm)
             if registers is not None:
                 m.d.comb += registers.position.eq(position.o)
         if sensing and config.interface.stimulator != "none":
@@ -224,10 +222,7 @@ class Board(wiring.Component):
                     stimulation.settings[name].eq(value) for name, value in reset_settings(config).items()
                 ]
             if config.interface.stimulator == "decisions":
-                m.d.comb += [
-                    stimulation.decision.valid.eq(core.o.valid & core.o.ready),
-                    stimulation.decision.payload.eq(core.o.payload),
-                ]
+                drive(m, stimulation.decision, valid=core.o.valid & core.o.ready, payload=core.o.payload)
             else:
                 m.d.comb += stimulation.position.eq(position.o)
         return m

@@ -9,7 +9,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, Record
-from eskin.rtl.common.forward import forward, members_but
+from eskin.rtl.common.ports import drive, forward, inputs, members_but
 from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word
@@ -24,8 +24,7 @@ FRAMES = {
     "s_axis_tdata": In(16),
     "s_axis_tvalid": In(1),
     "s_axis_tready": Out(1),
-    "s_axis_tlast": In(1),
-    "s_axis_tuser": In(1),
+    **inputs("s_axis_tlast", "s_axis_tuser"),
 }
 DECISIONS = {"m_axis_tdata": Out(32), "m_axis_tvalid": Out(1), "m_axis_tready": In(1), "m_axis_tlast": Out(1)}
 
@@ -82,20 +81,17 @@ class BusTop(wiring.Component):
         m.submodules.accelerator = core = self._core
         forward(m, self, core)
         if self._axis:
-            m.d.comb += [
-                core.i.p.sample.eq(self.s_axis_tdata),
-                core.i.p.first.eq(self.s_axis_tuser),
-                core.i.p.last.eq(self.s_axis_tlast),
-                core.i.valid.eq(self.s_axis_tvalid),
-                self.s_axis_tready.eq(core.i.ready),
-            ]
+            drive(m, core.i.p, sample=self.s_axis_tdata, first=self.s_axis_tuser, last=self.s_axis_tlast)
+            m.d.comb += [core.i.valid.eq(self.s_axis_tvalid), self.s_axis_tready.eq(core.i.ready)]
         if self._shell is None:
-            m.d.comb += [
-                self.m_axis_tdata.eq(decision_word(self._config, core.o.p)),
-                self.m_axis_tlast.eq(core.o.p.is_global),
-                self.m_axis_tvalid.eq(core.o.valid),
-                core.o.ready.eq(self.m_axis_tready),
-            ]
+            drive(
+                m,
+                self,
+                m_axis_tdata=decision_word(self._config, core.o.p),
+                m_axis_tlast=core.o.p.is_global,
+                m_axis_tvalid=core.o.valid,
+            )
+            m.d.comb += core.o.ready.eq(self.m_axis_tready)
             return m
         m.submodules.shell, m.submodules.front = shell, front = self._shell, self._front
         forward(m, self, front)

@@ -7,6 +7,7 @@ from amaranth.hdl import Module, Mux, ResetInserter, Signal
 from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.rtl.common.ports import drive
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.host.control import FedBy
 from eskin.rtl.image.image_engine import ImageEngine
@@ -85,27 +86,29 @@ class ImageAccelerator(HostedChain):
         with m.If(last_logit | control.clear):
             m.d.sync += number.eq(0)
         working = engine.busy | receiver.waiting
-        m.d.comb += [
-            receiver.free.eq(classifier.idle),
-            engine.fill.eq(receiver.fill),
-            engine.start.eq(receiver.start),
-            classifier.logit.eq(engine.logit),
-            control.engine.working.eq(working),
-            control.engine.windows_open.eq(working),
-            control.engine.slot_done.eq(engine.busy),
-            control.engine.step_done.eq(last_logit),
-            control.moving.eq(self.i.valid | receiver.fill.valid),
-            control.decider_idle.eq(classifier.idle),
-            control.check_failed.eq(engine.check_failed),
-        ]
+        m.d.comb += receiver.free.eq(classifier.idle)
+        drive(m, engine, fill=receiver.fill, start=receiver.start)
+        m.d.comb += classifier.logit.eq(engine.logit)
+        drive(
+            m,
+            control.engine,
+            working=working,
+            windows_open=working,
+            slot_done=engine.busy,
+            step_done=last_logit,
+        )
+        drive(
+            m,
+            control,
+            moving=self.i.valid | receiver.fill.valid,
+            decider_idle=classifier.idle,
+            check_failed=engine.check_failed,
+        )
         self.watched(m, control, last_logit, engine.busy, receiver.waiting, ~classifier.idle)
         cycles = Signal(32)  # since the start
         m.d.sync += cycles.eq(Mux(engine.start, 1, cycles + 1))
-        m.d.comb += [
-            *self.probed(engine, "map", "logit"),
-            self.probe.step.valid.eq(last_logit),
-            self.probe.step.value.eq(cycles + logit_to_decision(config)),
-        ]
+        m.d.comb += [*self.probed(engine, "map", "logit")]
+        drive(m, self.probe.step, valid=last_logit, value=cycles + logit_to_decision(config))
         return m, self.needed(m, control)
 
 

@@ -8,8 +8,8 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.forward import forward
 from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.common.ports import drive, forward, outputs
 from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.interface.acquisition import Acquisition
 from eskin.rtl.interface.converter_ports import FAULT_BITS
@@ -67,8 +67,7 @@ class Sensing(wiring.Component):
                 "probe": Out(self.accelerator.probe.signature),
                 "frame": Out(frame),
                 "fault": Out(FAULT_BITS),
-                "broken": Out(1),
-                "sampling": Out(1),
+                **outputs("broken", "sampling"),
                 "pins": Out(self.acquisition.pins.signature),
             }
         )
@@ -83,17 +82,21 @@ class Sensing(wiring.Component):
         broken = Signal()  # a frame is missing and the chain does not know yet
         arm = Signal()
         bus, inner = self.bus, accelerator.bus
+        m.d.comb += arm.eq(broken & ~acquisition.handing & ~bus.w_stb & ~bus.r_stb)
+        drive(
+            m,
+            inner,
+            addr=Mux(arm, int(Register.CONTROL), bus.addr),
+            w_data=Mux(arm, int(Control.ARM), bus.w_data),
+            w_stb=bus.w_stb | arm,
+            r_stb=bus.r_stb,
+        )
         m.d.comb += [
-            arm.eq(broken & ~acquisition.handing & ~bus.w_stb & ~bus.r_stb),
-            inner.addr.eq(Mux(arm, int(Register.CONTROL), bus.addr)),
-            inner.w_data.eq(Mux(arm, int(Control.ARM), bus.w_data)),
-            inner.w_stb.eq(bus.w_stb | arm),
-            inner.r_stb.eq(bus.r_stb),
             bus.r_data.eq(inner.r_data),
             self.busy.eq(accelerator.busy | acquisition.handing | broken),
-            self.frame.valid.eq(acquisition.o.valid),
-            self.frame.ready.eq(acquisition.o.ready),
-            self.frame.payload.eq(acquisition.o.payload),
         ]
+        drive(
+            m, self.frame, valid=acquisition.o.valid, ready=acquisition.o.ready, payload=acquisition.o.payload
+        )
         m.d.sync += broken.eq((broken | acquisition.broken) & ~arm)
         return m

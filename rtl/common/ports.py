@@ -1,8 +1,25 @@
-"""Ports of a part that are its owner's, too."""
+"""Ports of components: declared, driven, forwarded to an owner."""
+
+from typing import Any
 
 from amaranth.hdl import Module
 from amaranth.lib import wiring
-from amaranth.lib.wiring import Out
+from amaranth.lib.wiring import In, Out
+
+
+def inputs(*names: str) -> dict[str, wiring.Member]:
+    """Inputs of one bit."""
+    return {name: In(1) for name in names}
+
+
+def outputs(*names: str) -> dict[str, wiring.Member]:
+    """Outputs of one bit."""
+    return {name: Out(1) for name in names}
+
+
+def drive(m: Module, part: Any, **values: Any) -> None:
+    """Drive ports of a part, or fields of a struct, each by the value of its name: ``part.name.eq(value)``."""
+    m.d.comb += [getattr(part, name).eq(value) for name, value in values.items()]
 
 
 def members_but(part: wiring.Component, *names: str) -> dict[str, wiring.Member]:
