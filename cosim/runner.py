@@ -28,7 +28,6 @@ from eskin.golden.core import InputError, SimulationError, content_key, replacin
 from eskin.golden.core.files import locked
 
 WRAPPER = Path(__file__).with_name("wrapper.sv")
-SIMULATORS = ("verilator", "icarus")
 COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
 LIBRARY_OPTIONS = (*COMMON_OPTIONS, "-Wno-MULTIDRIVEN", "-CFLAGS", "-fPIC", "-LDFLAGS", "-shared")
 COMPILE_OPTIONS = ("OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
@@ -135,12 +134,10 @@ def build(
     Raises
     ------
     InputError
-        Unknown simulator, or a tool that is missing.
+        A tool is missing.
     SimulationError
         The build fails.
     """
-    if simulator not in SIMULATORS:
-        raise InputError(f"--simulator {simulator}: is unknown; use {' or '.join(SIMULATORS)}")
     verilator = simulator == "verilator"
     tools = ("perl", "g++", "make") if verilator else ("iverilog", "vvp")
     need_tools(tools, f"co-simulation with {simulator}")
