@@ -319,9 +319,9 @@ def lowest_clock(
     """The declared-pace run at the lowest clock that meets every budget; ``options`` as for ``cosim``.
 
     The search begins at the clock that ``cycles``, the counts of a declared-pace run, ask for (default: at twice the clock
-    that the multiplies alone need). The clock is raised until a run meets every budget, and lowered as long as the run's own
-    counts ask for less (at a clock that is too slow, steps wait for one another and their latencies count more). It is
-    a multiple of 1 kHz. A run that differs or gives up ends the search and is returned: no clock mends that.
+    that the multiplies alone need). The clock is raised until a run meets every budget, and then lowered as long as the run's own
+    counts ask for less and that clock meets them (at one that is too slow, steps wait for one another and their latencies
+    count more). It is a multiple of 1 kHz. A run that differs or gives up ends the search and is returned: no clock mends that.
 
     Raises
     ------
@@ -331,7 +331,6 @@ def lowest_clock(
     config = AcceleratorConfig.load(Path(design) / "config.json")
     guess = dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal)
     clock = latency.needed_clock(config, cycles or guess) * (1 if cycles else 2)
-    too_low = 0.0
     lowest: Record | None = None
     for attempt in range(rounds):
         folder = Path(work) / f"clock{attempt}"
@@ -340,14 +339,12 @@ def lowest_clock(
         if not result["bit_exact"]:
             return result
         if result["passed"]:
-            lowest = result
-            if not too_low < needed < clock:
-                return lowest
-            clock = needed
+            lowest, lower = result, needed < clock
         else:
-            too_low, clock = clock, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
-            if lowest and clock >= lowest["clock_hz"]:
-                return lowest
+            lower, needed = lowest is None, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
+        if lowest and not lower:
+            return lowest
+        clock = needed
     if lowest:
         return lowest
     raise NoClock(
