@@ -7,7 +7,6 @@ Any other scenario is its own cocotb test that starts from `Bench`.
 
 import json
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,6 +33,8 @@ KINDS = [*STAGES, *"frame waited sent scan lost unstable unknown stuck".split()]
 EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
 SLICE = 16  # events in one word of wrapper.events
 WAVES_AFTER = 500  # cycles kept behind a mismatch
+PROBED = 2  # frames after which an open touch is looked for again
+STILL = "a standstill"
 PATTERN = 1024  # cycles after which the patterns `offers` and `accepts` begin again
 
 
@@ -135,23 +136,25 @@ class FrameSource:
     ----------
     frames: sent so far. overruns: of these, those that were due before the hardware was ready. waited: cycles in which
     a number was offered and not taken. longest: cycles of a frame, from its first number's offer on. offered,
-    taken: cycles of the first and the last number of each frame of the recording.
+    taken: cycles of the first and the last number of each frame of the recording; scans: in which those of a converter
+    began.
     """
 
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
         self._free = Event()
         self.frames = self.overruns = self.waited = self.longest = self._sent = 0
-        self.offered, self.taken = list[int](), list[int]()
+        self.offered, self.taken, self.scans = list[int](), list[int](), list[int]()
         events.take |= {"sent": lambda _: self._free.set(), "waited": self._has_waited}
-        events.take["frame"] = self._was_taken
+        events.take |= dict.fromkeys(("frame", "lost"), self._was_taken)
+        events.take["scan"] = lambda values: self.scans.extend(values.cycles.tolist())
 
     def begin(self, stalls: np.random.Generator | None = None) -> None:
         """A recording begins: its first frame is due now. ``stalls`` draws gaps between numbers, and cycles in which no
         decision is accepted."""
         self._due = self._dut.cycle.value.to_unsigned() + 1
         self._sent = 0
-        self.offered, self.taken = [], []
+        self.offered, self.taken, self.scans = [], [], []
         if stalls is None:
             return
         for pattern in (self._dut.offers, self._dut.accepts):
@@ -179,6 +182,11 @@ class FrameSource:
         right = np.maximum(self._dues(1, len(self.taken) - 1), self.taken[:-1]) + 1
         return int(np.append(np.flatnonzero(self.offered[1:] != right) + 2, 0)[0])
 
+    def jitter(self) -> float:
+        """Largest distance of a scan's begin from the declared rate, cycles."""
+        late = np.array(self.scans) - self.scans[0] - np.arange(len(self.scans)) * self.period
+        return round(float(np.abs(late).max()), 3)
+
     def _dues(self, first: int, count: int) -> np.ndarray:
         return np.ceil(self._due + (first + np.arange(count)) * self.period) * (self.period > 0)
 
@@ -199,39 +207,12 @@ class FrameSource:
         self.longest = max(self.longest, *values.codes.tolist())
 
 
-class ScanMonitor:
-    """When scans begin at a converter's pins. jitter: largest distance of a scan's begin from the declared rate, cycles."""
-
-    def __init__(self, dut, source: FrameSource, events: EventReader, fault: list[int] | None) -> None:
-        self._dut, self._source, self._fault = dut, source, fault
-        self._begun = list[int]()
-        self.jitter = 0.0
-        events.take |= {"scan": self._has_begun, "lost": events.take["frame"]}
-
-    def _has_begun(self, values: Values) -> None:
-        self._begun += values.cycles.tolist()
-        if self._fault and len(self._begun) == self._fault[0] + 1:
-            cocotb.start_soon(self._misbehave(*self._fault[1:]))
-
-    async def _misbehave(self, frames: int, kind: int) -> None:
-        self._dut.misbehaves.value = kind
-        await Timer((int(frames * self._source.period) - 1) * CYCLE_NS, "ns")
-        self._dut.misbehaves.value = 0
-
-    def end(self) -> None:
-        """A recording is over."""
-        begun = np.array(self._begun)
-        late = begun - begun[:1] - np.arange(len(begun)) * self._source.period
-        self.jitter = max(self.jitter, round(float(np.abs(late).max(initial=0)), 3))
-        self._begun.clear()
-
-
 class Bench:
     """Source, bus, monitors, scoreboard and budgets around one wrapper.
 
     ``bench.json`` holds: design (the generated folder), block, bits, period (as of `FrameSource`), patience (cycles
-    without progress that are a standstill), stalls (a seed, or null), probes (false: the hardware has none), and what
-    `play_recording` does beside playing.
+    without progress that are a standstill), stalls (a seed, or null), probes (false: the hardware has none), positions (of
+    the recordings to play), probe (a weight write in an open touch), waves_from (cycle).
     """
 
     def __init__(self, dut) -> None:
@@ -241,16 +222,15 @@ class Bench:
         self.config = AcceleratorConfig.load(design / "config.json")
         self.map, self.boot = loading(design)
         with np.load("vectors.npz") as archive:
-            self.recordings = recordings_of(dict(archive))
+            everything = recordings_of(dict(archive))
+        self.recordings = [everything[position] for position in self.settings["positions"]]
         self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])
         self.events = EventReader(dut)
         self.source = FrameSource(
             dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
         )
         self.scoreboard = Scoreboard(self.config, self.recordings[0].arrays, probes=self.settings["probes"])
-        self.scans = None
-        if self.settings["frames"] == "codes":
-            self.scans = ScanMonitor(dut, self.source, self.events, self.settings["fault"])
+        self.jitter = 0.0
         self.result: dict[str, Any] = {"probe": None, "mismatch": None, "registers": dict.fromkeys(REGISTERS)}
 
     async def start(self) -> None:
@@ -263,7 +243,7 @@ class Bench:
         events.take |= {
             "unstable": lambda _: self._differs("handshake", "a decision changed before it was taken"),
             "unknown": self._unknown,
-            "stuck": lambda _: self._stands_still("no number was taken for the watchdog's time"),
+            "stuck": lambda _: self._differs("input", "no number was taken for the watchdog's time", STILL),
         }
         cocotb.start_soon(self._guarded(events.run()))
         for _ in range(4):
@@ -290,32 +270,31 @@ class Bench:
         seed = settings["stalls"]
         source.begin(None if seed is None else np.random.default_rng([seed, recording.number]))
         frames = recording[settings["frames"]]
-        held = settings.get("write_at")
-        if held and held[0] == recording.number:
-            await source.send(frames[: held[1]])
+        while settings["probe"] and not self.result["probe"] and len(frames):
+            await source.send(frames[:PROBED])
             await self.settle()
             self.result["probe"] = await self.refused_write()
-            frames = frames[held[1] :]
+            frames = frames[PROBED:]
         await source.send(frames)
         await self._within(2 * settings["block"] * source.period, source.through())
-        late = 0 if self.scans or held or seed is not None else source.untimely()
-        if late:
+        timed = seed is None and not settings["probe"] and settings["frames"] == "samples"
+        if timed and (late := source.untimely()):
             self._differs("input", "the frame was not offered when it was due", frame=late)
         await self.bus.command("FINISH")
         await self.settle()
         dut.measured.value = 0
-        if self.scans:
-            self.scans.end()
+        if source.scans:
+            self.jitter = max(self.jitter, source.jitter())
         words = range(-(-self.config.sensor.taxels // 16) if self.config.faults.fault_frames else 0)
         status = {name: await self.bus.read(name) for name in REGISTERS}
         flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
         self.result["registers"] = status
         self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.taken)
 
-    async def refused_write(self) -> dict[str, int]:
-        """A weight write in an open touch: FAULTS before, after, and once cleared."""
-        status = await self.bus.read("STATUS")
-        assert status & self.map["bits"]["STATUS"]["TOUCH"], f"no open touch: STATUS is 0x{status:04x}"
+    async def refused_write(self) -> dict[str, int] | None:
+        """A weight write, if a touch is open: FAULTS before, after, and once cleared."""
+        if not await self.bus.read("STATUS") & self.map["bits"]["STATUS"]["TOUCH"]:
+            return None
         found = {"before": await self.bus.read("FAULTS")}
         await self.bus.write("MEMORY_SELECT", 0)
         for _ in range(4):
@@ -338,7 +317,7 @@ class Bench:
             limit = round(cycles) + self.settings["patience"]
             await with_timeout(awaited, limit * CYCLE_NS, "ns")
         except SimTimeoutError:
-            self._stands_still("it stays busy for the watchdog's time")
+            self._differs("input", "it stays busy for the watchdog's time", STILL)
 
     async def _follow(self, monitor: StageMonitor) -> None:
         async for codes, cycles in monitor:
@@ -360,9 +339,9 @@ class Bench:
         dut, source = self.dut, self.source
         self.result |= {"frames": source.frames, "overruns": source.overruns, "input_stalls": source.waited}
         self.result["simulated_cycles"] = dut.cycle.value.to_unsigned()
-        if self.scans:
+        if self.settings["frames"] == "codes":
             found = {name: getattr(dut, name).value.to_unsigned() for name in ("faults", "violations")}
-            self.result["conversion"] = found | {"jitter_cycles": self.scans.jitter}
+            self.result["conversion"] = found | {"jitter_cycles": self.jitter}
         Path("result.json").write_text(json.dumps(self.result | self.scoreboard.result(source.longest)))
 
     async def _guarded(self, task: Coroutine[Any, Any, None]) -> None:
@@ -375,17 +354,14 @@ class Bench:
         self.dut.dump.value = 1
 
     def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1, frame: int = 0) -> None:
-        found = self.scoreboard.mismatch(stage, 0, place, 0, got, cycle)
-        raise replace(found, frame=frame or len(self.source.taken) + 1)
+        frame = frame or len(self.source.taken) + 1
+        raise self.scoreboard.mismatch(stage, 0, place, 0, got, cycle, frame)
 
     def _unknown(self, values: Values) -> None:
         kind, cycle = int(values.codes[0]), int(values.cycles[0])
         if kind >= len(KINDS):
             self._differs("handshake", "an X on valid, ready or busy", "x", cycle)
         self._differs(KINDS[kind], "a value with unknown bits", "x", cycle)
-
-    def _stands_still(self, place: str) -> None:
-        raise self.scoreboard.standstill(place, len(self.source.taken) + 1)
 
 
 @cocotb.test()

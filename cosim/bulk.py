@@ -6,6 +6,7 @@ other random contents in every flip-flop, latch and macro.
 """
 
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -22,17 +23,20 @@ SETTLE = 6
 """Cycles that are always waited for a command."""
 
 
-def play(run: "Run", *, seed: int = 1, threads: int = 1) -> Record:
+def play(run: "Run", positions: Sequence[int], *, seed: int = 1, threads: int = 1) -> Record:
     """Play recordings, up to the first value that differs, and say what `eskin.cosim.bench.Bench` says.
 
     Parameters
     ----------
+    positions:
+        Of the recordings.
     seed:
         The recording at place k begins with the random contents of ``seed + k``, a reset and all bus writes.
     threads:
         Recordings that are played at once.
     """
-    config, settings, recordings = run.config, run.settings, recordings_of(run.expected)
+    config, settings, expected = run.config, run.settings, recordings_of(run.expected)
+    recordings = [expected[position] for position in positions]
     registers, boot = loading(Path(settings["design"]))
     address, command, begun = registers["registers"], registers["bits"]["CONTROL"], time.monotonic()
     limit, stages = settings["patience"], (*flat_stages(config), "step") if settings["probes"] else ()
@@ -75,7 +79,8 @@ def play(run: "Run", *, seed: int = 1, threads: int = 1) -> Record:
             said |= {name: said[name] + count for name, count in zip(said, counts, strict=False)}
             scoreboard.begin(recording, armed)
             if not status:
-                raise scoreboard.standstill("nothing moves for the watchdog's time", len(taken) + 1)
+                place = "nothing moves for the watchdog's time"
+                raise scoreboard.mismatch("input", 0, place, 0, "a standstill", frame=len(taken) + 1)
             for stage, values in device.streams().items():
                 scoreboard.check(stage, *values)
             scoreboard.end(status, taken)

@@ -4,7 +4,7 @@ import json
 import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,11 @@ import numpy as np
 
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import Mismatch, count_stages, part_of, recordings_of
+from eskin.cosim.scoreboard import Mismatch
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError, converters
 
-PACES = ("full", "declared")
-SLOWEST_CYCLES_PER_S = {
-    "rtl verilator": 50e3,
-    "rtl icarus": 500,
-    "netlist verilator": 5e3,
-    "netlist icarus": 20,
-}
-"""Cycles a second that even a busy machine reaches. They only set the wall-clock limit."""
+SLOWEST_CYCLES_PER_S = 20
+"""What even a busy machine reaches with a netlist on Icarus. It only sets the wall-clock limit."""
 BLOCK_BITS = 1 << 15
 """Largest number of bits that the wrapper takes at a time; at most one hop of frames."""
 WAVES_BEFORE = 2000
@@ -65,8 +59,6 @@ class Run:
             expected = dict(archive)
         clock_hz = float(clock_hz or config.hardware.clock_hz)
         taxels, rate, given = config.sensor.taxels, config.sensor.scan_rate_hz, expected["samples"].shape[1]
-        if pace not in PACES:
-            raise InputError(f"--pace {pace}: is unknown; use {' or '.join(PACES)}")
         if given != taxels:
             raise InputError(
                 f"{vectors}: has {given} taxels and the accelerator has {taxels}; use one array for both"
@@ -91,13 +83,10 @@ class Run:
             "patience": latency.standstill_cycles(config),
             "probes": hardware.probes,
             "stalls": None,
-            "fault": None,
+            "probe": False,
+            "positions": [*range(len(expected["numbers"]))],
         }
         return cls(config, expected, hardware, simulator, Path(builds), clock_hz, settings)
-
-    def of_recordings(self, positions: Sequence[int]) -> "Run":
-        """The same of these recordings only."""
-        return replace(self, expected=part_of(self.expected, positions))
 
     @property
     def plays_here(self) -> bool:
@@ -124,13 +113,9 @@ class Run:
         work.mkdir(parents=True, exist_ok=True)
         (work / "bench.json").write_text(json.dumps(settings))
         np.savez(work / "vectors.npz", allow_pickle=False, **self.expected)
-        frames, steps = len(self.expected["samples"]), len(self.expected["decision"])
-        cycles = frames * (
-            config.sensor.taxels * (1 if settings["stalls"] is None else 6) + settings["period"]
-        )
-        cycles += steps * 3 * (config.step_ideal + 500) + 20000
-        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[f"{hardware.level} {self.simulator}"]
-        wall_s = runner.run(built, work, limit_s=limit_s, bench=bench)
+        cycles = len(self.expected["samples"]) * (6 * config.sensor.taxels + settings["period"])
+        cycles += len(self.expected["decision"]) * 3 * (config.step_ideal + 500) + 20000
+        wall_s = runner.run(built, work, limit_s=120 + cycles / SLOWEST_CYCLES_PER_S, bench=bench)
         return json.loads((work / "result.json").read_text()) | {"wall_s": wall_s}
 
 
@@ -207,9 +192,8 @@ def cosim(
     run = Run.of(
         design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
     )
-    settings: Record = {"stalls": seed & 0x7FFFFFFF if stalls else None}
-    if probe and run.config.hardware.loadable:
-        settings["write_at"] = _open_touch(run.config, run.expected)
+    probe = probe and run.config.hardware.loadable
+    settings: Record = {"stalls": seed & 0x7FFFFFFF if stalls else None, "probe": probe}
     played: Record = {"simulator": simulator, "level": run.hardware.level, "target": run.hardware.target}
     played |= {"pace": pace, "stalls": stalls, "seed": seed}
     everything = {*range(len(run.expected["numbers"]))}
@@ -219,38 +203,43 @@ def cosim(
     for positions, way in ((sorted(shown), "cocotb"), (sorted(everything - shown), "bulk")):
         if not positions:
             continue
-        part = run.of_recordings(positions)
+        settings["positions"] = positions
         if way == "bulk":
-            said = bulk.play(part, seed=seed, threads=threads or os.cpu_count() or 1)
+            said = bulk.play(run, positions, seed=seed, threads=threads or os.cpu_count() or 1)
         else:
-            said = part.play(Path(work), settings)
-        results.append(_result(part, said, played, way))
+            said = run.play(Path(work), settings)
+        results.append(_result(run, said, played | {f"{way}_recordings": len(positions)}))
         if said["mismatch"] and waves:
-            results[-1]["waves"] = str(_keep_waves(part, said["mismatch"], settings, Path(work)))
+            results[-1]["waves"] = str(_keep_waves(run, said["mismatch"], settings, Path(work)))
+        if probe and said["probe"] is None and not said["mismatch"]:
+            raise InputError(
+                "the weight write during a touch needs one that stays open; take other recordings"
+            )
     return joined(run.config, results)
 
 
-def _result(run: Run, said: Mapping[str, Any], played: Mapping[str, Any], way: str) -> Record:
-    """The result of recordings played in one ``way``, as `cosim` describes it, for `joined`.
+def _result(run: Run, said: Mapping[str, Any], played: Record) -> Record:
+    """The result of recordings that were played in one way, as `cosim` describes it, for `joined`.
 
     Parameters
     ----------
     said:
         What the bench says (`eskin.cosim.bench.Bench`).
     played:
-        simulator, level, target, pace, stalls, seed: into the result as they are.
+        simulator, level, target, pace, stalls, seed, and how many recordings: into the result as they are.
     """
-    config, count = run.config, len(run.expected["numbers"])
+    config = run.config
     mismatch = Mismatch(**said["mismatch"]) if said["mismatch"] else None
-    result = {name: value for name, value in said.items() if name not in ("compared", "mismatch")}
-    result |= {"recordings": count, "cocotb_recordings": 0, "bulk_recordings": 0, f"{way}_recordings": count}
-    result |= {"compared_values": sum(said["compared"].values()), "mismatches": int(mismatch is not None)}
-    result |= {"stages": count_stages(said["compared"], mismatch), "golden": "torch", "waves": None, **played}
+    result = {name: value for name, value in said.items() if name != "mismatch"}
+    result |= {"cocotb_recordings": 0, "bulk_recordings": 0, "golden": "torch", "waves": None, **played}
     result |= {"mismatch_list": [str(mismatch)] if mismatch else [], "gave_up": None}
     result |= {"lanes": config.hardware.lanes, "clock_hz": run.clock_hz}
     result["cycles"]["step_ideal"] = config.step_ideal
-    if mismatch and mismatch.stage == "input":
-        result["gave_up"] = {"recording": mismatch.recording, "frame": mismatch.frame}
+    if mismatch:
+        stage = result["stages"].setdefault(mismatch.stage, {"compared_values": 0})
+        stage["mismatches"] = 1
+        if mismatch.stage == "input":
+            result["gave_up"] = {"recording": mismatch.recording, "frame": mismatch.frame}
     if played["pace"] != "declared":
         result["overruns"] = 0
     if met := result.get("conversion"):
@@ -273,7 +262,7 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
 
 
 JOINED: dict[str, Callable[[Any, Any], Any]] = dict.fromkeys(
-    "recordings cocotb_recordings bulk_recordings frames steps decisions compared_values mismatches simulated_cycles "
+    "cocotb_recordings bulk_recordings frames steps decisions compared_values mismatches simulated_cycles "
     "overruns input_stalls wall_s violations mismatch_list".split(),
     operator.add,
 )
@@ -297,6 +286,9 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> R
     faults of all and the longest step.
     """
     result: Record = reduce(_joined, map(dict, results))
+    result["recordings"] = result["cocotb_recordings"] + result["bulk_recordings"]
+    for name in ("compared_values", "mismatches"):
+        result[name] = sum(stage[name] for stage in result["stages"].values())
     result["budgets"] = latency.budgets(config, result)
     wall_s, refused = result["wall_s"], result.get("probe")
     result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
@@ -326,9 +318,9 @@ def lowest_clock(
     """The declared-pace run at the lowest clock that meets every budget; ``options`` as for ``cosim``.
 
     The search begins at the clock that ``cycles``, the counts of a declared-pace run, ask for (default: at twice the clock
-    that the multiplies alone need). The clock is raised until a run meets every budget, and lowered as long as the run's own
-    counts ask for less (at a clock that is too slow, steps wait for one another and their latencies count more). It is
-    a multiple of 1 kHz. A run that differs or gives up ends the search and is returned: no clock mends that.
+    that the multiplies alone need). The clock is raised until a run meets every budget, and then lowered as long as the run's own
+    counts ask for less and that clock meets them (at one that is too slow, steps wait for one another and their latencies
+    count more). It is a multiple of 1 kHz. A run that differs or gives up ends the search and is returned: no clock mends that.
 
     Raises
     ------
@@ -338,7 +330,6 @@ def lowest_clock(
     config = AcceleratorConfig.load(Path(design) / "config.json")
     guess = dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal)
     clock = latency.needed_clock(config, cycles or guess) * (1 if cycles else 2)
-    too_low = 0.0
     lowest: Record | None = None
     for attempt in range(rounds):
         folder = Path(work) / f"clock{attempt}"
@@ -347,33 +338,16 @@ def lowest_clock(
         if not result["bit_exact"]:
             return result
         if result["passed"]:
-            lowest = result
-            if not too_low < needed < clock:
-                return lowest
-            clock = needed
+            lowest, lower = result, needed < clock
         else:
-            too_low, clock = clock, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
-            if lowest and clock >= lowest["clock_hz"]:
-                return lowest
+            lower, needed = lowest is None, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
+        if lowest and not lower:
+            return lowest
+        clock = needed
     if lowest:
         return lowest
     raise NoClock(
         f"no clock that meets every budget was found in {rounds} runs; the last one tried was {clock:.0f} Hz"
-    )
-
-
-def _open_touch(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]:
-    """(recording, frame) after a touch's first step of several, or within an image: there the touch is
-    open."""
-    if config.is_image:
-        return int(expected["numbers"][0]), config.image.height // 2
-    for recording in recordings_of(expected):
-        rows, frames = recording["decision"], recording["decision_frame"]
-        for row, frame, following in zip(rows[:-1], frames[:-1], frames[1:], strict=True):
-            if row[0] == 0 and row[1] == 0 and following > frame:
-                return recording.number, int(frame)
-    raise InputError(
-        "the weight write during a touch needs a recording with two completed steps; take other recordings"
     )
 
 
@@ -382,6 +356,6 @@ def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> Pat
     position = run.expected["numbers"].tolist().index(mismatch["recording"])
     folder = work / f"waves_recording{mismatch['recording']}"
     since = mismatch["since_arm"] if mismatch["cycle"] >= 0 else 0
-    settings = settings | {"waves_from": max(0, since - WAVES_BEFORE)}
-    run.of_recordings([position]).play(folder, settings, waves=True)
+    settings = settings | {"positions": [position], "waves_from": max(0, since - WAVES_BEFORE)}
+    run.play(folder, settings, waves=True)
     return folder

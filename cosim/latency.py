@@ -48,24 +48,27 @@ def budgets(config: AcceleratorConfig, played: Mapping[str, Any]) -> list[Record
     frame that was due while the chain was not ready for it) misses ``frame``. A reference row's time is that
     of all steps of a touch; it never decides.
     """
-    rows: list[Record] = []
-
-    def add(name: str, limit: float, count: int, reference: bool = False) -> None:
-        measured = count / played["clock_hz"]
-        # equality survives the division
-        met = measured <= limit * (1 + 1e-12) and not (name == "frame" and played["overruns"])
-        row = {"name": name, "limit_s": limit, "measured_s": measured, "met": met}
-        rows.append(row | {"margin_s": limit - measured, "reference": reference})
-
-    cycles = played["cycles"]
-    for name, limit in limits(config).items():
-        count = cycles[COUNT_OF[name]]
-        if count is not None and (name == "step" or played["pace"] == "declared"):
-            add(name, limit, count)
-    for name, limit in REFERENCES.items():
-        if cycles["step_max"] is not None:
-            add(name, limit, config.windows.steps * cycles["step_max"], reference=True)
-    return rows
+    cycles, clock_hz = played["cycles"], played["clock_hz"]
+    declared, step = played["pace"] == "declared", cycles["step_max"]
+    counted = [
+        (name, limit, cycles[COUNT_OF[name]])
+        for name, limit in limits(config).items()
+        if declared or name == "step"
+    ]
+    counted += [(name, limit, step and config.windows.steps * step) for name, limit in REFERENCES.items()]
+    return [
+        {
+            "name": name,
+            "limit_s": limit,
+            "measured_s": count / clock_hz,
+            # equality survives the division
+            "met": count / clock_hz <= limit * (1 + 1e-12) and not (name == "frame" and played["overruns"]),
+            "margin_s": limit - count / clock_hz,
+            "reference": name in REFERENCES,
+        }
+        for name, limit, count in counted
+        if count is not None
+    ]
 
 
 def needed_clock(config: AcceleratorConfig, cycles: Mapping[str, int | None]) -> float:

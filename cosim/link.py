@@ -30,6 +30,8 @@ CYCLES_A_BYTE_MIN = 40
 """Clocks of a byte at the fastest rate a device is built for."""
 CHATTER = 4096
 """Bytes without the answer in them, after which it is asked for again."""
+TRIES = 10
+"""Of everything that can fail, before LinkError."""
 BURST = 64
 """Packets sent before the device is asked what it took; below 128, so that half of the 256 numbers is never
 under way."""
@@ -91,6 +93,8 @@ class Unpacker:
 
 Packet = tuple[int, Sequence[int] | np.ndarray]
 """Command and words of a write or a frame."""
+Progress = Callable[[int], None]
+"""Called with the frames taken so far."""
 
 
 def ordered_packet(number: int, command: int, words: Sequence[int] | np.ndarray) -> bytes:
@@ -163,8 +167,6 @@ class Link:
         ``versions`` that can be read: as in registers.json.
     timeout_s:
         To wait for an answer before the question is asked again.
-    tries:
-        Of everything that can fail, before LinkError.
 
     Attributes
     ----------
@@ -172,18 +174,10 @@ class Link:
     packets sent again. replayed: recordings played again. unanswered: questions asked again.
     """
 
-    def __init__(
-        self,
-        transport: Transport,
-        register_map: Mapping,
-        *,
-        timeout_s: float = 0.5,
-        tries: int = 10,
-        burst: int = BURST,
-    ) -> None:
-        self._transport, self._timeout, self._tries, self._burst_max = transport, timeout_s, tries, burst
-        self._registers, self._bits, self._map = register_map["registers"], register_map["bits"], register_map
-        self._unpacker, self._burst = Unpacker(), burst
+    def __init__(self, transport: Transport, register_map: Mapping, *, timeout_s: float = 0.5) -> None:
+        self._transport, self._timeout, self._map = transport, timeout_s, register_map
+        self._registers, self._bits = register_map["registers"], register_map["bits"]
+        self._unpacker, self._burst = Unpacker(), BURST
         # number of the next write or frame; decisions received, as the device numbers them; bytes
         self._next = self._seen = self._heard = 0
         self.lost, self.decisions = False, list[int]()
@@ -244,7 +238,7 @@ class Link:
             in_step = word != NO_WORD and word >> NUMBER_AT == number % (1 << 16 - NUMBER_AT)
             failed += not in_step
             words += [word % (1 << NUMBER_AT)] * in_step
-            if failed > self._tries:
+            if failed > TRIES:
                 raise LinkError(
                     "the device does not give its prototypes: wait until no touch is open, and see that its bitstream "
                     "is this model's"
@@ -257,7 +251,7 @@ class Link:
         self._command("ARM", "CLEAR_FAULTS")
         self.write(writes)
 
-    def play(self, frames: np.ndarray, progress: Callable[[int], None] = lambda taken: None) -> Played:
+    def play(self, frames: np.ndarray, progress: Progress = lambda taken: None) -> Played:
         """Play one recording.
 
         Parameters
@@ -272,7 +266,7 @@ class Link:
         LinkError
             The device stops answering, takes no frames, or decisions get lost time and again.
         """
-        for _ in range(self._tries):
+        for _ in range(TRIES):
             self.begin()
             self.feed(frames, progress)
             played = self.end()
@@ -280,7 +274,7 @@ class Link:
                 return played
             self.replayed += 1
         raise LinkError(
-            f"decisions of a recording got lost {self._tries} times in a row: use a better cable or a lower "
+            f"decisions of a recording got lost {TRIES} times in a row: use a better cable or a lower "
             "baud rate"
         )
 
@@ -291,7 +285,7 @@ class Link:
         # what came before this answer was offered before `arm` took hold: it belongs to the recording before
         self._seen, self.lost, self.decisions = answer.decisions, False, []
 
-    def feed(self, frames: np.ndarray, progress: Callable[[int], None] = lambda taken: None) -> None:
+    def feed(self, frames: np.ndarray, progress: Progress = lambda taken: None) -> None:
         """The recording's next frames (frames, taxels); returns when the device has accepted them."""
         self._send([(FRAME, frame) for frame in (np.asarray(frames) & 0xFFFF).astype(np.uint16)], progress)
 
@@ -313,13 +307,13 @@ class Link:
 
     def settle(self) -> Answer:
         """The answer that the device is idle."""
-        for _ in range(100 * self._tries):
+        for _ in range(100 * TRIES):
             answer = self._ask("STATUS")
             if not answer.value & self._bits["STATUS"]["BUSY"]:
                 return answer
         raise LinkError("the device stays busy and does not come to an end: reset it")
 
-    def _send(self, packets: Sequence[Packet], progress: Callable[[int], None] = lambda taken: None) -> None:
+    def _send(self, packets: Sequence[Packet], progress: Progress = lambda taken: None) -> None:
         sent = idle = 0
         while sent < len(packets):
             batch = packets[sent : sent + self._burst]
@@ -330,7 +324,7 @@ class Link:
             sent, self._next = sent + taken, self._next + taken & 0xFF
             self.repeated += len(batch) - taken
             idle = 0 if taken else idle + 1
-            if idle >= self._tries:
+            if idle >= TRIES:
                 raise LinkError(
                     "the device answers but takes no frames: its bitstream is for another number of taxels"
                     if batch[0][0] == FRAME
@@ -341,9 +335,7 @@ class Link:
                 self._let_pass()
             # Where packets get lost, fewer go at a time: less is lost with one, and a device that is not
             # ready in time gets a rest.
-            self._burst = (
-                max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, self._burst_max)
-            )
+            self._burst = max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, BURST)
             progress(sent)
 
     def _let_pass(self) -> None:
@@ -359,7 +351,7 @@ class Link:
 
     def _taken(self, sent: int) -> int:
         """Number of the ``sent`` packets from ``_next`` on that the device has taken."""
-        for _ in range(self._tries):
+        for _ in range(TRIES):
             accepted = self._ask("STATUS").expected - self._next & 0xFF
             if accepted <= sent:
                 return accepted
@@ -371,7 +363,7 @@ class Link:
 
     def _ask(self, register: str) -> Answer:
         address = link_address(self._registers[register])
-        for _ in range(self._tries):
+        for _ in range(TRIES):
             self._receive(0)  # answers to earlier questions are too late now
             self._transport.write(read_packet(address))
             limit = self._heard + CHATTER

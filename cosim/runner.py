@@ -28,7 +28,6 @@ from eskin.golden.core import InputError, SimulationError, content_key, replacin
 from eskin.golden.core.files import locked
 
 WRAPPER = Path(__file__).with_name("wrapper.sv")
-SIMULATORS = ("verilator", "icarus")
 COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
 LIBRARY_OPTIONS = (*COMMON_OPTIONS, "-Wno-MULTIDRIVEN", "-CFLAGS", "-fPIC", "-LDFLAGS", "-shared")
 COMPILE_OPTIONS = ("OPT_FAST=-O2", "OPT_SLOW=-O0", "OPT_GLOBAL=-O2")
@@ -69,26 +68,6 @@ def verilator_command() -> tuple[Path, dict[str, str]]:
             "or use icarus"
         )
     return Path(program), dict(os.environ)
-
-
-class _Limited(cocotb_runner.Runner):
-    """With a wall-clock limit, seconds."""
-
-    limit_s = 3600.0
-
-    def _get_sim_cmd_prefix(self) -> list[str]:
-        return ["timeout", "-k", "5", f"{self.limit_s:.3f}"]
-
-
-class _Verilator(_Limited, cocotb_runner.Verilator):
-    pass
-
-
-class _Icarus(_Limited, cocotb_runner.Icarus):
-    """The wrapper chooses what is dumped, which ``-none`` would forbid."""
-
-    def _test_command(self) -> list[Any]:
-        return [[word for word in command if word != "-none"] for command in super()._test_command()]
 
 
 class Build(NamedTuple):
@@ -135,12 +114,10 @@ def build(
     Raises
     ------
     InputError
-        Unknown simulator, or a tool that is missing.
+        A tool is missing.
     SimulationError
         The build fails.
     """
-    if simulator not in SIMULATORS:
-        raise InputError(f"--simulator {simulator}: is unknown; use {' or '.join(SIMULATORS)}")
     verilator = simulator == "verilator"
     tools = ("perl", "g++", "make") if verilator else ("iverilog", "vvp")
     need_tools(tools, f"co-simulation with {simulator}")
@@ -220,8 +197,13 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
     """
     log, result = work / "simulation.log", work / "result.json"
     result.unlink(missing_ok=True)
-    runner: _Limited = _Verilator() if simulator.simulator == "verilator" else _Icarus()
-    runner.limit_s = limit_s
+    runner = cocotb_runner.get_runner(simulator.simulator)
+    command = runner._test_command
+    vars(runner).update(
+        _get_sim_cmd_prefix=lambda: ["timeout", "-k", "5", f"{limit_s:.3f}"],
+        # the wrapper chooses what is dumped, which Icarus' -none would forbid
+        _test_command=lambda: [[word for word in words if word != "-none"] for words in command()],
+    )
     begin = time.monotonic()
     with suppress(RuntimeError, SystemExit):  # what became of it is in the answer and in the log
         runner.test(

@@ -4,8 +4,8 @@ first that differs: a wrong one, one too many, one that is missing, one with an 
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -112,21 +112,6 @@ class Recording:
         return self.arrays[name][slice(*offsets[self.position : self.position + 2].tolist())]
 
 
-def part_of(expected: Arrays, positions: Sequence[int]) -> Arrays:
-    """The arrays of these recordings only."""
-    recordings = [Recording(expected, position) for position in positions]
-    arrays: dict[str, np.ndarray] = {}
-    for name, values in expected.items():
-        if name.endswith("offsets"):
-            of = name.removesuffix("offsets").removesuffix("_") or "samples"
-            arrays[name] = np.cumsum([0, *(len(recording[of]) for recording in recordings)])
-        elif name in ("numbers", "touches", "flags"):
-            arrays[name] = values[[*positions]]
-        else:
-            arrays[name] = np.concatenate([recording[name] for recording in recordings])
-    return arrays
-
-
 def loading(design: Path) -> tuple[Record, list[tuple[int, int]]]:
     """Register map and the bus writes that load the model, of a generated folder."""
     words = (int(word, 16) for word in (design / "load.hex").read_text().split())
@@ -150,8 +135,8 @@ class Scoreboard:
 
     Attributes
     ----------
-    compared: values compared so far, by stage. counts: steps, decisions. cycles: step_min, step_max,
-    decision_latency_max; None: there was none. armed: cycle of the recording's ARM.
+    compared: values compared so far, by stage. counts: steps, decisions. took, late: cycles of each step, and from the
+    last taxel to each decision. armed: cycle of the recording's ARM.
     """
 
     def __init__(self, config: AcceleratorConfig, expected: Arrays, *, probes: bool = True) -> None:
@@ -165,8 +150,8 @@ class Scoreboard:
         chain = [stage for stage in flat_stages(config) if stage != "fault" or config.faults.fault_frames]
         self.compared = Counter(dict.fromkeys([*chain, "decision", "status"], 0))
         self.counts = {"steps": 0, "decisions": 0}
-        self.cycles: dict[str, int | None]
-        self.cycles = dict.fromkeys(("step_min", "step_max", "decision_latency_max"))
+        self.took, self.late = list[int](), list[int]()
+        self._flagged = False  # a taxel was, in this recording or an earlier one
 
     def begin(self, recording: Recording, armed: int = 0) -> None:
         """Start ``recording``: later values belong to it. armed: cycle of its ARM."""
@@ -184,8 +169,7 @@ class Scoreboard:
         """
         if stage == "step":
             self.counts["steps"] += len(values)
-            self._extreme("step_min", min, values)
-            self._extreme("step_max", max, values)
+            self.took += values.tolist()
             return
         if stage == "decision":
             self._offered += [] if cycles is None else cycles.tolist()
@@ -240,46 +224,47 @@ class Scoreboard:
             "TOUCHES": (touches, status["TOUCHES"]),
         }
         if self._config.faults.fault_frames and "TAXEL_FAULTS" in status:
-            flags = self._expected["flags"][: self.recording.position + 1]
-            bit = int(bool(faults & TAXEL_FAULT))
-            now = sum(1 << int(taxel) for taxel in np.flatnonzero(flags[-1]))
-            values["TAXEL_FAULTS"] = (now, status["TAXEL_FAULTS"])
-            # sticky: an earlier recording may have set the bit, but only one with a flag
-            values["TAXEL of FAULTS"] = (int(flags[-1].any() or (bit and flags.any())), bit)
+            flags = np.flatnonzero(self._expected["flags"][self.recording.position]).tolist()
+            values["TAXEL_FAULTS"] = (sum(1 << taxel for taxel in flags), status["TAXEL_FAULTS"])
+            self._flagged |= bool(flags)
+            bit = bool(faults & TAXEL_FAULT)  # sticky
+            values["TAXEL of FAULTS"] = (int(bool(flags) or (bit and self._flagged)), int(bit))
         self.compared["status"] += len(values)
         for index, (place, (want, got)) in enumerate(values.items()):
             if want != got:
                 raise self.mismatch("status", index, place, want, got)
         self.counts["decisions"] += self._seen["decision"]
         pairs = zip(self.recording["decision_frame"].tolist(), self._offered, strict=False)
-        late = [cycle - taken[frame - 1] for frame, cycle in pairs if 0 < frame <= len(taken)]
-        self._extreme("decision_latency_max", max, late)
+        self.late += [cycle - taken[frame - 1] for frame, cycle in pairs if 0 < frame <= len(taken)]
 
     def result(self, frame_max: int) -> Record:
-        """steps, decisions, compared, cycles, as `eskin.cosim.flow.cosim` describes them."""
-        return {
-            **self.counts,
-            "compared": dict(self.compared),
-            "cycles": {"frame_max": frame_max, **self.cycles},
-        }
-
-    def _extreme(self, name: str, which: Callable[..., int], values: Iterable[int]) -> None:
-        now = self.cycles[name]
-        self.cycles[name] = which([*([] if now is None else [now]), *map(int, values)], default=None)
+        """steps, decisions, stages, cycles, as `eskin.cosim.flow.cosim` describes them."""
+        cycles: dict[str, int | None] = {"frame_max": frame_max}
+        for name, which, of in (
+            ("step_min", min, self.took),
+            ("step_max", max, self.took),
+            ("decision_latency_max", max, self.late),
+        ):
+            cycles[name] = which(of, default=None)
+        stages = {name: {"compared_values": count, "mismatches": 0} for name, count in self.compared.items()}
+        return {**self.counts, "stages": stages, "cycles": cycles}
 
     def mismatch(
-        self, stage: str, index: int, place: str, want: int | None, got: int | str | None, cycle: int = -1
+        self,
+        stage: str,
+        index: int,
+        place: str,
+        want: int | None,
+        got: int | str | None,
+        cycle: int = -1,
+        frame: int = 0,
     ) -> Mismatch:
-        """One in the present recording."""
+        """One in the present recording; ``frame`` 0: that which brings the value."""
         frames, local = self.recording["decision_frame"], self.recording["decision"][:, 0] == 0
         frames = frames if stage == "decision" else np.repeat(frames[local], self._sizes.get(stage, 0))
-        frame, cycle = int(frames[index]) if index < len(frames) else 0, int(cycle)
+        frame, cycle = frame or (int(frames[index]) if index < len(frames) else 0), int(cycle)
         where = self.recording.number, stage, int(index), place, frame
         return Mismatch(*where, want, got, cycle, cycle - self.armed)
-
-    def standstill(self, place: str, frame: int) -> Mismatch:
-        """The hardware takes no more."""
-        return replace(self.mismatch("input", 0, place, 0, "a standstill"), frame=frame)
 
     def _wrong_field(self, row: list[int], payload: int) -> tuple[str, int, int] | None:
         of = "the global decision" if row[0] else f"step {row[1]}"
@@ -301,12 +286,3 @@ def _kept_values(config: AcceleratorConfig) -> int:
     """Values of all maps of an image: of a convolution with a pool behind it only the pool's."""
     following = zip(config.stages, config.stages[1:], strict=False)
     return sum(math.prod(stage.result) for stage, behind in following if not isinstance(behind.layer, Pool))
-
-
-def count_stages(compared: Mapping[str, int], mismatch: Mismatch | None) -> dict[str, dict[str, int]]:
-    """Stage -> {compared_values, mismatches}."""
-    wrong = mismatch.stage if mismatch else ""
-    return {
-        name: {"compared_values": compared.get(name, 0), "mismatches": int(name == wrong)}
-        for name in dict.fromkeys([*compared, *[wrong] * bool(wrong)])
-    }

@@ -136,8 +136,10 @@ def synthetic_recordings(
     Raises
     ------
     InputError
-        As `PiezoArray`.
+        As `PiezoArray`; another number of classes.
     """
+    if classes not in SCENES:
+        raise InputError(f"synthetic scene, classes: is {classes}; use {' or '.join(map(str, SCENES))}")
     array = PiezoArray(seed, rows, columns, sample_rate_hz)
     names = SCENES[classes]
 

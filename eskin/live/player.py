@@ -16,7 +16,7 @@ from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
 from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Tally
 from eskin.live.hub import Hub
-from eskin.live.sources import NO_SINCE, Listener, Source
+from eskin.live.sources import NO_SINCE, Listener, ModelSource
 
 TICK_S = 1 / 30
 """Seconds of frames that are taken at a time."""
@@ -92,7 +92,7 @@ class Player:
 
     def __init__(
         self,
-        source: Source | Listener,
+        source: ModelSource | Listener,
         recordings: Recordings | None,
         numbers: Sequence[int],
         hub: Hub,
@@ -130,7 +130,7 @@ class Player:
                 self.controls.stop()
 
     # ------------------------------------------------------------ recordings
-    def _play(self, source: Source) -> None:
+    def _play(self, source: ModelSource) -> None:
         assert self._recordings is not None
         while not self.controls.stopped:
             for number in self._numbers:  # of the class that is chosen when their turn comes
@@ -152,7 +152,7 @@ class Player:
                 self._state()
             self.controls.skip = self._ended = False
 
-    def _one(self, source: Source, recordings: Recordings, number: int) -> None:
+    def _one(self, source: ModelSource, recordings: Recordings, number: int) -> None:
         samples, label = recordings.recording(number), int(recordings.labels[number])
         length, rate, controls = len(samples), recordings.sample_rate_hz, self.controls
         wrong_before, self._first_s = self.tally.mismatches, NO_SINCE

@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,30 +34,8 @@ NO_SINCE = -1.0
 """In place of seconds since an onset that nobody saw."""
 
 
-class Source(Protocol):
-    """Frames in, events out."""
-
-    kind: str
-
-    def arm(self) -> list[Event]:
-        """A new recording."""
-
-    def take(self, samples: np.ndarray) -> list[Event]:
-        """The next frames (n, taxels)."""
-
-    def finish(self) -> list[Event]:
-        """The recording is over."""
-
-    @property
-    def decision(self) -> int:
-        """Decision of the recording: the global one of its first touch, -1 if none yet."""
-
-    def close(self) -> None:
-        """Release its resources."""
-
-
 class ModelSource:
-    """The integer model by itself."""
+    """The integer model by itself: frames in, events out."""
 
     kind = "recordings"
 
@@ -68,6 +46,7 @@ class ModelSource:
         self._positions = PositionStream(model.config) if model.config.interface.position else None
 
     def arm(self) -> list[Event]:
+        """A new recording."""
         self.stream.arm()
         self._told = 0
         if self._positions:
@@ -75,6 +54,7 @@ class ModelSource:
         return []
 
     def take(self, samples: np.ndarray) -> list[Event]:
+        """The next frames (n, taxels)."""
         scanned = self.scanned(samples)
         return [*self.events(self.stream.push(samples)), *self.where(scanned)]
 
@@ -90,14 +70,16 @@ class ModelSource:
         return [_where(position, self.config.sensor.source_frame(position.frame + 1)) for position in told]
 
     def finish(self) -> list[Event]:
+        """The recording is over."""
         return self.events(self.stream.finish())
 
     @property
     def decision(self) -> int:
+        """Decision of the recording: the global one of its first touch, -1 if none yet."""
         return self.stream.decision
 
     def close(self) -> None:
-        pass
+        """Release its resources."""
 
     def events(self, decisions: Sequence[Decision]) -> list[Event]:
         """Events of the stream's decisions, with the beginnings of their touches before them."""

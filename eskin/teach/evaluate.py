@@ -17,7 +17,6 @@ from eskin.golden.model import IntegerModel
 from eskin.teach.enrol import Pair, fit, right
 from eskin.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.training.fit import fit_networks, post_training
-from eskin.training.losses import Progress
 from eskin.training.prototypes import by_last_step, group_numbers, teach_touches, with_prototypes
 from eskin.training.recipe import choose_recipe
 
@@ -106,9 +105,7 @@ def set_aside(recordings: Recordings, values: Arrays) -> np.ndarray:
     return aside
 
 
-def judge(
-    recordings: Recordings, trial: EnrolmentTrial, progress: Progress = lambda done, total: None
-) -> list[Record]:
+def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
     """For each value left out and each k: value, k, before, after (integer accuracy on the recordings of that
     value that no k enrols), others_before, others_after (on recordings of the other values that were set
     aside from both trainings; None: there are none), recordings, others (how many judge), lacking (classes
@@ -122,7 +119,7 @@ def judge(
     for value, config in zip(values, trial.configs, strict=True):
         of_config[config] = {**of_config.get(config, {}), value: values[value]}
     for config, chosen in of_config.items():
-        rows += _judge_values(recordings, config, chosen, aside, trial, progress)
+        rows += _judge_values(recordings, config, chosen, aside, trial)
     order = list(values)
     return sorted(rows, key=lambda row: (row["k"], order.index(row["value"])))
 
@@ -142,13 +139,12 @@ def _judge_values(
     values: Arrays,
     aside: np.ndarray,
     trial: EnrolmentTrial,
-    progress: Progress,
 ) -> list[Record]:
     recipe = choose_recipe(config)
     data, everything = find_dataset(recordings, config, recipe), np.arange(len(recordings))
     parts = [touch_rows(data, np.setdiff1d(everything[~aside], members)) for members in values.values()]
     others = [np.setdiff1d(everything[aside], members) for members in values.values()]
-    models = fit_networks(data, config, recipe, parts, trial.seed, progress)
+    models = fit_networks(data, config, recipe, parts, trial.seed, lambda done, total: None)
     before = [
         Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)
     ]
@@ -167,7 +163,7 @@ def _judge_values(
     else:
         old, new = [parts[lesson.number] for lesson in lessons], [lesson.rows for lesson in lessons]
         pairs = [before[lesson.number] for lesson in lessons]
-        trained = fit(pairs, data, recipe, new, old, trial.seed, progress)
+        trained = fit(pairs, data, recipe, new, old, trial.seed)
         after = [pair.integer for pair in trained]
     at_first = [right(pair.integer, data) for pair in before]
     figures: dict[tuple[int, int], list[list[float]]] = {}

@@ -8,7 +8,7 @@ import numpy as np
 from eskin.golden.core import Record
 from eskin.golden.data import Recordings
 from eskin.golden.model.image_network import image_seconds
-from eskin.training.stage_error import logit_error, records
+from eskin.training.stage_error import logit_error
 from eskin.training.task import load_task
 from eskin.training.times import decision_times, step_rows, step_times
 
@@ -35,7 +35,7 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     of the class that most recordings have: what always naming it would reach), logit_error ({mean, max,
     stage}: how far integer logits are from float ones over all completed steps, and the stage that alone
     brings about the largest; None without a step), stages (a record for each stage:
-    ``eskin.training.stage_error.StageError``), model, source, steps (completed ones), local_agreement (share of
+    ``eskin.training.stage_error.FIGURES``), model, source, steps (completed ones), local_agreement (share of
     steps with the same class; None of images), passed (``passes``).
 
     Raises
@@ -51,7 +51,7 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
         "steps": int(task.done.sum()),
         "local_agreement": task.local_agreement,
         "logit_error": logit_error(stages),
-        "stages": records(stages),
+        "stages": stages,
         "passed": passes(result),
     }
 

@@ -3,7 +3,6 @@ stage uses."""
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -24,28 +23,19 @@ STAGES = {
 """Stages in the order of the chain, and what each of them does to a value."""
 
 
-@dataclass(frozen=True)
-class StageError:
-    """One stage of an integer model beside the same stage of the float one, over completed steps of touches.
+FIGURES = ("mean", "max", "saturated", "used", "logit_mean", "logit_max")
+"""Of one stage of an integer model beside the same stage of the float one, over completed steps of touches.
 
-    mean, max: absolute difference, real values (all stages before it included). saturated: share of values at
-    an end of the stage's format, of pre-activations beyond their table, of weights at an end. used: largest
-    absolute code over the format's largest. logit_mean, logit_max: the logit error that this stage alone
-    brings about, every other one in float.
-    """
-
-    stage: str
-    mean: float
-    max: float
-    saturated: float
-    used: float
-    logit_mean: float
-    logit_max: float
+mean, max: absolute difference, real values (all stages before it included). saturated: share of values at
+an end of the stage's format, of pre-activations beyond their table, of weights at an end. used: largest
+absolute code over the format's largest. logit_mean, logit_max: the logit error that this stage alone
+brings about, every other one in float.
+"""
 
 
-def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[StageError]:
-    """An integer model beside its float one, for every stage of STAGES that its cell has, on all completed
-    steps of ``touches``; empty without one. A linear cell has neither gates nor states.
+def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[Record]:
+    """An integer model beside its float one: stage and FIGURES of every stage of STAGES that its cell has, on all
+    completed steps of ``touches``; empty without one. A linear cell has neither gates nor states.
 
     Parameters
     ----------
@@ -66,27 +56,23 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
             at_ends = float(np.average(ends, weights=[integer.arrays[name].size for name in names]))
         elif stage == "gates":
             at_ends, used = float(np.mean(runs.reach > 1)), min(1.0, runs.reach.max())
-        figures = (error.mean(), error.max(), at_ends, used, alone.mean(), alone.max())
-        errors.append(StageError(stage, *map(float, figures)))
+        errors.append(figures_of(stage, error, at_ends, used, alone))
     return errors
 
 
-def logit_error(stages: Sequence[StageError]) -> Record:
+def figures_of(stage: str, error: np.ndarray, at_ends: float, used: float, alone: np.ndarray) -> Record:
+    """The record of a stage: absolute errors of its values, and of the logits by it alone."""
+    figures = (error.mean(), error.max(), at_ends, used, alone.mean(), alone.max())
+    return {"stage": stage, **dict(zip(FIGURES, map(float, figures), strict=True))}
+
+
+def logit_error(stages: Sequence[Record]) -> Record:
     """{mean, max, stage} of ``stage_errors``: the logits' error, and the stage that alone brings about the
     largest; None without steps."""
     if not stages:
         return {"mean": None, "max": None, "stage": None}
-    logits = stages[-1]
-    return {
-        "mean": logits.mean,
-        "max": logits.max,
-        "stage": max(stages, key=lambda stage: stage.logit_max).stage,
-    }
-
-
-def records(stages: Sequence[StageError]) -> list[Record]:
-    """Plain values for JSON."""
-    return [asdict(stage) for stage in stages]
+    most = max(stages, key=lambda row: row["logit_max"])
+    return {"mean": stages[-1]["mean"], "max": stages[-1]["max"], "stage": most["stage"]}
 
 
 def _at_ends(codes: np.ndarray, fmt: QFormat) -> float:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.data.fit import check_fit
+from eskin.golden.core import Record
 from eskin.golden.core.images import PIXEL_FORMAT
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
@@ -24,7 +25,7 @@ from eskin.golden.model import (
     run_images,
 )
 from eskin.golden.model.image_network import layer_by_layer
-from eskin.training.stage_error import StageError, stage_errors
+from eskin.training.stage_error import figures_of, stage_errors
 
 LOOKED_AT = 200
 """Images on which errors are taken layer by layer."""
@@ -54,7 +55,7 @@ class TouchTask:
         same = (self.trace.local == self.ideal.local)[self.done]
         return float(np.mean(same)) if len(same) else None
 
-    def stages(self) -> list[StageError]:
+    def stages(self) -> list[Record]:
         """The error of each stage."""
         return stage_errors(self._real, self._integer, self._touches)
 
@@ -81,7 +82,7 @@ class ImageTask:
             (ideal.logits, trace.logits)
         ]
 
-    def stages(self) -> list[StageError]:
+    def stages(self) -> list[Record]:
         """The error of each layer with weights."""
         errors = []
         for index, (stage, *_, fmt) in enumerate(layer_formats(self._integer.config)):
@@ -89,8 +90,7 @@ class ImageTask:
             error, alone = np.abs(fmt.to_real(codes) - real), np.abs(self._alone(index) - self._maps[-1][0])
             at_end = (codes >= fmt.max_code) | (fmt.signed & (codes <= fmt.min_code))
             largest = np.abs(codes.astype(np.int64)).max() / fmt.max_code
-            figures = (error.mean(), error.max(), at_end.mean(), largest, alone.mean(), alone.max())
-            errors.append(StageError(f"{stage.number} {stage.layer}", *map(float, figures)))
+            errors.append(figures_of(f"{stage.number} {stage.layer}", error, at_end.mean(), largest, alone))
         return errors
 
     def _alone(self, index: int) -> np.ndarray:

@@ -23,11 +23,6 @@ CACHE = Path("build/enrolments")
 CODE = partial(code_version, *LEARNING, *COST)
 
 
-def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
-    """The rows of one seed; in a worker."""
-    return evaluation.judge(recordings, trial)
-
-
 def choose(shared: tuple[Recordings, list[str]], values: Arrays) -> list[Record]:
     """The configuration chosen without each value's recordings; in a worker."""
     recordings, group = shared
@@ -76,7 +71,9 @@ def evaluate(
         )
         for seed in range(request.seeds)
     }
-    judged = list(jobs.results(judge, questions, recordings, keep=keep, what="seeds judged").values())
+    judged = list(
+        jobs.results(evaluation.judge, questions, recordings, keep=keep, what="seeds judged").values()
+    )
     return evaluation.summary(group, judged) | {
         "readout": request.readout,
         "seeds": list(range(request.seeds)),

@@ -17,7 +17,7 @@ from eskin.golden.model import IntegerModel
 from eskin.live.hub import Hub
 from eskin.live.player import Controls, Player, hello
 from eskin.live.server import PageServer
-from eskin.live.sources import BoardSource, Listener, ModelSource, SimulationSource, Source, on_port
+from eskin.live.sources import BoardSource, Listener, ModelSource, SimulationSource, on_port
 from eskin.pages.watch_page import guessed_shape, page
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
@@ -32,7 +32,7 @@ END_S = 0.5
 @contextlib.contextmanager
 def opened_source(
     model: IntegerModel, recordings: Recordings | None, *, port: str | None, baud: int | None, simulate: bool
-) -> Iterator[Source | Listener]:
+) -> Iterator[ModelSource | Listener]:
     """The source that is asked for; closed in the end.
 
     Raises
@@ -48,7 +48,7 @@ def opened_source(
         finally:
             transport.close()
         return
-    source: Source = ModelSource(model)
+    source: ModelSource = ModelSource(model)
     if simulate:
         # needs the simulators' packages, which the others do without
         from eskin.cosim.live import LiveSimulator

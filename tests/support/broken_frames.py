@@ -5,8 +5,9 @@ from pathlib import Path
 
 import cocotb
 import numpy as np
+from cocotb.triggers import Timer
 
-from eskin.cosim.bench import Bench
+from eskin.cosim.bench import CYCLE_NS, Bench
 
 
 @cocotb.test()
@@ -20,6 +21,20 @@ async def play_with_a_fault(dut) -> None:
         zip(values.codes.view(np.uint32).tolist(), values.cycles.tolist(), strict=True)
     )
     frames = bench.recordings[0]["codes"]
+    at, lasts, kind = bench.settings["fault"]
+    note = bench.events.take["scan"]
+
+    async def misbehave() -> None:
+        dut.misbehaves.value = kind
+        await Timer((int(lasts * bench.source.period) - 1) * CYCLE_NS, "ns")
+        dut.misbehaves.value = 0
+
+    def scanned(values) -> None:
+        note(values)
+        if len(bench.source.scans) == at + 1:
+            cocotb.start_soon(misbehave())
+
+    bench.events.take["scan"] = scanned
     await bench.bus.command("ARM")
     await bench.settle()
     bench.source.begin()

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from eskin.golden.data import Recordings
 from eskin.live.hub import Hub
 from eskin.live.player import Controls, Player, hello
-from eskin.live.sources import Listener, Source
+from eskin.live.sources import Listener, ModelSource
 
 
 class Stage:
@@ -19,7 +19,7 @@ class Stage:
 
     def __init__(
         self,
-        source: Source | Listener,
+        source: ModelSource | Listener,
         recordings: Recordings | None,
         numbers: Sequence[int] | None = None,
         *,

@@ -1,10 +1,7 @@
 """One recording into the accelerator under cocotb: every value of every stage is compared with the golden model's.
 
-    pip install cocotb numpy
-    make SIM=icarus                    (or SIM=verilator)
-
-vectors.npz holds the recording (samples) and what the golden model says of it: an array of each probe, and the decision
-words. The first value that differs ends the test.
+vectors.npz holds the recording (samples) and the golden model's values: an array of each probe, the decision words.
+To run: pip install cocotb numpy && make SIM=icarus (or SIM=verilator)
 """
 
 import json
@@ -13,7 +10,7 @@ from pathlib import Path
 import cocotb
 import numpy as np
 from cocotb.clock import Clock
-from cocotb.triggers import FallingEdge, ReadOnly, RisingEdge, with_timeout
+from cocotb.triggers import FallingEdge, ReadOnly, RisingEdge, Timer, with_timeout
 
 FOLDER = Path(__file__).parent
 CONFIG, REGISTERS = (json.loads((FOLDER / f"{name}.json").read_text()) for name in ("config", "registers"))
@@ -28,9 +25,8 @@ async def follow(dut, stage, expected, seen):
             await RisingEdge(valid)
         await RisingEdge(dut.clk)
         if int(valid.value):
-            place = seen[stage]
+            place, got = seen[stage], value.value.to_signed()
             want = int(expected[place]) if place < len(expected) else "nothing more"
-            got = value.value.to_signed()
             assert got == want, f"stage {stage}, index {place}: expected {want}, got {got}"
             seen[stage] += 1
 
@@ -41,16 +37,12 @@ async def write(dut, address, word):
     dut.bus__w_stb.value = 0
 
 
-async def idle(dut):
-    quiet = 0  # a command needs some cycles before busy shows it
+async def command(dut, name):
+    await write(dut, REGISTERS["registers"]["CONTROL"], REGISTERS["bits"]["CONTROL"][name])
+    quiet = 0  # some cycles pass before busy shows it
     while quiet < 8:
         await FallingEdge(dut.clk)
         quiet = 0 if int(dut.busy.value) or int(dut.o__valid.value) else quiet + 1
-
-
-async def command(dut, name):
-    await write(dut, REGISTERS["registers"]["CONTROL"], REGISTERS["bits"]["CONTROL"][name])
-    await with_timeout(idle(dut), 100, "ms")
 
 
 async def send(dut, frame):
@@ -68,25 +60,21 @@ async def send(dut, frame):
 @cocotb.test(timeout_time=10, timeout_unit="sec")
 async def recording(dut):
     """Load the model, play the recording, and see all that the golden model sees."""
-    with np.load(FOLDER / "vectors.npz") as archive:
-        vectors = dict(archive)
+    vectors = dict(np.load(FOLDER / "vectors.npz"))
     frames, seen = vectors.pop("samples"), dict.fromkeys(vectors, 0)
     Clock(dut.clk, 10, unit="ns").start()
-    dut.rst.value, dut.o__ready.value = 1, 1
+    dut.rst.value = dut.o__ready.value = 1
     dut.i__valid.value = dut.bus__w_stb.value = dut.bus__r_stb.value = 0
-    for _ in range(4):
-        await FallingEdge(dut.clk)
+    await Timer(45, "ns")  # a falling edge
     dut.rst.value = 0
     for stage, expected in vectors.items():
         cocotb.start_soon(follow(dut, stage, expected, seen))
     for line in (FOLDER / "load.hex").read_text().split():
         await write(dut, *divmod(int(line, 16), 1 << 16))
-    await command(dut, "ARM")
+    await with_timeout(command(dut, "ARM"), 100, "ms")
     for frame in frames:
         await with_timeout(send(dut, frame), 10, "ms")
-    await command(dut, "FINISH")
+    await with_timeout(command(dut, "FINISH"), 100, "ms")
     for stage, expected in vectors.items():
-        assert seen[stage] == len(expected), (
-            f"stage {stage}: {len(expected) - seen[stage]} values are missing"
-        )
+        assert seen[stage] == len(expected), f"stage {stage}: {len(expected) - seen[stage]} missing"
     dut._log.info("%d values in %d frames are bit-exact", sum(seen.values()), len(frames))

@@ -71,3 +71,8 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
 def test_configurations_without_a_scene_are_refused(config, match):
     with pytest.raises(InputError, match=match):
         load_recordings("synthetic", config=config)
+
+
+def test_four_classes_from_python_are_refused():
+    with pytest.raises(InputError, match="synthetic scene, classes: is 4; use 2 or 3"):
+        synthetic_recordings(classes=4)
