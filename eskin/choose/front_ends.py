@@ -57,7 +57,7 @@ SURVIVORS, FAR_BEHIND = 3, 3.0
 """Pairs of gate and windows on which kinds of feature are tried; standard errors behind the best from which a
 gate is not tried with further windows."""
 
-DESCENT = 24
+DESCENT = 16
 """Cheaper neighbours that are judged at most."""
 
 RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
