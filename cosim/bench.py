@@ -34,6 +34,7 @@ EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
 SLICE = 16  # events in one word of wrapper.events
 WAVES_AFTER = 500  # cycles kept behind a mismatch
 PROBED = 2  # frames after which an open touch is looked for again
+STILL = "a standstill"
 PATTERN = 1024  # cycles after which the patterns `offers` and `accepts` begin again
 
 
@@ -242,7 +243,7 @@ class Bench:
         events.take |= {
             "unstable": lambda _: self._differs("handshake", "a decision changed before it was taken"),
             "unknown": self._unknown,
-            "stuck": lambda _: self._stands_still("no number was taken for the watchdog's time"),
+            "stuck": lambda _: self._differs("input", "no number was taken for the watchdog's time", STILL),
         }
         cocotb.start_soon(self._guarded(events.run()))
         for _ in range(4):
@@ -276,7 +277,7 @@ class Bench:
             frames = frames[PROBED:]
         await source.send(frames)
         await self._within(2 * settings["block"] * source.period, source.through())
-        timed = seed is None and not settings["probe"] and not source.scans
+        timed = seed is None and not settings["probe"] and settings["frames"] == "samples"
         if timed and (late := source.untimely()):
             self._differs("input", "the frame was not offered when it was due", frame=late)
         await self.bus.command("FINISH")
@@ -316,7 +317,7 @@ class Bench:
             limit = round(cycles) + self.settings["patience"]
             await with_timeout(awaited, limit * CYCLE_NS, "ns")
         except SimTimeoutError:
-            self._stands_still("it stays busy for the watchdog's time")
+            self._differs("input", "it stays busy for the watchdog's time", STILL)
 
     async def _follow(self, monitor: StageMonitor) -> None:
         async for codes, cycles in monitor:
@@ -361,9 +362,6 @@ class Bench:
         if kind >= len(KINDS):
             self._differs("handshake", "an X on valid, ready or busy", "x", cycle)
         self._differs(KINDS[kind], "a value with unknown bits", "x", cycle)
-
-    def _stands_still(self, place: str) -> None:
-        self._differs("input", place, "a standstill")
 
 
 @cocotb.test()

@@ -13,7 +13,7 @@ import numpy as np
 
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import Mismatch, count_stages
+from eskin.cosim.scoreboard import Mismatch
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError, converters
 
 SLOWEST_CYCLES_PER_S = 20
@@ -113,11 +113,8 @@ class Run:
         work.mkdir(parents=True, exist_ok=True)
         (work / "bench.json").write_text(json.dumps(settings))
         np.savez(work / "vectors.npz", allow_pickle=False, **self.expected)
-        frames, steps = len(self.expected["samples"]), len(self.expected["decision"])
-        cycles = frames * (
-            config.sensor.taxels * (1 if settings["stalls"] is None else 6) + settings["period"]
-        )
-        cycles += steps * 3 * (config.step_ideal + 500) + 20000
+        cycles = len(self.expected["samples"]) * (6 * config.sensor.taxels + settings["period"])
+        cycles += len(self.expected["decision"]) * 3 * (config.step_ideal + 500) + 20000
         wall_s = runner.run(built, work, limit_s=120 + cycles / SLOWEST_CYCLES_PER_S, bench=bench)
         return json.loads((work / "result.json").read_text()) | {"wall_s": wall_s}
 
@@ -233,14 +230,16 @@ def _result(run: Run, said: Mapping[str, Any], played: Record) -> Record:
     """
     config = run.config
     mismatch = Mismatch(**said["mismatch"]) if said["mismatch"] else None
-    result = {name: value for name, value in said.items() if name not in ("compared", "mismatch")}
+    result = {name: value for name, value in said.items() if name != "mismatch"}
     result |= {"cocotb_recordings": 0, "bulk_recordings": 0, "golden": "torch", "waves": None, **played}
-    result["stages"] = count_stages(said["compared"], mismatch)
     result |= {"mismatch_list": [str(mismatch)] if mismatch else [], "gave_up": None}
     result |= {"lanes": config.hardware.lanes, "clock_hz": run.clock_hz}
     result["cycles"]["step_ideal"] = config.step_ideal
-    if mismatch and mismatch.stage == "input":
-        result["gave_up"] = {"recording": mismatch.recording, "frame": mismatch.frame}
+    if mismatch:
+        stage = result["stages"].setdefault(mismatch.stage, {"compared_values": 0})
+        stage["mismatches"] = 1
+        if mismatch.stage == "input":
+            result["gave_up"] = {"recording": mismatch.recording, "frame": mismatch.frame}
     if played["pace"] != "declared":
         result["overruns"] = 0
     if met := result.get("conversion"):
@@ -319,9 +318,9 @@ def lowest_clock(
     """The declared-pace run at the lowest clock that meets every budget; ``options`` as for ``cosim``.
 
     The search begins at the clock that ``cycles``, the counts of a declared-pace run, ask for (default: at twice the clock
-    that the multiplies alone need). The clock is raised until a run meets every budget, and lowered as long as the run's own
-    counts ask for less (at a clock that is too slow, steps wait for one another and their latencies count more). It is
-    a multiple of 1 kHz. A run that differs or gives up ends the search and is returned: no clock mends that.
+    that the multiplies alone need). The clock is raised until a run meets every budget, and then lowered as long as the run's own
+    counts ask for less and that clock meets them (at one that is too slow, steps wait for one another and their latencies
+    count more). It is a multiple of 1 kHz. A run that differs or gives up ends the search and is returned: no clock mends that.
 
     Raises
     ------
@@ -331,7 +330,6 @@ def lowest_clock(
     config = AcceleratorConfig.load(Path(design) / "config.json")
     guess = dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal)
     clock = latency.needed_clock(config, cycles or guess) * (1 if cycles else 2)
-    too_low = 0.0
     lowest: Record | None = None
     for attempt in range(rounds):
         folder = Path(work) / f"clock{attempt}"
@@ -340,14 +338,12 @@ def lowest_clock(
         if not result["bit_exact"]:
             return result
         if result["passed"]:
-            lowest = result
-            if not too_low < needed < clock:
-                return lowest
-            clock = needed
+            lowest, lower = result, needed < clock
         else:
-            too_low, clock = clock, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
-            if lowest and clock >= lowest["clock_hz"]:
-                return lowest
+            lower, needed = lowest is None, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
+        if lowest and not lower:
+            return lowest
+        clock = needed
     if lowest:
         return lowest
     raise NoClock(

@@ -89,12 +89,11 @@ class LiveSimulator:
     def _through(self, begun: int) -> Brought:
         """Values that have arrived when the device is idle."""
         self._device.settle(self._limit)
-        stages = {
-            {"step": "step_cycles"}.get(stage, stage): values.view(
-                np.uint32 if stage == "decision" else np.int32
-            ).tolist()
-            for stage, (values, _) in self._device.streams().items()
-            if values.size
+        came = {
+            stage: values.tolist() for stage, (values, _) in self._device.streams().items() if values.size
         }
+        stages = {("step_cycles" if stage == "step" else stage): values for stage, values in came.items()}
+        if "decision" in stages:
+            stages["decision"] = [word & 0xFFFFFFFF for word in stages["decision"]]
         self._device.forget()
         return Brought(stages, self._device.state.cycle - begun)

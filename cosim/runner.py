@@ -70,26 +70,6 @@ def verilator_command() -> tuple[Path, dict[str, str]]:
     return Path(program), dict(os.environ)
 
 
-class _Limited(cocotb_runner.Runner):
-    """With a wall-clock limit, seconds."""
-
-    limit_s = 3600.0
-
-    def _get_sim_cmd_prefix(self) -> list[str]:
-        return ["timeout", "-k", "5", f"{self.limit_s:.3f}"]
-
-
-class _Verilator(_Limited, cocotb_runner.Verilator):
-    pass
-
-
-class _Icarus(_Limited, cocotb_runner.Icarus):
-    """The wrapper chooses what is dumped, which ``-none`` would forbid."""
-
-    def _test_command(self) -> list[Any]:
-        return [[word for word in command if word != "-none"] for command in super()._test_command()]
-
-
 class Build(NamedTuple):
     """A simulator ready to run: ``verilator`` or ``icarus``, the folder where it lies, its topmost module."""
 
@@ -217,8 +197,13 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
     """
     log, result = work / "simulation.log", work / "result.json"
     result.unlink(missing_ok=True)
-    runner: _Limited = _Verilator() if simulator.simulator == "verilator" else _Icarus()
-    runner.limit_s = limit_s
+    runner = cocotb_runner.get_runner(simulator.simulator)
+    command = runner._test_command
+    vars(runner).update(
+        _get_sim_cmd_prefix=lambda: ["timeout", "-k", "5", f"{limit_s:.3f}"],
+        # the wrapper chooses what is dumped, which Icarus' -none would forbid
+        _test_command=lambda: [[word for word in words if word != "-none"] for words in command()],
+    )
     begin = time.monotonic()
     with suppress(RuntimeError, SystemExit):  # what became of it is in the answer and in the log
         runner.test(

@@ -238,7 +238,7 @@ class Scoreboard:
         self.late += [cycle - taken[frame - 1] for frame, cycle in pairs if 0 < frame <= len(taken)]
 
     def result(self, frame_max: int) -> Record:
-        """steps, decisions, compared, cycles, as `eskin.cosim.flow.cosim` describes them."""
+        """steps, decisions, stages, cycles, as `eskin.cosim.flow.cosim` describes them."""
         cycles: dict[str, int | None] = {"frame_max": frame_max}
         for name, which, of in (
             ("step_min", min, self.took),
@@ -246,7 +246,8 @@ class Scoreboard:
             ("decision_latency_max", max, self.late),
         ):
             cycles[name] = which(of, default=None)
-        return {**self.counts, "compared": dict(self.compared), "cycles": cycles}
+        stages = {name: {"compared_values": count, "mismatches": 0} for name, count in self.compared.items()}
+        return {**self.counts, "stages": stages, "cycles": cycles}
 
     def mismatch(
         self,
@@ -285,12 +286,3 @@ def _kept_values(config: AcceleratorConfig) -> int:
     """Values of all maps of an image: of a convolution with a pool behind it only the pool's."""
     following = zip(config.stages, config.stages[1:], strict=False)
     return sum(math.prod(stage.result) for stage, behind in following if not isinstance(behind.layer, Pool))
-
-
-def count_stages(compared: Mapping[str, int], mismatch: Mismatch | None) -> dict[str, dict[str, int]]:
-    """Stage -> {compared_values, mismatches}."""
-    wrong = mismatch.stage if mismatch else ""
-    return {
-        name: {"compared_values": compared.get(name, 0), "mismatches": int(name == wrong)}
-        for name in dict.fromkeys([*compared, *[wrong] * bool(wrong)])
-    }

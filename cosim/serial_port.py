@@ -1,5 +1,6 @@
 """A serial port of this computer as a transport of cosim/link.py."""
 
+import os
 import termios
 from pathlib import Path
 
@@ -35,10 +36,10 @@ class SerialPort:
         try:
             self._port = serial.Serial(name, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except (OSError, termios.error) as error:
-            reason = _reason(error)
+            reason = os.strerror(error.args[0]) if len(error.args) > 1 else error
             raise InputError(
-                f"--port {name}: cannot be opened ({reason}); give the board's port and close programs that "
-                "use it"
+                f"--port {name}: cannot be opened ({reason}); give the board's port, close programs that use it, and on "
+                "Debian join the group dialout"
             ) from None
         except ValueError as error:
             raise InputError(
@@ -68,12 +69,3 @@ class SerialPort:
     def close(self) -> None:
         """Give the port back."""
         self._port.close()
-
-
-def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", 0)
-    return {
-        2: "there is no such port",
-        13: "no permission; on Debian join the group dialout",
-        16: "it is busy",
-    }.get(number, str(error))

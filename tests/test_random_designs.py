@@ -8,8 +8,8 @@ import pytest
 from hypothesis import event, given
 
 from eskin.rtl.frontend import moving_sums
-from tests.cosim.test_teaching import taught_at_random
 from tests.support.strategies import LONG, Design, designs, differences, examples, taught_designs, touched
+from tests.support.taught_device import taught_at_random
 
 FAILED = json.loads((Path(__file__).parent / "failing_designs.json").read_text())
 """What was wrong -> the design."""

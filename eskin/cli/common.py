@@ -18,7 +18,7 @@ from eskin.golden.core import InputError, Progress, Record, check_target, write_
 from eskin.pages.views import Rows, parts, words
 from eskin.verbs.milestones import shown
 
-OUTPUTS = ("out", "json", "record")
+OUTPUTS = ("out", "json")
 """Parameters that name what a verb writes; every other file or folder is read."""
 INPUT_WORDS = ("data", "config", "grid", "model", "test", "with_")
 """Parameters that name a file or folder, or are a word."""
@@ -96,17 +96,11 @@ def check_outputs(verb: str, options: Record) -> None:
                 if isinstance(path, Path) or (name in INPUT_WORDS and path and path not in words)
             ]
     places = [(path, path.resolve()) for path in inputs if path.exists()]
+    of_place: dict[Path, str] = {}
     for option, path in outputs.items():
         place = path.resolve()
-        twin = next(
-            (
-                name
-                for name, other_path in outputs.items()
-                if name != option and other_path.resolve() == place
-            ),
-            None,
-        )
-        if twin:
+        twin = of_place.setdefault(place, option)
+        if twin != option:
             raise InputError(f"{option} {path}: {twin} names the same path; give another one")
         for given_path, source in places:
             if source == place or (path.exists() and path.samefile(source)):

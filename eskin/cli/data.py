@@ -1,13 +1,13 @@
 """Verbs that look at recordings."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 from rich.markup import escape
 
 from eskin.cli.common import app, load_data, messages, recordings_for, show, show_text, warn
 from eskin.golden.core import AcceleratorConfig, InputError, Record, check_target
+from eskin.golden.data.codes import Worth
 from eskin.requests import ConvertRequest, InspectRequest, WatchRequest, parse_names
 
 
@@ -50,27 +50,27 @@ def convert(request: ConvertRequest) -> None:
         if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} {value}: is out of range; give a number above 0")
     check_target(request.out)
+    scale: Worth | None = request.scale
+    columns, rate = tuple(parse_names(request.columns or "")), request.rate
+    if request.like is not None:
+        model, columns_of, unit = _sensor_of(request.like)
+        if not (columns or columns_of):
+            warn(
+                f"--like {request.like}: does not name its columns, so eskin chooses them; --columns overrides this"
+            )
+        columns = columns or columns_of
+        scale, rate = scale or model.sensor.volt_per_code or None, rate or model.sensor.sample_rate_hz
     reading = Reading(
-        rate_hz=request.rate,
-        columns=tuple(parse_names(request.columns or "")),
+        rate_hz=rate,
+        columns=columns,
         recording=request.recording,
         label=request.class_,
         delimiter=request.delimiter,
         samples=request.samples,
         labels=request.labels,
         clock=request.clock,
-        scale=request.scale,
+        scale=scale,
     )
-    if request.like is not None:
-        model, columns_of, unit = _sensor_of(request.like)
-        reading = replace(reading, columns=reading.columns or columns_of)
-        if request.columns is None and not columns_of:
-            warn(
-                f"--like {request.like}: does not name its columns, so eskin chooses them; --columns overrides this"
-            )
-        if model.sensor.volt_per_code and request.scale is None:
-            reading = replace(reading, scale=model.sensor.volt_per_code)
-        reading = replace(reading, rate_hz=request.rate or model.sensor.sample_rate_hz)
     recordings = load_recordings(request.source, reading=reading)
     if request.like is not None:
         if unit and recordings.unit and unit != recordings.unit:

@@ -11,7 +11,7 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +105,7 @@ def run(
     models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
     bench = Bench.of(*models, recordings, few=few, **bench_options)
     options = [few, bench.flips, bench.seed, bench.points, bench.long]
-    content = content_key(bench.model, recordings, code_version(*LEARNING), options, bench.real)
+    content = content_key(bench.model, recordings, CODE(), options, bench.real)
     keep = _Records(cache, content, Jobs(workers=workers, dask=request.dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if request.cosim else None
 
@@ -237,17 +237,12 @@ class _Hardware:
     work: Path = flow.BUILD / "stability"
     simulator: str = "verilator"
 
-    @cached_property
-    def version(self) -> str:
-        """The code that figures of the hardware depend on."""
-        return code_version("rtl", "cosim")
-
     def confirm(self, records: list[Record]) -> None:
         """Give the weakest modes that have a golden case the verdict of the hardware."""
         ranked = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
         of_group = [[record for record in ranked if record["group"] == group][:CONFIRMED] for group in GROUPS]
         weakest = [record for group in of_group for record in group]
-        pieces = {f"rtl {self.version} {record['name']}": record["name"] for record in weakest}
+        pieces = {f"rtl {record['name']}": record["name"] for record in weakest}
         shared = (self.bench, str(self.work), self.simulator)
         played = self.keep.results(confirm, pieces, shared, "weakest cases co-simulated")
         for record, rtl in zip(weakest, played, strict=True):
@@ -256,7 +251,7 @@ class _Hardware:
     def record(self, mode: Mode) -> Record:
         """The record of a mode that only the hardware can show."""
         return self.keep.remembered(
-            f"rtl {self.version} {mode.name}", lambda: stability.judge(mode, self.bench, self.measure)[0]
+            f"rtl {mode.name}", lambda: stability.judge(mode, self.bench, self.measure)[0]
         )
 
     def measure(self, key: str, **options: Any) -> Outcome:

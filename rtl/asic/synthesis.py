@@ -151,10 +151,6 @@ class Netlist:
         """Cells, and how many of each."""
         return [(process.cells[name.lstrip("\\")], number) for name, number in self.cells.items()]
 
-    def area_um2(self, process: Process) -> float:
-        """Area of all cells."""
-        return sum(cell.area * number for cell, number in self.counted(process))
-
 
 def synthesise(
     design, process: Process, folder: Path, *, top: str = "accelerator", delay_ps: int = 10000
@@ -268,16 +264,8 @@ def _memories(folder: Path, process: Process, top: str) -> list[Record]:
         elif writes and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
             kind = "latches"
         memory_name = value.get("MEMID", name).lstrip("\\").removeprefix(f"{top}.")
-        rows.append(
-            {
-                "name": memory_name,
-                "words": words,
-                "width": width,
-                "bits": words * width,
-                "kind": kind,
-                "cell": name,
-            }
-        )
+        shape = dict(words=words, width=width, bits=words * width)
+        rows.append(dict(name=memory_name, **shape, kind=kind, cell=name))
     return rows
 
 

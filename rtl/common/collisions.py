@@ -6,9 +6,22 @@ word in one cycle, or never uses the result.
 """
 
 import re
+from typing import Any
+
+from amaranth.hdl import Module
+from amaranth.lib.memory import Memory, ReadPort, WritePort
 
 NO_COLLISION = {"no_rw_check": 1}
 """Attribute of such a memory; Yosys knows it in Verilog too."""
+
+
+def working_memory(
+    m: Module, name: str, shape: Any, depth: int, attrs: dict = NO_COLLISION, granularity: int | None = None
+) -> tuple[ReadPort, WritePort]:
+    """Ports of a new memory of working values, submodule ``name``."""
+    m.submodules[name] = memory = Memory(shape=shape, depth=depth, init=[], attrs=attrs)
+    read, write = memory.read_port(), memory.write_port(granularity=granularity)
+    return read, write
 
 
 def open_collisions(rtlil: str) -> str:

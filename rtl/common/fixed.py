@@ -49,8 +49,6 @@ def not_all_equal(bits: Value) -> Value:
 
 def round_half_up(value: Value, shift: int) -> Value:
     """RND: ``floor((value + 2**(shift-1)) / 2**shift)``; ``shift`` >= 0, 0 is the identity."""
-    if shift < 0:
-        raise ValueError(f"a narrowing shifts right by 0 or more, not by {shift}")
     value = Value.cast(value)
     return (value + (1 << shift - 1)) >> shift if shift else value
 

@@ -7,10 +7,9 @@ its behaviour.
 
 from amaranth.hdl import Cat, ClockSignal, Const, Instance, Module, Signal
 from amaranth.lib import wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.collisions import UNFILLED
+from eskin.rtl.common.collisions import UNFILLED, working_memory
 from eskin.rtl.common.memory_style import LARGE_WORDS, SMALL_FAMILY
 from eskin.rtl.common.ports import drive
 
@@ -48,8 +47,7 @@ class OnePortMemory(wiring.Component):
         if platform == SMALL_FAMILY and self._words <= LARGE_WORDS:
             self._block(m)
             return m
-        m.submodules.memory = memory = Memory(shape=16, depth=self._words, init=[], attrs=UNFILLED)
-        read, write = memory.read_port(), memory.write_port(granularity=8)
+        read, write = working_memory(m, "memory", 16, self._words, attrs=UNFILLED, granularity=8)
         drive(m, read, addr=self.address, en=self.enable & ~self.write.any())
         m.d.comb += self.word.eq(read.data)
         drive(m, write, addr=self.address, data=self.data, en=self.write & self.enable.replicate(2))

@@ -9,7 +9,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.collisions import NO_COLLISION, working_memory
 from eskin.rtl.common.compare import exceeds, greater, reaches
 from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment
 from eskin.rtl.common.load_port import load_lines, load_signature
@@ -179,10 +179,9 @@ class PrototypeReadout(wiring.Component):
         reading = Signal()
         comparing = Signal()
         from_memory = Signal()
-        m.submodules.places = memory = Memory(
-            shape=unsigned(stored), depth=words, init=[], attrs=prototypes_memory(config, platform, words)
+        read, write = working_memory(
+            m, "places", unsigned(stored), words, attrs=prototypes_memory(config, platform, words)
         )
-        read, write = memory.read_port(), memory.write_port()
         loads = self.load.enable & self.load.select[load_lines(config)[Loaded.PROTOTYPES]]
         asked: Value = loads  # the address is the host's
         reads: Value = reading

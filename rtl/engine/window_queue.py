@@ -81,8 +81,8 @@ class WindowQueue(wiring.Component):
             m.d.sync += [
                 taxel.eq(wrapping_increment(taxel, self._inputs)),
                 lengths[writing].eq(self.i.p.length),
+                finals.bit_select(writing, 1).eq(self.i.p.final),
             ]
-            m.d.sync += finals.bit_select(writing, 1).eq(self.i.p.final)
         with m.If(take & self.i.p.last):
             m.d.sync += [full.bit_select(writing, 1).eq(1), writing.eq(~writing)]
         with m.If(self.released):

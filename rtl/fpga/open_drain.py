@@ -4,7 +4,6 @@ from amaranth.hdl import Const, IOBufferInstance, IOPort, Module
 from amaranth.lib import wiring
 
 from eskin.rtl.common.ports import forward, members_but
-from eskin.rtl.interface.i2c_master import I2C_PINS
 
 
 class OpenDrain(wiring.Component):
@@ -16,8 +15,6 @@ class OpenDrain(wiring.Component):
     """
 
     def __init__(self, inner: wiring.Component) -> None:
-        if inner.signature.members["pins"].signature != I2C_PINS:
-            raise ValueError("the design has no I2C pins")
         self._inner = inner
         super().__init__(members_but(inner, "pins"))
 

@@ -3,12 +3,11 @@ beside the front of the chain."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.collisions import working_memory
 from eskin.rtl.common.ports import drive
 
 
@@ -63,10 +62,7 @@ class FaultDetector(wiring.Component):
         bits, limit = config.fault_bits, config.faults.fault_activity
         width = max(1, limit.bit_length())
         layout = data.StructLayout({"sample": bits, "left": width, "active": 1, "flag": 1})
-        m.submodules.state = state = Memory(
-            shape=layout, depth=config.sensor.taxels, init=[], attrs=NO_COLLISION
-        )
-        read, write = state.read_port(), state.write_port()
+        read, write = working_memory(m, "state", layout, config.sensor.taxels)
         fresh = Signal()
         taxel = Signal.like(self.i.taxel)
         m.d.sync += fresh.eq(self.i.valid)

@@ -11,7 +11,7 @@ from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import biased_magnitude, logarithm, wrapping_increment
 from eskin.rtl.common.frame_gap import frame_gap
-from eskin.rtl.common.layouts import beat_layout, comes, expands, window_layout
+from eskin.rtl.common.layouts import beat_layout, comes, window_layout
 from eskin.rtl.program.timing import STATE_BEATS
 
 SLOTS = {"mean": 0, "activity": 1, "integral": 2}
@@ -61,8 +61,6 @@ class FeatureExpander(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig):
-        if not expands(config):
-            raise ValueError("the mean alone is the deviation: no expander is needed")
         self.config = config
         super().__init__(
             {

@@ -121,6 +121,5 @@ class TouchMarks(wiring.Component):
         with m.If(self.taken & turns):
             m.d.sync += place.eq(0)
         with m.If(self.taken & self.end):
-            m.d.sync += hop.eq(0)
-            m.d.sync += [getattr(self, name).eq(first) for name, first in self._first.items()]
+            m.d.sync += [hop.eq(0), *(getattr(self, name).eq(first) for name, first in self._first.items())]
         return m

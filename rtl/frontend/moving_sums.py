@@ -81,8 +81,10 @@ class MovingSums(wiring.Component):
         drive(m, total_read, addr=self.coming_index, en=self.advance)
         drive(m, past_read, addr=Cat(self.index, slot) if blocks > 1 else self.index, en=fresh)
         with m.If(fresh):
-            m.d.sync += total.eq(Mux(self.settling, 0, total_read.data - ~self.complement))
-            m.d.sync += [register.eq(getattr(self, key)) for key, register in held.items()]
+            m.d.sync += [
+                total.eq(Mux(self.settling, 0, total_read.data - ~self.complement)),
+                *(register.eq(getattr(self, key)) for key, register in held.items()),
+            ]
         past = Mux(wrapped, past_read.data, 0)
         moved_last = self.moved_last = Signal()
         m.d.sync += [

@@ -76,20 +76,8 @@ class Normaliser(wiring.Component):
                 f"feature_shift has {len(config.features.feature_shift)} values for {lengths} window "
                 "lengths: quantise first"
             )
-        count = mean_count(config)
-        if means is None and not config.hardware.loadable:
-            raise ValueError("means are needed where constants are in ROM")
-        self.config, self.means = (
-            config,
-            [int(mean) for mean in (means if means is not None else [0] * count)],
-        )
-        bound = 1 << config.mean_format.width - 1
-        # words then, with their parity bits
-        top = 1 << 16 * config.mean_words if config.hardware.checksum else bound
-        if len(self.means) != count or any(not -bound <= mean < top for mean in self.means):
-            raise ValueError(
-                f"means {self.means}: {count} numbers of {config.mean_format.width} bits are needed"
-            )
+        self.config = config
+        self.means = [0] * mean_count(config) if means is None else list(map(int, means))
         ports = {
             "i": In(stream.Signature(sum_layout(config))),
             "mask": In(config.sensor.taxels),
@@ -185,8 +173,9 @@ class Normaliser(wiring.Component):
             forced.eq(masked | (above != negative.replicate(len(above)).as_signed())),
             level.eq(~negative & ~masked),
             picked.eq(Mux(forced, level.replicate(len(picked)), choice)),
+            self.o.valid.eq(added),
+            self.i.ready.eq(added & self.o.ready),
         ]
-        m.d.comb += [self.o.valid.eq(added), self.i.ready.eq(added & self.o.ready)]
         drive(
             m,
             self.o.p,

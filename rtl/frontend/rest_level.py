@@ -2,12 +2,11 @@
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.collisions import working_memory
 from eskin.rtl.common.ports import drive, inputs
 
 
@@ -66,10 +65,7 @@ class RestLevel(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         bits = self._config.sensor.sample_bits
-        m.submodules.level = level = Memory(
-            shape=unsigned(self.level_bits), depth=self._config.sensor.taxels, init=[], attrs=NO_COLLISION
-        )
-        read, write = level.read_port(), level.write_port()
+        read, write = working_memory(m, "level", unsigned(self.level_bits), self._config.sensor.taxels)
         # levels are kept of offset-binary samples: never negative
         inverted = Cat(self.sample[: bits - 1], self.sample[bits - 1] ^ self._config.sensor.sample_signed)
         baseline = read.data[self.level_frac - 4 :][: bits + 4]

@@ -3,11 +3,10 @@ sums)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import enum, stream, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.collisions import working_memory
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.frame_gap import frame_gap
@@ -164,10 +163,7 @@ class WindowAverager(wiring.Component):
         # after ``STATE_BEATS`` cycles at the earliest.
         # With it goes ``masked`` of its last frame, for the passes that take no beat.
         bits, has_faults = config.sum_bits, bool(config.faults.fault_frames)
-        m.submodules.sums = sums = Memory(
-            shape=unsigned(bits + has_faults), depth=2 << len(kind) + len(index), init=[], attrs=NO_COLLISION
-        )
-        read, write = sums.read_port(), sums.write_port()
+        read, write = working_memory(m, "sums", unsigned(bits + has_faults), 2 << len(kind) + len(index))
         m.submodules.adder = adder = RegisteredAdder(config, bits, carry=1)
         total = adder.total
         bank = Signal(name="bank")

@@ -184,8 +184,10 @@ class HostControl(wiring.Component):
             m.d.comb += self.any_fault.eq(sticky.any())
         with m.If(bus.w_stb), m.Switch(bus.addr):
             with m.Case(Register.CONTROL):
-                m.d.comb += arm.eq((bus.w_data & Command.ARM).any())
-                m.d.comb += state.finish_asked.eq((bus.w_data & Command.FINISH).any())
+                m.d.comb += [
+                    arm.eq((bus.w_data & Command.ARM).any()),
+                    state.finish_asked.eq((bus.w_data & Command.FINISH).any()),
+                ]
                 if has_door(config):
                     with m.If(arm):
                         m.d.sync += self.every.eq((bus.w_data & Command.EVERY).any())

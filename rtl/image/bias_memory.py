@@ -2,11 +2,10 @@
 
 from amaranth.hdl import Cat, Module, Signal, signed
 from amaranth.lib import wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.images import BIAS_BITS
-from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.collisions import working_memory
 from eskin.rtl.common.ports import drive
 from eskin.rtl.program.image_passes import ImagePlan
 
@@ -48,10 +47,7 @@ class BiasMemory(wiring.Component):
         with m.If(self.restart):
             m.d.sync += address.eq(self.first)
         for half, bits in enumerate((16, ADDEND_BITS - 16 + self._plan.checksum)):
-            m.submodules[f"half_{half}"] = memory = Memory(
-                shape=bits, depth=depth, init=[], attrs=NO_COLLISION
-            )
-            read, write = memory.read_port(), memory.write_port()
+            read, write = working_memory(m, f"half_{half}", bits, depth)
             m.d.comb += read.addr.eq(address)
             drive(
                 m,

@@ -119,8 +119,14 @@ class ImageEngine(wiring.Component):
         swap = Signal()
         multiplied = Signal()
         released = [Signal(sum_layout(plan), name=f"released_{k}") for k in range(2)]
-        m.d.sync += [fetched.eq(tap.valid), multiplied.eq(fetched), begun.eq(sequencer.begin), swap.eq(begun)]
-        m.d.sync += [released[0].eq(sequencer.released), released[1].eq(released[0])]
+        m.d.sync += [
+            fetched.eq(tap.valid),
+            multiplied.eq(fetched),
+            begun.eq(sequencer.begin),
+            swap.eq(begun),
+            released[0].eq(sequencer.released),
+            released[1].eq(released[0]),
+        ]
         signature = lane_signature(
             ACTIVATION_BITS, plan.weight_bits, plan.accumulator_bits, load_with_operands=False
         )

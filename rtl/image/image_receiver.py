@@ -75,8 +75,13 @@ class ImageReceiver(wiring.Component):
         )
         m.d.comb += self.start.eq(self.waiting & self.free)
         with m.If(self.fill.valid):
-            m.d.sync += [before.eq(self.fill.value), address.eq(address + 1)]
-            m.d.sync += [self.open.eq(~last), self.waiting.eq(last), self.over.eq(last)]
+            m.d.sync += [
+                before.eq(self.fill.value),
+                address.eq(address + 1),
+                self.open.eq(~last),
+                self.waiting.eq(last),
+                self.over.eq(last),
+            ]
         with m.If(self.start):
             m.d.sync += self.waiting.eq(0)
         return m

@@ -3,10 +3,9 @@
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.collisions import working_memory
 from eskin.rtl.common.ports import drive
 from eskin.rtl.image.layouts import pass_layout
 from eskin.rtl.program.image_passes import PASS_WORDS, ImagePlan, Word
@@ -50,8 +49,7 @@ class PassFetch(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.program = program = Memory(shape=16, depth=self._words, init=[], attrs=NO_COLLISION)
-        read, write = program.read_port(), program.write_port()
+        read, write = working_memory(m, "program", 16, self._words)
         drive(m, write, addr=self.address, data=self.word, en=self.write)
         address = Signal(range(self._words + 1))
         reading = Signal()

@@ -93,11 +93,16 @@ class SumDrain(wiring.Component):
             right = Signal()
             beyond = Signal()
             m.d.comb += right.eq(self.pairs & lane[-1])
-            m.d.sync += [opens.eq(sums.opens & ~right), beyond.eq(right & sums.alone)]
-            m.d.sync += closes.eq(counts & sums.closes & ~self.last & (right | ~self.pairs))
+            m.d.sync += [
+                opens.eq(sums.opens & ~right),
+                beyond.eq(right & sums.alone),
+                closes.eq(counts & sums.closes & ~self.last & (right | ~self.pairs)),
+            ]
             oldest, fresh = Mux(self.pairs, held[half], held[0]), ~beyond
-        m.d.comb += own.eq(Mux(fresh, saturate(shifted, ACTIVATION), 0))
-        m.d.comb += largest.eq(Mux(opens | (own > oldest), own, oldest))
+        m.d.comb += [
+            own.eq(Mux(fresh, saturate(shifted, ACTIVATION), 0)),
+            largest.eq(Mux(opens | (own > oldest), own, oldest)),
+        ]
         with m.If(moved):
             m.d.sync += Cat(*held).eq(Cat(*held[1:], largest))
         m.d.comb += self.value.value.eq(held[-1])

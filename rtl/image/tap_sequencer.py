@@ -90,8 +90,6 @@ class TapSequencer(wiring.Component):
                 dy.eq(0),
                 dx.eq(0),
                 more.eq(1),
-            ]
-            m.d.sync += [
                 row_corner.eq(now.corner),
                 corner.eq(now.corner),
                 weights.eq(now.weights),
@@ -108,8 +106,10 @@ class TapSequencer(wiring.Component):
                         addend.eq(addend + Mux(now.dense, plan.dense_lanes, lanes)),
                     ]
                     with m.If(last_group):
-                        m.d.sync += [group.eq(0), weights.eq(now.weights), addend.eq(now.addends)]
                         m.d.sync += [
+                            group.eq(0),
+                            weights.eq(now.weights),
+                            addend.eq(now.addends),
                             left.eq(left + 1 + step),
                             right.eq(right - 1 - step),
                             corner.eq(corner + stride(now.channels)),
@@ -120,8 +120,6 @@ class TapSequencer(wiring.Component):
                                 right.eq(now.columns),
                                 above.eq(above + 1 + step),
                                 below.eq(below - 1 - step),
-                            ]
-                            m.d.sync += [
                                 row_corner.eq(row_corner + stride(now.row)),
                                 corner.eq(row_corner + stride(now.row)),
                             ]
@@ -156,9 +154,9 @@ class TapSequencer(wiring.Component):
                 weight.eq(weights),
                 width.eq(now.kernel_row),
                 height.eq(Const(1) + (now.radius << 1)),
-            ]
-            m.d.sync += [down.eq(dy), across.eq(dx), walking.eq(1)]
-            m.d.sync += [
+                down.eq(dy),
+                across.eq(dx),
+                walking.eq(1),
                 skips["above"].eq(beyond(above + dy)),
                 skips["below"].eq(beyond(below - dy)),
                 skips["left"].eq(beyond(left + dx)),
@@ -217,8 +215,11 @@ class TapSequencer(wiring.Component):
         m.d.comb += self.done.eq(ending & (since == lanes + DRAIN_CYCLES - 1))
         m.d.sync += ending.eq((ending | (self.begin & ~first & ~more)) & ~self.done)
         with m.If(begins):
-            m.d.sync += [active.eq(1), across_left.eq(width), row_width.eq(width), down_left.eq(height)]
             m.d.sync += [
+                active.eq(1),
+                across_left.eq(width),
+                row_width.eq(width),
+                down_left.eq(height),
                 tap.activation.eq(activation),
                 tap.weight.eq(weight),
                 row_activation.eq(activation),
@@ -235,13 +236,11 @@ class TapSequencer(wiring.Component):
                     tap.activation.eq(next_row),
                     tap.weight.eq(next_weights),
                     across_left.eq(row_width),
-                ]
-                m.d.sync += [
                     row_activation.eq(next_row),
                     row_weight.eq(next_weights),
                     down_left.eq(down_left - 1),
+                    active.eq(down_left != 1),
                 ]
-                m.d.sync += active.eq(down_left != 1)
         with m.If(self.go):
             m.d.sync += [running.eq(1), first.eq(1)]
 

@@ -179,8 +179,13 @@ class Ddc232Converter(wiring.Component):
             with m.State("read"):
                 clocked(pins.dclk)
                 with m.If(falling):
-                    m.d.sync += [shift.eq(Cat(dout, shift)), low.eq(low & ~dout), high.eq(high & dout)]
-                    m.d.sync += [left.eq(Mux(left == 0, bits - 1, left - 1)), code_due.eq(left == 0)]
+                    m.d.sync += [
+                        shift.eq(Cat(dout, shift)),
+                        low.eq(low & ~dout),
+                        high.eq(high & dout),
+                        left.eq(Mux(left == 0, bits - 1, left - 1)),
+                        code_due.eq(left == 0),
+                    ]
                 with m.If(code_due):
                     m.d.sync += word.eq(word + 1)
                 with m.If(halves_over):

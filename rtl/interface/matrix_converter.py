@@ -73,14 +73,29 @@ class MatrixConverter(wiring.Component):
         with m.Elif(master.idle):  # only after an upset: the transfer that is waited for is not there
             m.d.sync += converting.eq(0)
         with m.If(taken):
-            m.d.sync += [converting.eq(0), cell.eq(cell + 1), settle.eq(plan.settle)]
-            m.d.sync += [wrong.eq(wrong_now), low.eq(low_now), high.eq(high_now)]
-            m.d.sync += pins.column.eq(Mux(last_column, 0, pins.column + 1))
+            m.d.sync += [
+                converting.eq(0),
+                cell.eq(cell + 1),
+                settle.eq(plan.settle),
+                wrong.eq(wrong_now),
+                low.eq(low_now),
+                high.eq(high_now),
+                pins.column.eq(Mux(last_column, 0, pins.column + 1)),
+            ]
             with m.If(last_column):
                 m.d.sync += pins.row.eq(Mux(last_row, 0, pins.row + 1))
             with m.If(last_column & last_row):
                 m.d.sync += self.busy.eq(0)
         with m.If(self.start & ~self.busy):
-            m.d.sync += [self.busy.eq(1), converting.eq(0), cell.eq(0), settle.eq(plan.settle)]
-            m.d.sync += [wrong.eq(0), low.eq(1), high.eq(1), pins.row.eq(0), pins.column.eq(0)]
+            m.d.sync += [
+                self.busy.eq(1),
+                converting.eq(0),
+                cell.eq(0),
+                settle.eq(plan.settle),
+                wrong.eq(0),
+                low.eq(1),
+                high.eq(1),
+                pins.row.eq(0),
+                pins.column.eq(0),
+            ]
         return m

@@ -172,14 +172,18 @@ class Mpr121Converter(wiring.Component):
             with m.Elif(master.idle):  # only after an upset: the operation that is waited for is not there
                 m.d.sync += issued.eq(0)
             with m.If(master.done & issued):
-                m.d.sync += [issued.eq(0), at.eq(at + 1)]
-                m.d.sync += timer.eq(Mux(step.pause[1], plan.first, Mux(step.pause[0], plan.reset, 0)))
+                m.d.sync += [
+                    issued.eq(0),
+                    at.eq(at + 1),
+                    timer.eq(Mux(step.pause[1], plan.first, Mux(step.pause[0], plan.reset, 0))),
+                ]
                 with m.If(step.keep[0]):
                     m.d.sync += lower.eq(master.heard)
                 with m.If(step.keep[1]):
                     code = (master.heard << 8 | lower)[:bits]
-                    m.d.sync += [electrodes[index].eq(code), index.eq(index + 1)]
                     m.d.sync += [
+                        electrodes[index].eq(code),
+                        index.eq(index + 1),
                         wrong.eq(wrong | master.heard[bits - 8 :].any()),
                         low.eq(low & ~code.any()),
                         high.eq(high & code.all()),

@@ -102,8 +102,10 @@ class SpiConverter(wiring.Component):
         )
         with m.If(self.start & ~self.busy):
             m.d.sync += [
-                signal.eq(signal.init)
-                for signal in (transfer, step, group, handing, wrong, low, high, stuck_before)
+                *(
+                    signal.eq(signal.init)
+                    for signal in (transfer, step, group, handing, wrong, low, high, stuck_before)
+                ),
+                self.busy.eq(1),
             ]
-            m.d.sync += self.busy.eq(1)
         return m

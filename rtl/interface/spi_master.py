@@ -102,6 +102,8 @@ class SpiMaster(wiring.Component):
             with m.If(last):
                 m.d.sync += pins.cs_n.eq(~0)
             with m.If(~place[0]):  # the clock falls
-                m.d.sync += out.eq(out << 1)
-                m.d.sync += [word.eq(Cat(line, word)) for word, line in zip(self.words, lines, strict=True)]
+                m.d.sync += [
+                    out.eq(out << 1),
+                    *(word.eq(Cat(line, word)) for word, line in zip(self.words, lines, strict=True)),
+                ]
         return m

@@ -125,8 +125,13 @@ class StimulatorFrames(wiring.Component):
             with m.Elif(offs != 0):
                 m.d.sync += [frame.eq(OFF), sending.eq(1), offs.eq(offs - 1)]
             with m.Elif(self.request & ~self.fault & ~locked):
-                m.d.sync += [burst.eq(1), frame.eq(0), sending.eq(1), electrode.eq(self.electrode)]
-                m.d.sync += channel.eq(Array([Const(number) for number in ELECTRODES])[self.electrode])
+                m.d.sync += [
+                    burst.eq(1),
+                    frame.eq(0),
+                    sending.eq(1),
+                    electrode.eq(self.electrode),
+                    channel.eq(Array([Const(number) for number in ELECTRODES])[self.electrode]),
+                ]
                 for name, limit in self._limits.items():
                     m.d.sync += held[name].eq(Mux(self.settings[name] > limit, limit, self.settings[name]))
         return m

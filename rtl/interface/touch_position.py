@@ -133,8 +133,7 @@ class TouchPosition(wiring.Component):
         over = Signal()  # the frame has no touched cell, and the one before had
         m.d.sync += over.eq(last & (total_now == 0) & touch)
         with m.If(last):
-            m.d.sync += [signal.eq(0) for signal in frame]
-            m.d.sync += touch.eq(total_now != 0)
+            m.d.sync += [*(signal.eq(0) for signal in frame), touch.eq(total_now != 0)]
             with m.If(total_now != 0):
                 m.d.sync += [
                     rest.eq(interface.columns * total_now - across_now),

@@ -374,13 +374,6 @@ def prototype_words(config: AcceleratorConfig) -> int:
     return config.windows.steps * places * config.trajectory_width
 
 
-def _prototype_words(config: AcceleratorConfig) -> dict[int, int]:
-    if not config.has_prototypes:
-        return {}
-    counts = config.classes if config.readout_rule.taught else 0
-    return {Memory.PROTOTYPES: prototype_words(config) + counts}
-
-
 def taught_arrays(
     config: AcceleratorConfig, read: Callable[[int, int], Sequence[int]]
 ) -> dict[str, np.ndarray]:
@@ -466,23 +459,22 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
     """Words of every memory that the host loads, by MEMORY_SELECT value."""
     if config.is_image:
         images = plan_of(config)
-        dense: dict[int, int] = dict.fromkeys(
-            (ImageMemory.DENSE_LOW, ImageMemory.DENSE_HIGH), images.dense_words
-        )
-        columns = dict.fromkeys(range(images.columns), images.conv_words)
-        return {
-            **columns,
+        return dict.fromkeys(range(images.columns), images.conv_words) | {
             ImageMemory.BIASES: images.addend_words,
             ImageMemory.PASSES: images.program_words,
-            **dense,
+            ImageMemory.DENSE_LOW: images.dense_words,
+            ImageMemory.DENSE_HIGH: images.dense_words,
         }
     plan = schedule(config)
-    return {lane: plan.weight_depth for lane in range(config.hardware.lanes)} | {
+    words: dict[int, int] = dict.fromkeys(range(config.hardware.lanes), plan.weight_depth) | {
         Memory.ADDENDS: plan.addend_words,
         Memory.CONSTANTS: Layout(config, plan.program).constant_words,
         Memory.MEANS: mean_count(config),
-        **_prototype_words(config),
     }
+    if config.has_prototypes:
+        counts = config.classes if config.readout_rule.taught else 0
+        words[Memory.PROTOTYPES] = prototype_words(config) + counts
+    return words
 
 
 def words_per_entry(config: AcceleratorConfig, select: int) -> int:
@@ -513,12 +505,10 @@ def load_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, in
 
 def mapped(config: AcceleratorConfig) -> list[int]:
     """Addresses that the design has a register at."""
-    words = range(-(-config.sensor.taxels // 16))
     several = [Register.MASK, *[Register.TAXEL_FAULTS] * bool(config.faults.fault_frames)]
-    single = [
-        int(register) for register in Register if register not in (Register.MASK, Register.TAXEL_FAULTS)
-    ]
-    return single + [first + k for first in several for k in words] + [*map(int, teach_registers(config))]
+    single = [int(register) for register in Register if register < Register.MASK]
+    words = [first + k for first in several for k in range(len(mask_words(config)))]
+    return [*single, *words, *map(int, teach_registers(config))]
 
 
 def teach_registers(config: AcceleratorConfig) -> list[TeachRegister]:
@@ -533,12 +523,7 @@ def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
     if interface.converter.name != "none":
         registers.append(register.CONVERTER_FAULTS)
     if interface.converter.name != "none" and interface.stimulator != "none":
-        registers += [
-            register.STIM_AMPLITUDE,
-            register.STIM_DELAY,
-            register.STIM_FREQUENCY,
-            register.STIM_WIDTH,
-        ]
+        registers += [one for one in register if one >= register.STIM_AMPLITUDE]
     return registers
 
 

@@ -14,34 +14,14 @@ from eskin.rtl.program.cells import CellProgram, ElementOp
 from eskin.rtl.program.scheduler import RowGroup, Schedule
 from eskin.rtl.program.timing import shares_lane
 
-ADDRESSES = ("vector", "element", "t", "gate", "window", "addend", "partial_to", "result", "state_to")
+ADDRESSES = tuple("vector element t gate window addend partial_to result state_to".split())
 """Fields that are addresses: where a slot does not use one it may have any value."""
 
-CONTROLS = (
-    "mac",
-    "valid",
-    "swap",
-    "shift",
-    "partial",
-    "tanh",
-    "activated",
-    "gate_write",
-    "t_write",
-    "value",
-    "logit",
-    "ends_step",
-    "element_operand",
-    "element_valid",
-    "element_first",
-    "add",
-    "t_operand",
-    "minus",
-    "scale",
-    "state_write",
-    "feature",
-    "hidden",
-    "released",
-    "in_step",
+CONTROLS = tuple(
+    (
+        "mac valid swap shift partial tanh activated gate_write t_write value logit ends_step "
+        "element_operand element_valid element_first add t_operand minus scale state_write feature hidden released in_step"
+    ).split()
 )
 """Bits; 0 where a slot does not set them.
 
@@ -112,23 +92,16 @@ class Layout:
         self.t_depth, self.window_none = self.t_zero + 1, 2 << self.window_bits
         self.scale_bits = (lengths - 1).bit_length()
         self.scale_words = config.constants << self.scale_bits if config.constants > 1 else lengths
-        steps = enumerate(config.length_index)
-        self.checks = (
-            tuple((length, step) for step, length in steps)
-            if config.sets > 1
-            else tuple((length, 0) for length in range(lengths))
-        )
+        self.checks = tuple((length, 0) for length in range(lengths))
+        if config.sets > 1:
+            self.checks = tuple((length, step) for step, length in enumerate(config.length_index))
         align = 1 << (len(self.checks) - 1).bit_length()
         if config.constants > 1:
             self.check_base = max(align, 1 << (self.scale_words + 1).bit_length())
         else:
             self.check_base = -(-(2 + lengths) // align) * align
-        checks = (
-            range(self.check_base, self.check_base + len(self.checks))
-            if config.hardware.checksum
-            else range(0)
-        )
-        self._few = checks.stop or 2 + self.scale_words
+        checks = range(self.check_base, self.check_base + len(self.checks) * config.hardware.checksum)
+        self._few = checks.stop if checks else 2 + self.scale_words
         self.gate_bits = max(self.hidden_bits, (self._few - 1).bit_length())
         self.shared = shares_lane(config)
         self.holds_dense = self.shared and not any(block.carried for block in program.after)

@@ -1,10 +1,8 @@
-"""The passes of a network for images made visible: cycles layer by layer, and the first slots of each, tap by
-tap.
+"""The passes of a network for images made visible: cycles layer by layer.
 
 Everything is read off `eskin.rtl.program.image_passes`, whose cycles are the hardware's.
 """
 
-import itertools
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,8 +12,6 @@ from eskin.rtl.program.image_passes import ImagePlan, Pass
 from eskin.rtl.views.schedule_view import save_figure
 
 COLUMNS = ("layer", "map before", "map behind", "multiplies", "taps", "cycles", "over multiplies / P")
-SHOWN_SLOTS = 6
-"""Slots of a pass in the drawing."""
 
 
 def name(layer: Pass) -> str:
@@ -56,27 +52,17 @@ def title(plan: ImagePlan) -> str:
 
 
 def drawing(plan: ImagePlan):
-    """A figure: the passes one after the other; below, for each, which taps its first slots have."""
+    """A figure: the passes one after the other."""
     from matplotlib.figure import Figure
 
-    passes = plan.passes
-    figure = Figure(figsize=(11, 1.6 + 0.9 * len(passes)), layout="constrained")
-    axes = figure.subplots(1 + len(passes), 1)
-    begin = 0
-    for number, layer in enumerate(passes):
+    figure = Figure(figsize=(11, 1.6), layout="constrained")
+    axes, begin = figure.subplots(), 0
+    for number, layer in enumerate(plan.passes):
         cycles = layer.cycles(plan.lanes)
-        axes[0].barh(0, cycles, left=begin, color=f"C{number}")
-        axes[0].text(begin + cycles / 2, 0, name(layer), ha="center", va="center", fontsize=7)
+        axes.barh(0, cycles, left=begin, color=f"C{number}")
+        axes.text(begin + cycles / 2, 0, name(layer), ha="center", va="center", fontsize=7)
         begin += cycles
-    axes[0].set(yticks=[], xlim=(0, begin), xlabel="cycles since the image is whole", title=title(plan))
-    for number, layer in enumerate(passes, 1):
-        begins = (slot for slot in layer.slots(plan.lanes) if slot.place)
-        for slot in itertools.islice(begins, SHOWN_SLOTS):
-            place, words = slot.begin + 1, f"{(slot.place or ())[:2]}\n{slot.taps} taps"
-            axes[number].barh(0, slot.taps, left=place, color=f"C{number - 1}", edgecolor="white")
-            axes[number].text(place + slot.taps / 2, 0, words, ha="center", va="center", fontsize=6)
-        label = f"{name(layer)}: cycles since its words are fetched; place of each sum"
-        axes[number].set(yticks=[], xlabel=label)
+    axes.set(yticks=[], xlim=(0, begin), xlabel="cycles since the image is whole", title=title(plan))
     return figure
 
 

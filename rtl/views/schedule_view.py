@@ -161,9 +161,7 @@ def summary(plan: Schedule) -> Record:
 def title(plan: Schedule) -> str:
     """Two lines: the cell and its lanes, and how busy they are."""
     s = summary(plan)
-    busy = f"lanes busy {100 * s['busy_share']:.1f} %"
-    if plan.shared:
-        busy = f"lane busy {100 * s['busy_share']:.1f} % with rows, {100 * s['element_share']:.1f} % with element-wise operations"
+    busy = f"lanes busy {s['busy_share']:.1%}, element-wise operations {s['element_share']:.1%}"
     cell = {"lstm": "LSTM", "linear": "linear"}.get(s["cell"], f"GRU, reset {s['reset']}")
     lanes = f"{s['lanes']} {s['lane_type']} lane" + "s" * (s["lanes"] > 1)
     middle = (
@@ -180,22 +178,16 @@ def title(plan: Schedule) -> str:
 def figures(plan: Schedule) -> list[tuple[str, str]]:
     """The `summary` in words: (name, value with its unit)."""
     s = summary(plan)
-    prologue = (
-        "clears the state, fills the chain" if plan.config.recurrent else "begins the sums with the biases"
-    )
     return [
-        ("phase A, before the features", f"{s['phase_a_cycles']} cycles"),
-        ("phase B, features to decision", f"{s['decision_cycles']} cycles"),
-        ("step", f"{s['step_cycles']} cycles"),
-        ("ideal", f"{s['ideal_cycles']} cycles: {s['multiplies']} multiplies / {s['lanes']} lanes"),
+        ("cycles before the features (phase A)", str(s["phase_a_cycles"])),
+        ("cycles from features to decision (phase B)", str(s["decision_cycles"])),
+        ("cycles a step", str(s["step_cycles"])),
+        ("ideal: multiplies / lanes", str(s["ideal_cycles"])),
         ("ratio", f"{s['ratio']:.3f}"),
-        ("lanes busy", f"{100 * s['busy_share']:.1f} % of {s['lanes']} x {s['step_cycles']} lane cycles"),
-        (
-            "element-wise busy",
-            f"{100 * s['element_share']:.1f} %" + ", on the lane's multiplier" * plan.shared,
-        ),
-        ("prologue", f"{s['prologue_cycles']} cycles more, once before a touch: {prologue}"),
-        ("lowest clock", f"{s['lowest_clock_hz'] / 1e3:.1f} kHz: every frame taken when due, no window lost"),
+        ("lanes busy", f"{s['busy_share']:.1%}"),
+        ("element-wise busy", f"{s['element_share']:.1%}"),
+        ("cycles before a touch (prologue)", str(s["prologue_cycles"])),
+        ("lowest clock", f"{s['lowest_clock_hz'] / 1e3:.1f} kHz"),
     ]
 
 

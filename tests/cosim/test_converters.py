@@ -11,7 +11,7 @@ import pytest
 from eskin.cosim import flow
 from eskin.data import synthetic_recordings
 from eskin.data.archive import load_archive
-from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault, InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault
 from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
@@ -19,8 +19,7 @@ from eskin.training.made_up import random_recordings
 from eskin.verbs.flow import BUILD, cosimulate
 from tests.support.array_touches import REST, touches
 from tests.support.random_models import random_integer_model
-from tests.support.small_designs import SMALL
-from tests.support.table import each_row
+from tests.support.small_designs import SMALL, behind
 from tests.support.touch_cuts import beginnings
 
 CONFIG = SMALL.replace(
@@ -28,13 +27,6 @@ CONFIG = SMALL.replace(
 )
 
 
-def behind(converter: str, **fields) -> dict:
-    """Fields of a configuration; those that `HARDWARE` lacks are the converter's."""
-    hardware = {name: fields.pop(name) for name in HARDWARE & {*fields}}
-    return hardware | {"converter": dict(name=converter, **fields)}
-
-
-HARDWARE = {"taxels", "sample_rate_hz", "clock_hz", "rows", "columns", "scan_every"}
 QUICK = behind("ads7953", sample_rate_hz=2500.0)
 """As few cycles a frame as its scan leaves room for; one simulator serves whoever plays it."""
 TAGGED = behind(
@@ -206,58 +198,6 @@ def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(fields, ki
     faults, halves, golden = play_with_a_fault(config, kind, tmp_path, **options)
     assert faults & flagged and len(golden[1]) > 3
     assert halves[0] == golden[0] and halves[1] == golden[1]
-
-
-BIG = behind("matrix", taxels=160, rows=16, columns=10)
-MPR = behind("mpr121", taxels=117, rows=13, columns=9)
-DDC_FAST = dict(clock_hz=20e6)
-REFUSED = [
-    (
-        behind("mcp3208x2", data_lines=1),
-        r"16 transfers of 2 chips in series at 1 MHz take 324 us, and of 333 us a frame at 3000 Hz 300 may be used.*at most 2777 Hz",
-        2777.0,
-    ),
-    (behind("ads7953", sample_rate_hz=6000.0), "18 transfers at 2 MHz take 156 us.*at most 5769 Hz", 5769.0),
-    (behind("spi", channel_bit=0), "field converter.channel_bit: is 0 with the code's first bit at 11", None),
-    (behind("mcp3208x2", taxels=40), "two chips have 16 channels", None),
-    (
-        behind("ddc232", version="C", **DDC_FAST),
-        r"DVALID comes up to 277 us after CONV \(version C at 5 MHz\).*at most 2235 Hz",
-        2235.0,
-    ),
-    (behind("ddc232", first=1, **DDC_FAST), "32 words of 20 bits at 2 MHz.*at most 2131 Hz", 2131.0),
-    (
-        behind("ddc232", version="C", clock_hz=12e6, sample_rate_hz=2500.0),
-        "a rate of at most 1582 Hz works as it is",
-        1582.0,
-    ),
-    (behind("ddc232", sample_rate_hz=7000.0), "integrates for 166.5 us at least: give at most 6006", None),
-    (
-        BIG | dict(sample_rate_hz=300.0),
-        r"160 cells of 28.8 us, 20 of them to settle .settle_s., take 4600 us.*; a rate of at most 195 Hz works",
-        195.0,
-    ),
-    (
-        MPR | dict(taxels=135, rows=15, sample_rate_hz=100.0),
-        "converter.chips: is 1; 15 rows and 9 columns are 13 electrodes and 12 are there",
-        None,
-    ),
-    (BIG | behind("mpr121", sample_rate_hz=100.0), "both are odd, or set chips 2", None),
-    (
-        MPR | dict(sample_rate_hz=2000.0),
-        r"12 electrodes over I2C at 375 kHz take 799 us.*at most 1126 Hz works as it is",
-        1126.0,
-    ),
-]
-"""Fields, what is said, and the rate that then works."""
-
-
-@each_row(("fields", "said", "rate"), REFUSED)
-def test_what_cannot_keep_up_is_refused(fields, said, rate):
-    with pytest.raises(InputError, match=said):
-        PRESETS["thesis"].replace(**fields)
-    if rate:
-        PRESETS["thesis"].replace(**fields | dict(sample_rate_hz=rate))
 
 
 @pytest.mark.parametrize(("name", "model"), [("ad7476", "ad7476.sv"), ("adc128s102", "spi.sv")])

@@ -5,9 +5,8 @@ import math
 from pathlib import Path
 
 import pytest
-from amaranth.back import rtlil
 
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.images import SIZES, network
 from eskin.golden.model import IntegerModel, run_images, write_image_vectors
 from eskin.rtl.fpga.export import verilog as text_of
@@ -15,9 +14,7 @@ from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
-from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board import Board
-from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.training.made_up import image_recordings, random_images
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
@@ -110,25 +107,6 @@ def test_the_generated_bench_passes_by_itself_and_sees_a_wrong_weight(small, tmp
     (folder / "load.hex").write_text("\n".join([boot[0], f"{int(boot[1], 16) ^ 0x40:06x}", *boot[2:]]))
     done = make(folder)
     assert done.returncode and "AssertionError: stage " in done.stdout
-
-
-@pytest.mark.parametrize(
-    "field, value", [("lanes", 6), ("loadable", False), ("one_port", True), ("one_phase", True)]
-)
-def test_hardware_that_images_do_not_have_is_refused_in_a_sentence(small, field, value):
-    with pytest.raises(InputError, match=f"field {field}: .*"):
-        make_accelerator(small.config.replace(**{field: value}))
-
-
-def test_without_an_image_network_the_design_is_the_recurrent_chain_alone():
-    config = PRESETS["pvdf"].replace(hidden=4, feature_shift=(3,))
-    designs = (
-        make_accelerator(config),
-        Accelerator(config),
-        make_accelerator(model_of(4, 4, ["dense 4"], 1).config),
-    )
-    chosen, alone, other = (rtlil.convert(design, name="top", emit_src=False) for design in designs)
-    assert chosen == alone and "receiver" not in alone and "receiver" in other
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, 
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.data import synthetic_recordings
 from eskin.data.archive import load_archive
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, completing_frames, run, through_converter
 from eskin.rtl.fpga.export import verilog as text_of
@@ -24,7 +24,7 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
-from eskin.rtl.top.board import Board, refuse_standalone
+from eskin.rtl.top.board import Board
 from eskin.training.made_up import random_recordings
 from eskin.verbs.build_job import BuildRequest, build
 from eskin.verbs.flow import BUILD
@@ -275,25 +275,3 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     heard = len(decisions)
     wanted = expected_electrodes(rows[whole][:heard], frames[whole][:heard], config, BURST_S)
     assert wanted and stimulated(found, wanted, loud.config) and not any(led for *_, led in found.pins)
-
-
-def test_pins_and_wiring():
-    board = target("icebreaker")
-    wiring = Wiring(config=CONFIG, target=board, sensing=True)
-    pins = wiring.sites()
-    assert [pins[name] for name in ("pins__cs_n", "pins__mosi", "pins__miso", "pins__sclk")] == list(
-        board.pins[:4]
-    )
-    assert pins["stim_tx"] == board.pins[8] and len(set(pins.values())) == len(pins)
-    assert {"port": "stim_tx", "site": board.pins[8], "to": "stimulator, RX (115200 baud)"} in wiring.table()
-    with pytest.raises(InputError, match="has 16 free pins, and converter, stimulator and 3 classes need 24"):
-        crowded = CONFIG.replace(converter=dict(name="ad7476", hz=0.0), taxels=16)
-        dataclasses.replace(wiring, config=crowded).sites()
-
-
-def test_what_needs_a_host_is_refused():
-    with pytest.raises(InputError, match="there is no source of frames; add --converter"):
-        refuse_standalone(CONFIG.replace(converter="none"))
-    immediate = dict(onset="immediate", window_mode="free", window=50, pretrigger_frames=0)
-    with pytest.raises(InputError, match="use 'band' or 'baseline'"):
-        refuse_standalone(CONFIG.replace(**immediate))

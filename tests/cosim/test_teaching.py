@@ -1,162 +1,30 @@
 """A model taught by registers, in simulated hardware: after every touch, TEACH, FORGET and reload it decides as
 the golden stream does."""
 
-import random
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eskin.cosim.device import Design, Device
-from eskin.cosim.link import Link
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.data.archive import load_archive
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, Stream
+from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.rtl.fpga.export import export
-from eskin.rtl.fpga.export import verilog as text_of
-from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
-from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
-from eskin.rtl.top.board import Board
+from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
 from eskin.rtl.top.image_accelerator import make_accelerator
-from eskin.teach.taught import load_taught
-from eskin.verbs.replay_job import play_all
 from tests.golden.model.test_prototypes import taught_model
-from tests.support.link_flow import TIMEOUT_BYTES
-from tests.support.pin_port import PinPort
 from tests.support.random_models import random_integer_model
-from tests.support.replayed import Recorded
 from tests.support.table import each_row
+from tests.support.taught_device import taught_at_random
 from tests.support.touch_cuts import beginnings
 from tests.support.touch_scenes import scene
 
 BUILDS = Path("build/simulators")
-PURPOSE = "a test"
-NEXT = ALL = 1 << 7
-NONE = 0xFFFF
-CLOCKS_PER_BIT = 4
-
-
-def same(came: dict[str, np.ndarray], model: IntegerModel) -> None:
-    """What was read out is what the model holds, and nothing else."""
-    assert (came["taught_count"] == model.arrays["taught_count"]).all()
-    for label, used in enumerate(taught_in_use(model)):
-        assert (came["taught"][label, :used] == model.arrays["taught"][label, :used]).all()
-        assert not came["taught"][label, used:].any()
-
-
-class Taught:
-    """A device and the golden stream beside it; every command goes to both."""
-
-    def __init__(self, model: IntegerModel, behind: Design, seed: int) -> None:
-        self.config, self.rng = model.config, random.Random(seed)
-        self.stream = Stream(model)
-        self.device = Recorded(behind, self.config.sensor.sample_bits)
-        self.device.reset(boot_writes(model.config, model.arrays))
-        self.decisions = self.refused = self.taught = 0
-
-    def play(self, samples: np.ndarray) -> None:
-        """A recording from ARM on, in two pieces with a command between them; the end may be missing."""
-        device, told = self.device, []
-        device.write(Register.CONTROL, Control.ARM)
-        device.settle()
-        device.forget()
-        self.stream.arm()
-        half = self.rng.randrange(1, len(samples))
-        for piece in (samples[:half], samples[half:]):
-            stalled = self.rng.randrange(len(piece))
-            device.frames(piece[:stalled])
-            device.cycle(self.rng.randrange(1, 400))
-            device.frames(piece[stalled:])
-            device.settle()
-            told += self.stream.push(piece)
-            if self.rng.random() < 0.5:
-                self.command()
-        if self.rng.random() < 0.7:
-            device.write(Register.CONTROL, Control.FINISH)
-            device.settle()
-            told += self.stream.finish()
-        seen = device.streams()["decision"][0].view(np.uint32).tolist()
-        assert seen == [pack_decision(self.config, decision.row()) for decision in told]
-        self.decisions += len(seen)
-
-    def command(self) -> None:
-        """TEACH or FORGET at random; what is refused leaves its flag."""
-        label, option = self.rng.randrange(self.config.classes), self.rng.random() < 0.4
-        self.device.write(Register.CONTROL, Control.CLEAR_FAULTS)
-        refused, was = False, taught_in_use(self.stream.model).sum()
-        try:
-            if self.rng.random() < 0.8:
-                self.device.write(TeachRegister.TEACH, label | option * NEXT)
-                self.stream.teach(label, following=option)
-            else:
-                self.device.write(TeachRegister.FORGET, label | option * ALL)
-                self.stream.forget(None if option else label)
-        except InputError:
-            refused = True
-        self.device.settle()
-        self.taught += int(taught_in_use(self.stream.model).sum() > was)
-        self.refused += refused
-        self.check(refused)
-
-    def check(self, refused: bool | None = None) -> None:
-        word = self.device.read(TeachRegister.TAUGHT)
-        assert word & 0xFF == taught_in_use(self.stream.model).sum() and refused in (None, word >> 8 & 1)
-        if self.stream.onset_frame is None:
-            self.read_back()
-        else:
-            assert self.words(0, 1) == [NONE]
-
-    def words(self, first: int, count: int) -> list[int]:
-        """Words of PLACES as they come, numbers beside them."""
-        self.device.write(TeachRegister.PLACES, first)
-        words = []
-        for _ in range(count):
-            assert self.device.read(TeachRegister.PLACES) == NONE  # too soon takes none
-            words.append(self.device.read(TeachRegister.PLACES))
-        return words
-
-    def read_back(self) -> dict[str, np.ndarray]:
-        """What was taught, out of the memory: what the stream holds in places in use."""
-
-        def read(first: int, count: int) -> list[int]:
-            words = self.words(first, count)
-            assert [word >> 9 for word in words] == [(first + place) % 128 for place in range(count)]
-            return [word & 0x1FF for word in words]
-
-        came = taught_arrays(self.config, read)
-        same(came, self.stream.model)
-        return came
-
-    def reload(self) -> None:
-        """Loads the model as the stream has it, so that what was taught stays over a reset."""
-        self.device.write(Register.CONTROL, Control.ARM)  # no touch is open then
-        self.device.settle()
-        held = self.stream.model.arrays | self.read_back()
-        following = self.stream._following  # a touch that was named stays so
-        self.stream = Stream(self.stream.model)
-        self.stream._following = following
-        for address, word in boot_writes(self.config, held):
-            self.device.write(address, word)
-        assert not self.device.read(Register.FAULTS) & Fault.WRITE_REFUSED
-        self.check()
-        self.command()
-
-
-def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, seed: int) -> Taught:
-    """Every recording, with commands in and between them, and some reloads."""
-    both = Taught(model, Design(export(model.config, model.arrays), builds, PURPOSE), seed)
-    for index in range(len(recordings)):
-        both.play(recordings.recording(index))
-        for _ in range(both.rng.randrange(3)):
-            both.command()
-        if index % 9 == 5:
-            both.reload()
-    return both
 
 
 @pytest.mark.timeout(1800)
@@ -211,16 +79,6 @@ def test_teaching_on_recordings_as_rtl_netlist_and_in_icarus(name, shared_data, 
         print(hardware.level, count, few.device.replay(hardware, tmp_path / hardware.level, BUILDS))
 
 
-def board_of(model: IntegerModel) -> PinPort:
-    """The pins of a simulated board that was just switched on."""
-    config, clock_hz = model.config, model.config.hardware.clock_hz
-    board = text_of(Board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
-    device = Device(Design(board, BUILDS, PURPOSE, "board_top"))
-    device.put("rx", 1)
-    device.reset()
-    return PinPort(device, CLOCKS_PER_BIT)
-
-
 @pytest.mark.timeout(1800)
 def test_a_damaged_place_is_flagged():
     plain = forget(taught_model("gru"))
@@ -243,28 +101,3 @@ def test_a_damaged_place_is_flagged():
     both.device.frames(recordings.recording(2))
     both.device.settle()
     assert both.device.read(Register.FAULTS) & Fault.CHECKSUM
-
-
-@pytest.mark.timeout(1800)
-def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
-    """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
-    model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"
-
-    def replayed(model: IntegerModel, teach: int | None = None) -> dict:
-        options = {"teach": teach, "kept": kept, "timeout_s": TIMEOUT_BYTES}
-        return play_all(board_of(model), model, recordings, lambda done, total: None, **options)
-
-    first = replayed(model, teach=2)  # recordings 0 and 1 show no whole touch
-    assert first["passed"] and first["taught_equal"] and first["in_use"] == {"rise": 0, "fall": 0, "pulse": 3}
-    taught = load_taught(model, kept)
-    assert taught_in_use(taught).tolist() == [0, 0, 3]
-    second = replayed(taught)
-    assert second["passed"] and second["in_use"] == first["in_use"]
-    assert load_taught(model, kept).content == taught.content
-    with pytest.raises(InputError, match="holds no touches taught to this model"):
-        load_taught(taught_model("gru", seed=4), kept)
-    with pytest.raises(InputError, match="is no .npz archive"):
-        load_taught(model, Path(__file__))
-    monkeypatch.setattr(Link, "places", lambda link, first, count: [0] * count)  # a board that holds nothing
-    lost = replayed(taught)
-    assert lost["bit_exact"] and not lost["taught_equal"] and not lost["passed"]

@@ -42,3 +42,12 @@ def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **change
     """The thesis's sizes and formats; states with room for an LSTM's."""
     wide = {"state_format": QFormat(4, 12)}
     return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, **wide | changes)
+
+
+def behind(converter: str, **fields) -> dict:
+    """Fields of a configuration; those that `HARDWARE` lacks are the converter's."""
+    hardware = {name: fields.pop(name) for name in HARDWARE & {*fields}}
+    return hardware | {"converter": dict(name=converter, **fields)}
+
+
+HARDWARE = {"taxels", "sample_rate_hz", "clock_hz", "rows", "columns", "scan_every"}

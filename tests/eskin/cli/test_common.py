@@ -79,7 +79,7 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
         ),
         ("evaluate", {"model": "in/model", "json": "in/model/new.json"}, None),
         ("evaluate", {"model": "in/model", "json": "mine.npz"}, "would overwrite a file that is not JSON"),
-        ("inspect", {"data": "mine.npz", "out": "a", "json": "./a"}, "--out a: --json names the same path"),
+        ("inspect", {"data": "mine.npz", "out": "a", "json": "./a"}, "--json a: --out names the same path"),
         ("convert", {"source": "absent.csv", "out": "absent.csv"}, None),
     ],
 )

@@ -104,3 +104,11 @@ def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
         raise AssertionError("the lamp stays dark")
 
     run(dut, play)
+
+
+def test_what_needs_a_host_is_refused():
+    with pytest.raises(InputError, match="there is no source of frames; add --converter"):
+        board.refuse_standalone(CONFIG.replace(converter="none"))
+    immediate = dict(onset="immediate", window_mode="free", window=614, pretrigger_frames=0)
+    with pytest.raises(InputError, match="use 'band' or 'baseline'"):
+        board.refuse_standalone(CONFIG.replace(**immediate))
