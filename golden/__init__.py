@@ -1,4 +1,4 @@
-"""Golden model of eskin: what every stage of the hardware must compute, bit for bit."""
+"""Golden model of eskin: the reference that every stage of the hardware must equal, bit for bit."""
 
-if __name__ != "eskin.golden":  # the checkout's top folder may be on the path: a module has one name
-    raise ImportError("import eskin.golden: as golden its modules would be loaded a second time")
+if __name__ != "eskin.golden":  # else a module could have two names
+    raise ImportError("import eskin.golden: under the name golden its modules would be loaded twice")

@@ -57,7 +57,7 @@ SURVIVORS, FAR_BEHIND = 3, 3.0
 """Pairs of gate and windows on which kinds of feature are tried; standard errors behind the best from which a
 gate is not tried with further windows."""
 
-DESCENT = 24
+DESCENT = 16
 """Cheaper neighbours that are judged at most."""
 
 RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
@@ -500,23 +500,17 @@ def _around(best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]) -> 
 
 
 def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
-    """Neighbours with half the scans, fewer kinds, two thirds of the windows, windows of two thirds and of seven
-    eighths the length."""
+    """Neighbours with half the scans, fewer kinds, two thirds of the windows, windows of two thirds the length."""
     windows, kinds = at.windows, at.features.feature_kinds
     tried = [scanning_half(at)]
     if len(kinds) > 1:
         tried += [valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
     if windows.window_mode == "free":
+        shorter = max(2 * windows.hop // 3 // 8 * 8, 4)
+        block = block_of(shorter) if at.features.activity_block > 1 else 1
         tried.append(valid(at, steps=max(2 * windows.steps // 3, 1)))
-        tried += [with_hop(at, max(round(part * windows.hop), 4)) for part in (2 / 3, 7 / 8)]
+        tried.append(valid(at, hop=shorter, window=2 * shorter, activity_block=block))
     return filter(None, tried)
-
-
-def with_hop(config: AcceleratorConfig, hop: int) -> AcceleratorConfig | None:
-    """``config`` with windows of two hops, each ``hop`` frames or a few less, so that fewer scans divide it."""
-    hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)
-    block = block_of(hop) if config.features.activity_block > 1 else 1
-    return valid(config, hop=hop, window=2 * hop, activity_block=block)
 
 
 def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:

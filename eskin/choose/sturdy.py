@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eskin.choose.candidate import CLEAN_LOSS, Stress
-from eskin.choose.front_ends import Screen, scanning_half, valid, with_hop
+from eskin.choose.front_ends import Screen, block_of, scanning_half, valid
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import UNEVEN
 
@@ -138,7 +138,13 @@ class Hardening:
         ]
         for one in filter(None, alike):
             for factor in LONGER:
-                if longer := with_hop(one, round(factor * one.windows.hop)):
+                if longer := _with_hop(one, round(factor * one.windows.hop)):
                     yield from [longer] * (longer.last_frame <= ends)
-        if (half := scanning_half(config)) and (longer := with_hop(half, config.windows.hop)):
+        if (half := scanning_half(config)) and (longer := _with_hop(half, config.windows.hop)):
             yield from [longer] * (longer.last_frame <= ends // 2)
+
+
+def _with_hop(config: AcceleratorConfig, hop: int) -> AcceleratorConfig | None:
+    hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)
+    block = block_of(hop) if config.features.activity_block > 1 else 1
+    return valid(config, hop=hop, window=2 * hop, activity_block=block)

@@ -25,7 +25,8 @@ def sigmoid_table(config: AcceleratorConfig) -> np.ndarray:
         else np.clip(0.2 * x + 0.5, 0.0, 1.0)
     )
     upper = config.gate_format.quantise(real)
-    # one entry more than half: index -T/2 has no partner in the table, and its own is made of +T/2
+    # upper has one entry more than half of the table: entry -T/2 is computed from +T/2, which is not in the
+    # table
     lower = config.gate_one - upper[1:]
     return np.concatenate([lower[::-1], upper[:half]])
 

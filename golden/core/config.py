@@ -39,8 +39,8 @@ from eskin.golden.core.groups import (
 )
 
 WIDEST_ACCUMULATOR = 48
-"""Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum
-exactly."""
+"""Largest width of a row accumulator, bits. At this width an addend takes three host words, and float64 holds
+every sum exactly."""
 
 MOST_INPUTS = 512
 """Highest number of inputs of a network."""
@@ -58,8 +58,8 @@ IMAGE_ROWS_HZ = 1000.0
 """Default rows of an image per second; a still image has no rate."""
 
 MOST_MEAN_FRAC = 10
-"""Fraction bits of the normaliser's means at most: sensors of two code levels have windows that differ by a
-few counts."""
+"""Highest number of fraction bits of the normaliser's means. Sensors with two code levels need them, because
+their windows differ by a few counts."""
 
 RING_SLACK_FRAMES = 8
 """Frames that the pre-trigger ring can hold beyond its history while the rest of the chain is held up."""
@@ -70,8 +70,8 @@ class AcceleratorConfig:
     """One accelerator. docs/specification.md defines each rule; widths and counts derived here are
     used by model and RTL alike.
 
-    The fields stand in groups (groups.py): ``config.sensor.taxels``. Each group checks itself, this class
-    what ties them together.
+    The fields stand in groups (groups.py): ``config.sensor.taxels``. Each group checks itself; this class
+    checks conditions between groups.
 
     Raises
     ------
@@ -188,8 +188,8 @@ class AcceleratorConfig:
                 f"{', '.join(map(str, lengths))} frames; blocks must fill both: use {works}",
             )
         knee, width = features.integral_knee, self.integral_bits
-        # 2**knee is added to a magnitude before its logarithm; half of the largest one is the most at which
-        # that sum still fits the word
+        # 2**knee is added to a magnitude before its logarithm; the sum still fits the word if 2**knee is at
+        # most half of the largest magnitude
         if "integral" in kinds and knee > width - 2:
             yield "integral_knee", f"is {knee} for integrals of {width} bits; give at most {width - 2}"
         if len(shifts) not in (0, len(self.feature_units)):
@@ -211,8 +211,11 @@ class AcceleratorConfig:
                 f"{formats.logit_format} is finer than the dense products; lower its fraction bits",
             )
         if self.dense_bias_shift < 0:
-            yield "dense_bias_format", f"{formats.dense_bias_format} is finer than the dense products"
-        bits = self.accumulator_bits  # behind the shifts: its bound is made of them
+            yield (
+                "dense_bias_format",
+                f"{formats.dense_bias_format} is finer than the dense products; lower its fraction bits",
+            )
+        bits = self.accumulator_bits  # after the checks of the shifts, because its bound depends on them
         if bits > WIDEST_ACCUMULATOR:
             yield (
                 "weight_format" if self.recurrent else "dense_format",
@@ -302,7 +305,7 @@ class AcceleratorConfig:
                 "is false, but the host must fill the memory of prototypes; set it to true, or quantise without "
                 "--readout",
             )
-        # one more: the touch under way has a place of its own, so that it can be taught when it has ended
+        # one more: the current touch has a slot of its own, so that it can be taught after its end
         places = self.classes * (rule.prototypes + rule.taught) + 1
         if self.windows.steps * places * self.trajectory_width + self.classes > 1 << 16:
             yield (
@@ -406,8 +409,8 @@ class AcceleratorConfig:
 
     @property
     def wide_decisions(self) -> bool:
-        """True where a class needs more than the 5 bits that decisions have for it: they are the decision
-        word of section 17 then."""
+        """True if a class needs more than the 5 bits that a decision has for it; decisions then have the form
+        of the decision word of section 17."""
         return self.classes > 32
 
     @property
@@ -442,12 +445,12 @@ class AcceleratorConfig:
 
     @cached_property
     def window_spans(self) -> tuple[tuple[int, int], ...]:
-        """First and last frame (1-based from the start of the touch's first window) of windows 1..steps.
+        """First and last frame of windows 1..steps, 1-based from the start of the touch's first window.
 
         Free: ``hop (k-1) + 1 .. hop (k-1) + 2 hop``. Touch: the same with ``window`` frames, clipped at
         touch_frames.
         """
-        # 1 << 62: never, and still an int64
+        # 1 << 62: beyond every frame, and still an int64
         limit = self.windows.touch_frames if self.windows.window_mode == "touch" else 1 << 62
         return tuple(
             (self.windows.hop * k + 1, min(self.windows.hop * k + self.windows.window, limit))
@@ -456,7 +459,8 @@ class AcceleratorConfig:
 
     @cached_property
     def window_lengths(self) -> tuple[int, ...]:
-        """Distinct window lengths, frames, in order of first appearance: one mean and scale constant each."""
+        """Distinct window lengths, frames, in order of first appearance; each has its own normaliser
+        constants."""
         return tuple(dict.fromkeys(last - first + 1 for first, last in self.window_spans))
 
     @cached_property
@@ -478,7 +482,7 @@ class AcceleratorConfig:
     # ------------------------------------------------------------------ features
     @property
     def kinds(self) -> int:
-        """Kinds of feature a taxel."""
+        """Number of kinds of feature per taxel."""
         return len(self.features.feature_kinds)
 
     @property
@@ -488,7 +492,8 @@ class AcceleratorConfig:
 
     @property
     def constants(self) -> int:
-        """Normaliser constants a window length: one a kind, or with ``feature_scale`` taxel one an input."""
+        """Number of normaliser constants per window length: one per kind, or with ``feature_scale`` taxel one
+        per input."""
         return self.inputs if self.features.feature_scale == "taxel" else self.kinds
 
     @cached_property
@@ -503,7 +508,7 @@ class AcceleratorConfig:
 
     @cached_property
     def input_mask(self) -> tuple[bool, ...]:
-        """For each input whether its taxel is in ``masked_taxels``."""
+        """For each input, True if its taxel is in ``masked_taxels``."""
         return tuple(index // self.kinds in self.sensor.masked_taxels for index in range(self.inputs))
 
     @property
@@ -539,7 +544,7 @@ class AcceleratorConfig:
 
     @cached_property
     def beat_bits(self) -> int:
-        """Bits of a frame's share in a window, for one input: a deviation, a block's activity, a companded
+        """Bits of one contribution to a window, for one input: a deviation, a block's activity or a companded
         integral."""
         bounds = {"mean": self.deviation_bound, "activity": self.block_bound, "integral": self.integral_limit}
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
@@ -568,7 +573,7 @@ class AcceleratorConfig:
 
     @property
     def feature_units(self) -> tuple[float, ...]:
-        """``feature_unit`` for each of window_lengths, and of each for each kind, in the order of
+        """``feature_unit`` for each window length and, within it, each kind, in the order of
         ``feature_shift``."""
         return tuple(
             self.feature_unit(length, kind)
@@ -583,12 +588,13 @@ class AcceleratorConfig:
 
     @property
     def most_mean_frac(self) -> int:
-        """Permitted fraction bits of means. A mean is loaded in two words at most, with its parity bit."""
+        """Highest permitted number of fraction bits of means: a mean and its parity bit must fit two host
+        words."""
         return max(0, min(MOST_MEAN_FRAC, 32 - self.hardware.checksum - self.sum_bits))
 
     @property
     def mean_format(self) -> QFormat:
-        """A mean: as wide as a window's value, and its fraction bits."""
+        """Format of a mean: the bits of a window's value, and fraction bits in addition."""
         return QFormat(self.sum_bits, self.mean_frac)
 
     @property
@@ -600,13 +606,13 @@ class AcceleratorConfig:
     # ------------------------------------------------------------------ network sizes
     @property
     def recurrent(self) -> bool:
-        """True for cells with a hidden state; False for the linear one, which adds logits up over the
+        """True for cells with a hidden state; False for the linear cell, whose logits add up over the
         windows."""
         return self.network.cell in ("gru", "lstm")
 
     @property
     def has_prototypes(self) -> bool:
-        """True where the nearest prototype decides (``readout``), not the logits."""
+        """True if the nearest prototype decides and not the logits (``readout``)."""
         return self.readout_rule.readout == "prototypes"
 
     @property
@@ -617,7 +623,7 @@ class AcceleratorConfig:
 
     @cached_property
     def stages(self) -> tuple[images.Stage, ...]:
-        """The layers of a network for images, each with the shapes of its maps; none of the others."""
+        """The layers of a network for images, each with the shapes of its maps; empty for other networks."""
         return self.image.stages()
 
     @property
@@ -639,14 +645,14 @@ class AcceleratorConfig:
 
     @property
     def sets(self) -> int:
-        """Sets of weights: one a window for a linear cell, unless it has ``one`` for all; 1 for the
-        others."""
+        """Number of sets of weights: one per window for a linear cell, or 1 with ``weight_sets`` one; 1 for
+        other cells."""
         return self.windows.steps if not self.recurrent and self.network.weight_sets == "window" else 1
 
     @property
     def gates(self) -> tuple[str, ...]:
-        """Names of the gate rows in program order (the order of the integer archive's arrays is free); none
-        of a linear cell."""
+        """Names of the gate rows in program order (the order of the integer archive's arrays is free); empty
+        for a linear cell."""
         if not self.recurrent:
             return ()
         return ("i", "f", "g", "o") if self.network.cell == "lstm" else ("z", "r", "n")
@@ -654,8 +660,8 @@ class AcceleratorConfig:
     @property
     def parameter_count(self) -> int:
         """Trainable parameters: G (H (D+H) + H) + C (H+1), torch's second bias row added for reset after;
-        linear: a C x D matrix for each set of weights, + C; of images those of all layers, batch norm
-        counted."""
+        linear: a C x D matrix for each set of weights, + C; images: those of all layers, batch norm
+        included."""
         if self.is_image:
             return sum(stage.parameters for stage in self.stages)
         if not self.recurrent:
@@ -668,8 +674,8 @@ class AcceleratorConfig:
 
     @property
     def multiplies(self) -> int:
-        """Multiplies a step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; an image: those of all
-        layers, including those with the zero padding."""
+        """Multiplications per step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; images: those
+        of all layers, including those with the zero padding."""
         if self.is_image:
             return sum(stage.multiplies for stage in self.stages)
         h, d = self.network.hidden, self.inputs
@@ -705,7 +711,7 @@ class AcceleratorConfig:
     @property
     def feature_align(self) -> int:
         """Zeros appended to a feature code so that W x and U h products share one scale (exact, no
-        narrowing); none in a linear cell."""
+        narrowing); 0 in a linear cell."""
         if not self.recurrent:
             return 0
         return (
@@ -714,16 +720,16 @@ class AcceleratorConfig:
 
     @property
     def operand_bits(self) -> int:
-        """Bits of a vector operand on the lanes: the wider of the state and the aligned feature; the
-        feature's in a linear cell."""
+        """Bits of a vector operand on the lanes: those of the wider of state and aligned feature; in a linear
+        cell those of the feature."""
         if not self.recurrent:
             return self.formats.feature_format.width
         return max(self.formats.state_format.width, self.formats.feature_format.width + self.feature_align)
 
     @property
     def weight_bits(self) -> int:
-        """Bits of a weight word: the widest of the three weight formats; the dense one's in a linear cell;
-        the widest layer's of images."""
+        """Bits of a weight word: those of the widest of the three weight formats; in a linear cell those of
+        the dense weights; for images those of the widest layer."""
         if self.is_image:
             return max((fmt.width for fmt in self.image.weight_formats), default=8)
         if not self.recurrent:
@@ -776,12 +782,13 @@ class AcceleratorConfig:
 
     @property
     def trajectory_width(self) -> int:
-        """Values a step that prototypes are compared with: hidden states, of a linear cell logits."""
+        """Number of values per step that are compared with a prototype: hidden states, or in a linear cell
+        logits."""
         return self.network.hidden if self.recurrent else self.classes
 
     @property
     def trajectory_format(self) -> QFormat:
-        """Format of these values."""
+        """Format of the values that are compared with a prototype."""
         return self.formats.state_format if self.recurrent else self.formats.logit_format
 
     @property
@@ -791,14 +798,15 @@ class AcceleratorConfig:
 
     @property
     def distance_bound(self) -> int:
-        """Largest distance of a touch from a prototype that the formats allow: of all steps, or with decision
-        ``vote`` of one."""
+        """Largest distance of a touch from a prototype that the formats allow: over all steps, or with
+        decision ``vote`` over one."""
         steps = 1 if self.network.decision == "vote" else self.windows.steps
         return steps * self.trajectory_width * ((1 << self.readout_rule.state_code_bits) - 1)
 
     @property
     def score_format(self) -> QFormat:
-        """Format of a class's score, of which a step takes the largest: a logit, or a negative distance."""
+        """Format of a class's score, a logit or a negative distance; a step decides for the class with the
+        largest score."""
         return (
             QFormat(signed_bits(self.distance_bound), 0) if self.has_prototypes else self.formats.logit_format
         )
@@ -830,8 +838,8 @@ class AcceleratorConfig:
 
     @cached_property
     def accumulator_bound(self) -> int:
-        """Largest absolute value any row accumulator, addend and rounding half included, can reach under the
-        formats."""
+        """Largest absolute value that any row accumulator, addend and rounding half included, can reach under
+        the formats."""
         if not self.recurrent:
             return self.dense_bound
         state = self.formats.state_format.magnitude
@@ -847,7 +855,7 @@ class AcceleratorConfig:
     @cached_property
     def dense_bound(self) -> int:
         """Largest absolute value that a dense row's accumulator, addend and rounding half included, can reach
-        under the formats; that of a linear cell goes on over all steps of a touch."""
+        under the formats; a linear cell accumulates over all steps of a touch."""
         operands = self.network.hidden * self.formats.state_format.magnitude
         if not self.recurrent:
             operands = self.windows.steps * self.inputs * self.formats.feature_format.magnitude
@@ -860,20 +868,20 @@ class AcceleratorConfig:
 
     @property
     def logit_proven(self) -> bool:
-        """No weights that the formats can hold make a logit saturate."""
+        """True if no weights that the formats can hold make a logit saturate."""
         return self.dense_bound >> self.logit_shift <= self.formats.logit_format.max_code
 
     @cached_property
     def accumulator_bits(self) -> int:
-        """Bits of a row accumulator: proven, no reachable overflow. At least 18, so that an addend is never
-        one word of the host's."""
+        """Bits of a row accumulator, so many that no sum can overflow. At least 18, so that an addend never
+        fits one host word."""
         if self.is_image:
             return images.accumulator_bits(self.stages, self.weight_bits, self.layer_shifts)
         return max(18, signed_bits(self.accumulator_bound))
 
     @property
     def addend_parts(self) -> int:
-        """16-bit words in which the host loads one addend, low word first: two, three where the accumulator
+        """16-bit words in which the host loads one addend, low word first: two, or three if the accumulator
         has more than 32 bits."""
         return -(-self.accumulator_bits // 16)
 
@@ -881,7 +889,7 @@ class AcceleratorConfig:
     def elementwise_bits(self) -> int:
         """Bits of the element-wise accumulator: two products of 16-bit operands with gates or scales, and a
         rounding half. A linear cell only normalises and has one product."""
-        # gate_one for the rounding half, which is gate_one / 2: a simple bound, and no bit wider
+        # gate_one instead of the rounding half, gate_one / 2: the bound is simpler and takes no bit more
         if not self.recurrent:
             return signed_bits(self.centred_format.magnitude * self.scale_format.magnitude + self.gate_one)
         operand = max(self.formats.state_format.magnitude, self.centred_format.magnitude)
@@ -900,7 +908,8 @@ class AcceleratorConfig:
     # ------------------------------------------------------------------ fields by name, files
     @classmethod
     def of(cls, **fields: Any) -> AcceleratorConfig:
-        """A configuration of ``fields``, given by name whatever their group; the others as by default."""
+        """A configuration with ``fields``, given by name without their groups; the others have their
+        defaults."""
         return cls().replace(**fields)
 
     @classmethod
@@ -912,9 +921,9 @@ class AcceleratorConfig:
         class_names: Sequence[str],
         **fields: Any,
     ) -> AcceleratorConfig:
-        """A network for images of ``height`` x ``width`` pixels: ``layers``, the last one an output for each
-        of ``class_names``; an image is one touch of height frames, open at once, one window and one step.
-        ``fields``: others by name, whatever their group."""
+        """Configuration of a network for images of ``height`` x ``width`` pixels. The last of ``layers`` has
+        one output for each of ``class_names``. An image is one touch of height frames with one window and one
+        step, and its gate opens at once. ``fields``: other fields, by name without their groups."""
         image = Image(height=height, width=width, layers=tuple(map(str, layers)))
         defaults = {"sample_rate_hz": IMAGE_ROWS_HZ, "logit_format": QFormat(8, 8)}
         network = {"cell": "image", "class_names": tuple(class_names)}
@@ -928,11 +937,11 @@ class AcceleratorConfig:
         return self.replace(**{field: value for field, value in fields.items() if value is not None})
 
     def with_readout(self, **fields: Any) -> AcceleratorConfig:
-        """A copy whose ``readout_rule`` has ``fields`` and is else as by default."""
+        """A copy whose ``readout_rule`` has ``fields``, and defaults for its other fields."""
         return dataclasses.replace(self, readout_rule=ReadoutRule(**fields))
 
     def replace(self, **changes: Any) -> AcceleratorConfig:
-        """A copy with ``changes``, fields by name whatever their group, checked again."""
+        """A copy with ``changes`` (fields by name without their groups), checked again."""
         own, of_group = _by_group(changes)
         try:
             groups = {group: getattr(self, group).replace(**fields) for group, fields in of_group.items()}
@@ -942,11 +951,11 @@ class AcceleratorConfig:
         return dataclasses.replace(self, **own, **groups)
 
     def value(self, field: str) -> Any:
-        """The field of that name, whatever its group."""
+        """Value of the field called ``field``, in whichever group it is."""
         return self.name if field == "name" else getattr(getattr(self, GROUP_OF[field]), field)
 
     def fields(self) -> dict[str, Any]:
-        """Every field by its name, whatever its group; formats as ``SQ(int,frac)``."""
+        """Every field by its name, without groups; formats as ``SQ(int,frac)``."""
         return {"name": self.name} | {field: _plain(self.value(field)) for field in GROUP_OF}
 
     def to_dict(self) -> dict[str, Any]:
@@ -1025,12 +1034,12 @@ def _plain(value: Any) -> Any:
 
 
 def _of_every_image(image: Image) -> dict[str, Any]:
-    """Fields outside of group ``image`` that have one value only in a network for images of this size."""
+    """Fields outside of group ``image`` whose values are fixed in a network for images of this size."""
     height = image.height
     sensor: dict[str, Any] = dict(
         taxels=image.width, scan_every=1, sample_bits=8, sample_signed=False, masked_taxels=()
     )
-    # a window of two hops is what every configuration has; touch_frames cuts it to the one image
+    # every configuration has windows of two hops; touch_frames cuts this one to the single image
     gate: dict[str, Any] = dict(
         onset="immediate", window_mode="touch", pretrigger_frames=0, touch_frames=height
     )

@@ -1,4 +1,4 @@
-"""A name for values by their content: the key of a kept result, of a model, of recordings."""
+"""Keys made from content: of cached results, models and recordings."""
 
 import hashlib
 import json
@@ -9,10 +9,10 @@ import numpy as np
 
 
 def content_key(*parts: Any) -> str:
-    """A name that ``parts`` determine.
+    """Key that depends on the content of ``parts`` alone.
 
-    A part is bytes, an array, a file (`Path`: its content), something with a ``content`` of its own
-    (recordings, a model, a configuration), or what JSON holds.
+    A part is bytes, an array, a file (`Path`: its content), an object with an attribute ``content``
+    (recordings, a model), or a value that JSON can hold.
     """
     digest = hashlib.sha256()
     for part in parts:
@@ -22,6 +22,6 @@ def content_key(*parts: Any) -> str:
         elif isinstance(part, np.ndarray):
             part = f"{part.dtype.str} {part.shape} ".encode() + np.ascontiguousarray(part).tobytes()
         data = part if isinstance(part, bytes) else json.dumps(part).encode()
-        # the length goes first: else ("ab", "c") and ("a", "bc") had one key
+        # the length goes first; otherwise ("ab", "c") and ("a", "bc") would have the same key
         digest.update(f"{len(data)} ".encode() + data)
     return digest.hexdigest()[:32]

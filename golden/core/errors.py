@@ -1,4 +1,4 @@
-"""Errors: a user's mistake, and a simulation that breaks."""
+"""Errors: bad input by the user, and a simulation that fails."""
 
 from typing import Any
 
@@ -22,7 +22,8 @@ def array_of(values: Any, name: str, fix: str = "give rows of one length") -> np
     Raises
     ------
     InputError
-        Rows of several lengths; ``name`` says whose, ``fix`` what to give.
+        ``values`` has rows of several lengths. The sentence names them by ``name`` and gives ``fix`` as the
+        remedy.
     """
     try:
         return np.asarray(values)

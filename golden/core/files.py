@@ -23,11 +23,11 @@ MOST_UNPACKED_BYTES = 4 << 30
 
 
 Check = Callable[[], None]
-"""Raises an error where a folder may not be replaced."""
+"""Callback that raises an error if a folder may not be replaced."""
 
 
 def check_target(path: str | Path | None) -> None:
-    """Refuse a file name that could not be written in the end, before the work; None is fine.
+    """Refuse, before the work begins, a file name that cannot be written; None is allowed.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def check_target(path: str | Path | None) -> None:
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """A temporary file in ``path``'s folder (made if missing) that takes the name ``path`` when the block
-    ends without an error; who may read it is as for any new file of the process (its umask).
+    ends without an error. It has the permissions of any new file of the process (its umask).
 
     Raises
     ------
@@ -87,10 +87,10 @@ def _parents(path: Path) -> Iterator[None]:
 @contextlib.contextmanager
 def replacing_folder(folder: str | Path, check: Check = lambda: None) -> Iterator[Path]:
     """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends
-    without an error; who may read it is as for any new folder of the process (its umask).
+    without an error. It has the permissions of any new folder of the process (its umask).
 
-    The caller decides whether it may be replaced. ``check`` is called immediately before, while no other process
-    replaces a folder beside it; if it raises, ``folder`` stays as it is.
+    The caller decides whether ``folder`` may be replaced. ``check`` is called immediately before that, while
+    no other process replaces a folder beside it; if it raises, ``folder`` stays as it is.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def exchange(fresh: Path, folder: Path, old: Path, check: Check = lambda: None) 
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Hold an exclusive lock on ``path`` over the block, between processes."""
+    """Hold an exclusive lock on ``path`` for the block, against other processes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w") as handle:
         fcntl.flock(handle, fcntl.LOCK_EX)
@@ -166,8 +166,7 @@ def check_unpacked(archive: zipfile.ZipFile) -> None:
 
     Raises
     ------
-    ArchiveError
-        It does.
+    ArchiveError The archive unpacks to more.
     """
     unpacked = sum(entry.file_size for entry in archive.infolist())
     if unpacked > MOST_UNPACKED_BYTES:
@@ -237,7 +236,7 @@ def check_folder(out: Path, mark: str) -> None:
 
 
 PREFIX = "eskin"
-"""Begins every public name of C that is written."""
+"""Default prefix of every public C name in generated files."""
 
 
 def prefixed(text: str, prefix: str) -> str:
@@ -246,12 +245,12 @@ def prefixed(text: str, prefix: str) -> str:
 
 
 def check_prefix(option: str, prefix: str) -> str:
-    """``prefix``, which names of C and Verilog begin with.
+    """``prefix`` for names in C and Verilog, checked.
 
     Raises
     ------
     InputError
-        It is no identifier of at most 40 characters; in capitals it begins the macros.
+        It is not an identifier of at most 40 characters; in capitals it is the prefix of the macros.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", prefix):
         raise InputError(

@@ -1,8 +1,8 @@
 """Fixed point: formats and the arithmetic that defines rounding and overflow, in plain integers.
 
 This file is the definition shared by the golden model and the hardware (docs/specification.md, section 1).
-Words are the field's: TRN drops bits (floor), RND adds half an LSB first (half up), RND_CONV rounds half to
-even; WRAP keeps the low bits, SAT clamps.
+The modes have their usual names: TRN drops bits (floor), RND adds half an LSB first (half up), RND_CONV
+rounds half to even; WRAP keeps the low bits, SAT clamps.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A group of a configuration's fields that checks itself.
 
-Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
+The annotations hold types, ranges and permitted words; pydantic checks them.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ class Group:
     `refusals` checks the fields against each other."""
 
     prefix: ClassVar[str] = ""
-    """Stands before a field's name in an error."""
+    """Text before a field's name in an error."""
 
     def __post_init__(self) -> None:
         for field, why in self._misfits() or self.refusals():
@@ -65,14 +65,14 @@ _WORDS = {
     "finite_number": "give a finite number",
     "bool_type": "give true or false",
     "string_type": "give text",
-    "is_instance_of": "give a format, SQ(3,5) say",
+    "is_instance_of": "give a format, for example SQ(3,5)",
     "tuple_type": "give a list",
 }
-"""Advice for each kind of mistake, by pydantic's name of it."""
+"""Advice to the user for each kind of mistake, by pydantic's name for it."""
 
 
 def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
-    """Advice for the first mistake."""
+    """Text that tells the user how to correct the first mistake."""
     first = error.errors(include_url=False)[0]
     kind, context = first["type"], first.get("ctx", {})
     # pydantic's own words where they are plain; a location inside the field means that it is a list
@@ -86,7 +86,7 @@ def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
     for bounds in (
         *parts,
         *(inner for part in parts[:1] for inner in get_args(part)),
-    ):  # or of a union's first
+    ):  # or those of a union's first type
         match bounds:
             case _ if not kind.startswith(("greater_than", "less_than")):
                 break

@@ -26,7 +26,7 @@ FeatureScale = Literal["array", "taxel"]
 FEATURE_KINDS: tuple[str, ...] = get_args(FeatureKind)
 """Kinds of value that a window gives per taxel, in the order of the features."""
 MOST_CLASSES = 128
-"""Classes that a classifier has at most."""
+"""Highest number of classes of a classifier."""
 Cell = Literal["gru", "lstm", "linear", "image"]
 WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
@@ -65,7 +65,9 @@ ImageWeight = Annotated[
 ]
 ImageMap = Annotated[
     _Format,
-    _format(lambda fmt: not fmt.signed and fmt.width == 8, "use unsigned formats of 8 bits, UQ(3,5) say"),
+    _format(
+        lambda fmt: not fmt.signed and fmt.width == 8, "use unsigned formats of 8 bits, for example UQ(3,5)"
+    ),
 ]
 LayerText = Annotated[StrictStr, AfterValidator(lambda text: str(parse_layer(text)))]
 
@@ -79,8 +81,8 @@ class Sensor(Group):
     - scan_every: the chain takes the first of every N frames of the source; all other fields in frames count the frames
       that it takes.
     - sample_bits, sample_signed: format of an A/D code.
-    - volt_per_code: volt per code, or the unit that the samples had; one for each taxel where columns are of different
-      kinds; 0 if it is not known.
+    - volt_per_code: volt, or another unit of the samples, per code; one value for each taxel if taxels are of
+      different kinds; 0 if it is not known.
     - masked_taxels: indices (from 0) of taxels that are out of use after a reset.
     """
 
@@ -98,7 +100,7 @@ class Sensor(Group):
         return self.sample_rate_hz / self.scan_every
 
     def source_frame(self, frame: int) -> int:
-        """The source's frame that is the chain's ``frame``, both counted from 1; 0, none, stays."""
+        """Number of the source's frame that the chain counts as ``frame``, both from 1; 0 (none) stays 0."""
         return (frame - 1) * self.scan_every + 1 if frame else 0
 
     @property
@@ -244,7 +246,8 @@ class Features(Group):
     - feature_scale: one mean and scale per kind for the whole ``array``, or for each ``taxel``.
     - feature_shift: bits dropped from (sum - mean), for each distinct window length and, within it, each kind. A negative
       shift gives the means that many fraction bits and drops nothing.
-    - aligned_means: these bits are 0 in every mean, so the hardware needs no cells for them; all lengths then share one shift.
+    - aligned_means: the dropped bits are 0 in every mean, so the hardware needs no cells for them; all
+      lengths then share one shift.
     """
 
     feature_kinds: tuple[FeatureKind, ...] = ("mean",)
@@ -287,9 +290,9 @@ class Network(Group):
     - reset: GRU only: the side of the reset gate.
     - hidden, gate_activation: GRU and LSTM.
     - class_names: names of the classes.
-    - decision: the touch's decision is the ``vote`` of all steps, that of the ``last`` step, or ``early``: that of the first step
-      at which the last early_steps local decisions agree, each with a margin of at least early_margin (logit LSBs), otherwise of
-      the last step.
+    - decision: the touch's decision is the ``vote`` of all steps, the decision of the ``last`` step, or
+      ``early``: the decision of the first step at which the last early_steps local decisions agree, each with
+      a margin of at least early_margin (logit LSBs), or of the last step if there is none.
     - margin_threshold: a touch's decision with a smaller margin is flagged unsure. 0: never.
     """
 
@@ -517,8 +520,8 @@ GROUPS: dict[str, type[Group]] = {
     "hardware": Hardware,
     "interface": Interface,
 }
-"""The groups by the name that a configuration and its file give them, in the order in which a frame meets
-them; the interface, which most have none of, is last."""
+"""The groups by their names in a configuration and its file, in the order in which a frame passes them; the
+interface, which most configurations do not use, is last."""
 
 GROUP_OF: dict[str, str] = {
     field.name: group

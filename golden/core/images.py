@@ -7,8 +7,8 @@ as in a configuration's group ``image``:
 | text | layer |
 | --- | --- |
 | ``conv K N`` | convolution K x K (1, 3 or 5), stride 1, zeros around the map ("same"), N channels; then ReLU |
-| ``pool`` | behind a convolution: largest of 2 x 2, stride 2; a row or column over at the end is a window of its own (ceil) |
-| ``dense N`` | every value of the map to N outputs; then ReLU, but for the last layer, whose outputs are the logits |
+| ``pool`` | after a convolution: largest of 2 x 2, stride 2; an odd last row or column is a window of its own (ceil) |
+| ``dense N`` | from every value of the map to N outputs; then ReLU, except in the last layer, whose outputs are the logits |
 
 **Maps** are channels-last: value (row, column, channel) of a map of width W and C channels has the number
 ``(row W + column) C + channel``. Map 0 is the image, one channel, 8 bits unsigned. Every map between layers
@@ -16,10 +16,10 @@ has 8 bits unsigned.
 
 **Numbers.** A layer with weights has signed weights of 8 or 4 bits and biases of BIAS_BITS bits, in units of
 its accumulator: ``narrow(sum(weight * value) + bias, shift, F) = SAT_F(floor((sum + bias + 2^(shift-1)) /
-2^shift))``, F = UQ 8 bits, where the saturation at 0 is the ReLU; of the last layer F = the signed
+2^shift))``, F = UQ 8 bits, where the saturation at 0 is the ReLU; in the last layer F is the signed
 ``logit_format``. ``shift`` is 0 or more, and with 0 nothing is rounded.
 
-**Accumulator.** No sum overflows, whatever the weights and biases are: ``accumulator_bound`` is made of the
+**Accumulator.** No sum overflows, whatever the weights and biases are: ``accumulator_bound`` depends on the
 formats alone, so that other weights may be loaded.
 
 **Folder of a model.** ``config.json`` has the group ``image`` (layers, formats) and ``weights.npz`` for each
@@ -28,9 +28,9 @@ convolution (channels, K, K, channels before), of a dense layer (outputs, values
 order of their numbers); ``b_n`` int64 (channels or outputs). ``float.npz``: the same names, float64, batch
 norm folded in.
 
-**On its way in** an image is ``height`` frames of ``width`` samples, row by row from the top, each from the
-left. The gate is open at once and nothing is subtracted or normalised: a sample is a pixel. The last pixel of
-row ``height`` ends the image; its decision is both local and global (one step).
+**Input.** An image arrives as ``height`` frames of ``width`` samples: row by row from the top, each row from
+the left. The gate is open at once and nothing is subtracted or normalised: a sample is a pixel. The last
+pixel of row ``height`` ends the image; its decision is both local and global (one step).
 """
 
 import itertools
@@ -43,16 +43,17 @@ from eskin.golden.core.formats import QFormat, signed_bits
 
 KERNELS = (1, 3, 5)
 BIAS_BITS = 24
-"""Bits of a bias: two of the host's words."""
+"""Bits of a bias, which takes two host words."""
 PIXEL_FORMAT = QFormat(0, 8, signed=False)
 """Format in which a network reads a pixel: code / 256."""
 LOGIT_BITS = 16
 MOST_CHANNELS = 64
 MOST_LAYERS = 16
 MOST_MAP_VALUES = 32768
-"""Values of a map that is kept (a convolution's only where no pool follows): one SPRAM of an iCE40UP5K."""
+"""Highest number of values of a map that is kept (a convolution's only if no pool follows): one SPRAM of an
+iCE40UP5K."""
 MOST_DENSE_WEIGHTS = 65536
-"""Weights of all dense layers: two SPRAMs."""
+"""Highest number of weights of all dense layers together: two SPRAMs."""
 MOST_CONV_WEIGHTS = 65536
 MOST_SHIFT = 24
 
@@ -98,7 +99,7 @@ def parse_layer(text: str) -> Layer:
     Raises
     ------
     ValueError
-        It is none; the message says what one looks like.
+        ``text`` is not a layer; the message shows the forms of one.
     """
     words = text.split()
     numbers = [int(word) for word in words[1:] if re.fullmatch(r"[0-9]{1,6}", word)]
@@ -120,9 +121,9 @@ def parse_layer(text: str) -> Layer:
 
 @dataclass(frozen=True)
 class Stage:
-    """A layer in its place.
+    """A layer at its place in the network.
 
-    number: in the list of layers, from 0. source, result: shapes of the map before and behind it. last: its
+    number: in the list of layers, from 0. source, result: shapes of its input and output map. last: its
     outputs are the logits.
     """
 
@@ -134,24 +135,24 @@ class Stage:
 
     @property
     def weight_shape(self) -> tuple[int, ...]:
-        """Shape of ``W_n``; () of a pool."""
+        """Shape of ``W_n``; () for a pool."""
         if isinstance(self.layer, Conv):
             return (self.layer.channels, self.layer.kernel, self.layer.kernel, self.source[2])
         return (self.layer.outputs, math.prod(self.source)) if isinstance(self.layer, Dense) else ()
 
     @property
     def outputs(self) -> int:
-        """Biases: channels of a convolution, outputs of a dense layer, 0 of a pool."""
+        """Number of biases: channels of a convolution, outputs of a dense layer, 0 for a pool."""
         return self.weight_shape[0] if self.weight_shape else 0
 
     @property
     def weights(self) -> int:
-        """Weights; 0 of a pool."""
+        """Number of weights; 0 for a pool."""
         return math.prod(self.weight_shape) if self.weight_shape else 0
 
     @property
     def products(self) -> int:
-        """Products of one sum."""
+        """Number of products of one sum."""
         return self.weights // self.outputs if self.outputs else 0
 
     @property
@@ -161,8 +162,8 @@ class Stage:
 
     @property
     def parameters(self) -> int:
-        """Trained parameters: weights and biases, and of a convolution the two of each channel's batch norm,
-        which is folded in later."""
+        """Number of trained parameters: weights and biases, and for a convolution two more per channel, of
+        the batch norm that is folded in later."""
         return self.weights + self.outputs * (3 if isinstance(self.layer, Conv) else 1)
 
     def accumulator_bound(self, weight_bits: int, shift: int) -> int:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 Progress = Callable[[str, int, int], None]
-"""Callback of progress: (name of the work, done, total; 0: not known)."""
+"""Callback for progress, with (name of the work, done, total; 0: not known)."""
 Record = dict[str, Any]
-"""Named values: a result, a row of it, options; as JSON holds them."""
+"""Named values that JSON can hold: a result, a row of a result, options."""
 Arrays = Mapping[str, np.ndarray]
 """Arrays by name, as a model has them."""

@@ -12,7 +12,8 @@ HEADROOM = 2.0
 MOST_CLIPPED = 0.01
 """Largest share of a taxel's samples that a requested scale may clip."""
 UNEVEN = 8.0
-"""Factor by which columns differ in range from which on each needs a scale of its own."""
+"""Largest ratio of the ranges of kinds of columns that one scale serves; beyond it each kind needs its
+own."""
 Worth = float | tuple[float, ...]
 """Value of one code: one for all taxels, or one for each."""
 FEW_CODES = 16
@@ -36,14 +37,14 @@ def round_step(largest: float, top: int) -> float:
 
 
 def called(taxels: Sequence[int] | np.ndarray, names: Sequence[str] = ()) -> str:
-    """Some taxels in words, by their names, else by their numbers from 0."""
+    """Text that lists taxels by their names or, without names, by their numbers from 0."""
     words = [names[taxel] if len(names) else str(taxel) for taxel in taxels]
     listed = ", ".join(words[:8]) + (f" and {len(words) - 8} more" if len(words) > 8 else "")
     return f"taxel{'s' if len(words) > 1 else ''} {listed}"
 
 
 def clipped_to(codes: np.ndarray, fmt: QFormat, names: Sequence[str] = ()) -> tuple[np.ndarray, list[str]]:
-    """(the share of each taxel's codes outside of a format, a sentence about them where there are any)."""
+    """(share of each taxel's codes outside of a format, a sentence about these codes if there are any)."""
     outside = ((codes < fmt.min_code) | (codes > fmt.max_code)).mean(axis=0)
     if not outside.any():
         return outside, []
@@ -58,8 +59,8 @@ def in_words(worth: Worth) -> str:
 
 
 def scale_a_kind(values: np.ndarray, kinds: Sequence[str], top: int) -> tuple[float, ...] | None:
-    """A scale for each column, equal for columns of one kind; None where all are of one, or where the largest
-    values of the kinds differ by UNEVEN at most."""
+    """A scale for each column, equal for columns of one kind. None if all columns are of one kind, or if the
+    largest values of the kinds differ by a factor of UNEVEN at most."""
     largest = np.abs(values).max(axis=0)
     of_kind = {kind: max(largest[[kind == other for other in kinds]]) for kind in kinds}
     moving = [value for value in of_kind.values() if value > 1e-300]
@@ -86,23 +87,23 @@ def to_codes(
     source:
         Name of the samples in messages.
     scale:
-        Value of one code, of all taxels or of each; None: whole numbers of at most 16 bits are codes
-        already, others get a scale that leaves twice their range.
+        Value of one code, one for all taxels or one for each; None: whole numbers of at most 16 bits are
+        codes already, others get a scale with room for twice their range.
     names:
         Names of the taxels, for messages; none: their numbers.
     kinds:
-        Of the taxels: each kind gets a scale of its own where they need it (`scale_a_kind`).
+        Kinds of the taxels; each kind gets a scale of its own if the kinds need it (`scale_a_kind`).
     asked:
         The user requested this scale: it is refused if it clips more than MOST_CLIPPED of a taxel's samples.
 
     Returns
     -------
-    (codes int32, what one code is worth (0: they were codes), sentences about it)
+    (codes int32, value of one code (0: the values were codes), sentences about it)
 
     Raises
     ------
     InputError
-        The scale is no positive number, or all values are 0.
+        The scale is not a positive number, or all values are 0.
     """
     if scale is not None and not (np.isfinite(scale).all() and np.greater(scale, 0).all()):
         raise InputError(f"{source}: a scale of {scale} makes no codes; give the value of one code, above 0")
@@ -114,7 +115,7 @@ def to_codes(
         )
     if max(-low, high) > 1e300:
         raise InputError(
-            f"{source}: samples run from {low:.6g} to {high:.6g}; nothing can be scaled to that, so give "
+            f"{source}: samples run from {low:.6g} to {high:.6g}, too far for any scale; give them in "
             "another unit"
         )
     whole = values.dtype.kind in "iu" or np.array_equal(values, np.rint(values))
@@ -143,7 +144,7 @@ def to_codes(
         f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {in_words(scale)} ({origin})"
     ]
     notes += held
-    # every so many frames: a quantile of some 100 000 is as good as of all
+    # a quantile of about 100 000 frames is as good as one of all frames
     moves = np.subtract(
         *np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)
     ) / np.asarray(scale)
@@ -151,6 +152,6 @@ def to_codes(
     if len(coarse):
         notes.append(
             f"{called(coarse, names)}: fewer than {FEW_CODES} codes between rest and touch, "
-            f"{moves[coarse].min():.2g} the least: take off the level that taxels share, or give a smaller scale"
+            f"{moves[coarse].min():.2g} the least: subtract the level that taxels share, or give a smaller scale"
         )
     return np.clip(codes, bounds.min_code, bounds.max_code).astype(np.int32), scale, notes

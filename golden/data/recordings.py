@@ -32,7 +32,7 @@ NOT_GROUPS = (*ARCHIVE_ARRAYS, "channel_names", "lsb_volt", "sample_rate_is_infe
 """Arrays that are never a group, whatever their length."""
 
 MOST_NAMES = 1 << 12
-"""Classes that are named where no names are given; labels beyond are refused as beyond the names."""
+"""Highest number of classes that get default names; larger labels are refused because they have no name."""
 GROUP_KINDS = "iubUSf"
 """Kinds of numpy types that a group may have: numbers and text."""
 
@@ -95,21 +95,21 @@ class Recordings:
     scan_every: int = 1
 
     def __post_init__(self) -> None:
-        """Give groups with a name of the archive's another one: a column called labels would replace the
-        classes when it is written."""
+        """Rename groups that have a name of one of the archive's own arrays: a group called labels would
+        replace the classes when the archive is written."""
         groups = {str(name): np.asarray(values) for name, values in self.groups.items()}
         for name in [name for name in groups if name in RESERVED]:
             array_name = f"group_{name}"
             while array_name in groups:
                 array_name += "_"
             groups[array_name] = groups.pop(name)
-            note = f"group {name} is called {array_name}, since an archive means something else by {name}"
+            note = f"group {name} is called {array_name}, because {name} has another meaning in an archive"
             object.__setattr__(self, "notes", (*self.notes, note))
         object.__setattr__(self, "groups", groups)
 
     @property
     def content(self) -> str:
-        """SHA-256 of everything that a result can depend on: not of the source and the notes."""
+        """SHA-256 of everything that a result can depend on, which excludes the source and the notes."""
         groups = {name: [str(value) for value in values] for name, values in sorted(self.groups.items())}
         scalars = [self.class_names, self.sample_rate_hz, self.volt_per_code, str(self.sample_format), groups]
         digest = hashlib.sha256(json.dumps(scalars).encode())
@@ -141,7 +141,7 @@ class Recordings:
         sample_rate_hz:
             Frames a second.
         class_names:
-            Default: the labels' own names; of indices class0, class1 and so on.
+            Default: the labels' own names; for indices class0, class1 and so on.
         groups:
             Name -> one value a recording.
         scale:
@@ -150,7 +150,7 @@ class Recordings:
         Raises
         ------
         InputError
-            Anything that a recordings archive must not hold either.
+            The arrays break a rule of recordings archives.
         """
         parts = _parts(arrays, source)
         for number, part in enumerate(parts):
@@ -244,8 +244,8 @@ class Recordings:
         )
 
     def scanned(self, every: int) -> Recordings:
-        """The recordings as a chain sees them that takes the first of every N frames of the source; these
-        recordings themselves if they are that already."""
+        """The recordings thinned to the first of every N frames of the source, as a chain with this
+        ``scan_every`` takes them; the recordings themselves if they have this ``scan_every`` already."""
         step, rest = divmod(every, self.scan_every)
         if rest:
             raise InputError(
@@ -264,19 +264,19 @@ class Recordings:
         )
 
     def until(self, ends: Sequence[int] | np.ndarray) -> Recordings:
-        """Each recording up to its entry of ``ends``, or its own end where that comes first."""
+        """Each recording up to its entry of ``ends``, or up to its own end if that comes first."""
         ends = np.minimum(ends, self.lengths)
         samples = np.concatenate([self.recording(i)[:end] for i, end in enumerate(ends)])
         return dataclasses.replace(self, samples=samples, offsets=np.cumsum([0, *ends]))
 
     def with_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
-        """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
-        another order.
+        """These recordings with ``names`` as class names: a set may lack some of them, or list them in
+        another order. ``whose``: owner of the names, for messages.
 
         Raises
         ------
         InputError
-            A recording is of none of them.
+            A recording has a class that is not among them.
         """
         place = np.array([names.index(name) if name in names else -1 for name in self.class_names])
         unknown = np.flatnonzero(place[self.labels] < 0)
@@ -352,7 +352,7 @@ def recordings_of(
     Raises
     ------
     InputError
-        They break a rule of archives; the sentence names the array and the fix.
+        The arrays break a rule of archives; the sentence names the array and the fix.
     """
 
     def refuse(array: str, why: str) -> NoReturn:
@@ -467,8 +467,8 @@ def _channel_names(arrays: Arrays, taxels: int) -> tuple[str, ...]:
 
 
 def _unit(arrays: Arrays) -> str:
-    """The unit of the samples: the text of the array unit, the texts of all taxels separated by UNITS; volt
-    where there is none and lsb_volt is."""
+    """The unit of the samples: the text of the array unit, or the texts of all taxels joined by UNITS if they
+    differ. Without that array: volt if there is lsb_volt, otherwise ""."""
     named = arrays.get("unit")
     if named is not None and named.size and named.dtype.kind in "US":
         texts = named.reshape(-1).astype(str).tolist()
@@ -477,8 +477,8 @@ def _unit(arrays: Arrays) -> str:
 
 
 def _kinds(arrays: Arrays, taxels: int) -> list[str]:
-    """The kind of each taxel: its unit, where these differ; else its name without the number or the axis at
-    its end, where that puts some together; none where the source says neither."""
+    """The kind of each taxel: its unit if units differ; otherwise its name without the number or the axis at
+    its end, if some taxels then share a name; otherwise an empty list."""
     units = _unit(arrays).split(UNITS)
     if len(units) == taxels > 1:
         return units
@@ -487,7 +487,7 @@ def _kinds(arrays: Arrays, taxels: int) -> list[str]:
 
 
 UNITS = ", "
-"""Between the units of taxels of different kinds."""
+"""Separator between the units of taxels of different kinds."""
 
 
 Refuse = Callable[[str, str], NoReturn]
@@ -575,7 +575,7 @@ def _groups(arrays: Arrays, recordings: int) -> dict[str, np.ndarray]:
 def _images(
     arrays: Arrays, source: str, groups: Mapping[str, Any] | None, notes: Sequence[str], refuse: Refuse
 ) -> Recordings:
-    """The recordings of an archive of images: an image each, its rows the frames."""
+    """The recordings of an archive of images: each is one image, with its rows as the frames."""
     arrays = _with_names(dict(arrays))
     for name in IMAGE_ARRAYS:
         if name not in arrays:
@@ -621,8 +621,8 @@ def image_recordings(
     rate_hz: float = IMAGE_ROWS_HZ,
     source: str = "images",
 ) -> Recordings:
-    """Images (n, height, width) of codes 0..255 as recordings: a row a frame, from the top, ``rate_hz`` rows
-    a second."""
+    """Images (n, height, width) of codes 0..255 as recordings: each row is a frame, from the top, ``rate_hz``
+    rows a second."""
     count, height, width = images.shape
     return Recordings(
         samples=images.reshape(count * height, width).astype(np.int32),

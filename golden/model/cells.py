@@ -18,8 +18,8 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, QFormat, sigmoid_table, tanh_table
 
 Array = Any
-"""A numpy array, or a torch tensor where gradients are wanted; torch is imported by whoever brings tensors,
-never here."""
+"""A numpy array, or a torch tensor where gradients are wanted; this module never imports torch, the caller
+that has tensors does."""
 
 Parameters = Mapping[str, Array]
 
@@ -227,8 +227,8 @@ _CELLS = {"gru": _gru, "lstm": _lstm}
 
 
 def _run_linear(a: Arithmetic, parameters: Parameters, features: Array) -> tuple[Array, Array]:
-    """l_k = l_(k-1) + V_k x_k from l_0 = b_y, in the accumulator: each step's logit is narrowed from the sum,
-    never the sum from it."""
+    """l_k = l_(k-1) + V_k x_k from l_0 = b_y. The sum stays in the accumulator's format; each step's logit is
+    narrowed from it."""
     x = a.operand(features).swapaxes(-3, -2)  # steps before touches: a step has weights of its own
     sums = apply_rows(parameters["V"], x).cumsum(-3) + a.dense_bias(parameters["b_y"])[..., None, None, :]
     return features[..., :0], a.logit(sums).swapaxes(-3, -2)
@@ -237,8 +237,8 @@ def _run_linear(a: Arithmetic, parameters: Parameters, features: Array) -> tuple
 def run_cell(
     a: Any, config: AcceleratorConfig, parameters: Parameters, features: Array
 ) -> tuple[Array, Array]:
-    """Run the configured cell and the dense layer over whole touches, h (and c) 0 at the start, a linear
-    cell's sums the bias.
+    """Run the configured cell and the dense layer over whole touches. At the start h (and c) are 0, and the
+    sums of a linear cell equal the bias.
 
     Parameters
     ----------

@@ -19,8 +19,8 @@ def samples_of(codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 
 
 def codes_of(samples: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-    """Codes that a converter would give for recorded samples: the nearest one, its limits outside its
-    range."""
+    """Codes that a converter would give for recorded samples: the nearest code, and outside its range the
+    limit."""
     fmt, shift = code_format(config), code_shift(config)
     wide = samples.astype(np.int64)
     moved = wide * 2**shift if shift >= 0 else np.floor_divide(wide + 2 ** (-shift - 1), 2**-shift)

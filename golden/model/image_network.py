@@ -23,8 +23,8 @@ class ImageTrace(Decisions):
     """All values that a network computes from n images.
 
     decision (n): class. margin (n): largest minus second largest logit. logits (n, C): codes of
-    ``logit_format``, or real ones. maps: number of the layer -> (n, rows, columns, channels), what it gave:
-    uint8 codes, or real values; of every layer but the last.
+    ``logit_format``, or real ones. maps: number of each layer but the last -> its output (n, rows, columns,
+    channels), uint8 codes or real values.
     """
 
     config: AcceleratorConfig
@@ -70,7 +70,7 @@ def images_of(recordings: Recordings) -> np.ndarray:
 
 
 def image_seconds(config: AcceleratorConfig) -> float:
-    """Seconds that the input of an image's rows takes."""
+    """Seconds in which all rows of an image arrive."""
     return config.image.height / config.sensor.sample_rate_hz
 
 

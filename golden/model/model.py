@@ -76,7 +76,7 @@ def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
 
 
 def readout_shapes(config: AcceleratorConfig) -> dict[str, tuple[int, ...]]:
-    """Shapes of the readout's arrays by name, none where logits decide: ``prototypes`` and ``taught`` (class,
+    """Shapes of the readout's arrays by name, empty if logits decide: ``prototypes`` and ``taught`` (class,
     place, step, value), ``taught_count`` (class)."""
     rule = config.readout_rule
     if not config.has_prototypes:
@@ -95,7 +95,7 @@ def constants_shape(config: AcceleratorConfig) -> tuple[int, ...]:
 
 
 def real_by_input(config: AcceleratorConfig, constants: np.ndarray) -> np.ndarray:
-    """mu or sigma for each input, (..., inputs), or as it is where it serves all."""
+    """mu or sigma for each input, (..., inputs), or unchanged if one value serves all inputs."""
     return constants[..., list(config.input_constants)] if config.constants > 1 else constants
 
 
@@ -168,8 +168,9 @@ class FloatModel(_Model):
         integer: IntegerModel | None = None,
         check: Check = lambda: None,
     ) -> None:
-        """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz, training.json
-        and, of its integer model, weights.npz, in one exchange. check: as of `replacing_folder`."""
+        """Write config.json, float.npz, training.json and, if there is an integer model, weights.npz into
+        ``folder`` (new, or a model folder, which is replaced) in one exchange. check: as for
+        `replacing_folder`."""
 
         def write(temporary: Path) -> None:
             np.savez(temporary / FLOAT_FILE, allow_pickle=False, **self.arrays)
@@ -180,8 +181,7 @@ class FloatModel(_Model):
 
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> FloatModel:
-        """The float model in a model folder; one of images is refused unless ``images`` says that the caller
-        takes those."""
+        """The float model in a model folder. A model for images is refused unless ``images`` is True."""
         config, arrays, source = _load(folder, FLOAT_FILE, "train a model into it", images)
         return cls(config, arrays, source)
 
@@ -190,7 +190,7 @@ class FloatModel(_Model):
 class IntegerModel(_Model):
     """The integer network, with which the hardware computes.
 
-    config: with every format and ``feature_shift`` filled. arrays: int64 codes by the names of
+    config: must have every format and ``feature_shift`` set. arrays: int64 codes by the names of
     docs/specification.md section 8.
 
     Raises
@@ -253,14 +253,13 @@ class IntegerModel(_Model):
         return self.run(Fixed(self.config), features)
 
     def run(self, arithmetic: Fixed, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``forward`` in a fixed-point arithmetic of this configuration that is not the plain one."""
+        """``forward`` in another fixed-point arithmetic of this configuration than `Fixed` itself."""
         hidden, logits = _run(arithmetic, self.config, self.arrays, features)
         return hidden.astype(np.int64), logits.astype(np.int64)
 
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> IntegerModel:
-        """The integer model in a model folder; one of images is refused unless ``images`` says that the
-        caller takes those."""
+        """The integer model in a model folder. A model for images is refused unless ``images`` is True."""
         config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it", images)
         return cls(config, arrays, source)
 
@@ -278,7 +277,7 @@ class IntegerModel(_Model):
 
 
 def _write(folder: Path, config: AcceleratorConfig, integer: IntegerModel | None) -> None:
-    """The configuration, and the integers if there are any."""
+    """Write the configuration and, if there is an integer model, its arrays."""
     if integer:
         config = integer.config
         np.savez(folder / INTEGER_FILE, allow_pickle=False, **integer.arrays)
@@ -396,7 +395,7 @@ def check_model_target(folder: str | Path) -> None:
 
 def replace_folder(folder: str | Path, write: Callable[[Path], None], check: Check = lambda: None) -> None:
     """Make a model folder in one exchange: ``write`` fills a temporary folder beside it, which then takes the
-    name. check: as of `replacing_folder`.
+    name. check: as for `replacing_folder`.
 
     Raises
     ------

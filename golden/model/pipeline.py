@@ -31,12 +31,12 @@ Stream = tuple[np.ndarray, np.ndarray]
 
 
 class Decisions:
-    """Decisions of recordings, or images, (R), -1 none."""
+    """Decisions for recordings or images, (R); -1: none."""
 
     decision: np.ndarray
 
     def accuracy(self, labels: np.ndarray) -> float:
-        """Share decided as labelled; no decision counts as wrong."""
+        """Share of decisions that equal the label; no decision counts as wrong."""
         return float(np.mean(self.decision == labels))
 
     def agreement(self, other: Decisions) -> float:
@@ -52,14 +52,14 @@ class Trace(Decisions):
     none. not_touched (R), bool: no onset was found. first (R): index of the first touch, -1 none. local (n,
     K): class decided at each step, -1 for a step that was not completed. margin (n, K): its margin.
     global_decision, global_margin (n): of each touch, -1 and 0 without a completed step. global_step (n): the
-    step after which it was given, -1 none; global_partial (n), bool: the end of the recording brought it.
-    unsure (n), bool: of each touch, as of `decide_touches`. scores (n, K, C): what each step took the largest
-    of, the logits or, with prototypes, negative distances.
-    streams (integer runs): stage -> (values int64, offsets (R + 1)): ``sum`` and ``feature`` flat, step by
-    step, inputs in order, and with a fault detector ``fault``: 1 where the taxel is masked or its flag
-    counts; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by step, classes in order;
-    ``decision`` rows (events, 6) of DECISION_FIELDS: a row per step, and after that of global_step the global
-    row (step = global_step). Touches of a recording in order of time.
+    step after which it was given, -1 none; global_partial (n), bool: it was given because the recording
+    ended. unsure (n), bool: of each touch, as in `decide_touches`. scores (n, K, C): per-step class scores
+    whose largest is the decision (logits, or negative prototype distances). streams (integer runs): stage ->
+    (values int64, offsets (R + 1)): ``sum`` and ``feature`` flat, step by step, inputs in order, and with a
+    fault detector ``fault``: 1 where the taxel is masked or its flag counts; ``state`` flat, h' step by step,
+    units in order; ``logit`` flat, step by step, classes in order; ``decision`` rows (events, 6) of
+    DECISION_FIELDS: a row per step, and after that of global_step the global row (step = global_step).
+    Touches of a recording in order of time.
     """
 
     config: AcceleratorConfig
@@ -90,7 +90,7 @@ class Trace(Decisions):
         return self.partial & ~early_steps(self.config, self.local, self.margin, self.touches.completed)[1]
 
     def offered(self) -> np.ndarray:
-        """(n, K + 1), bool: which of a touch's decisions there are, the local ones and then the global
+        """(n, K + 1), bool: True for each decision that a touch has; the local ones and then the global
         one."""
         completed = self.touches.completed[:, None]
         return np.concatenate([np.arange(self.local.shape[1]) < completed, completed > 0], axis=1)
@@ -99,7 +99,7 @@ class Trace(Decisions):
         """(n, K + 1) columns of ``offered`` in the order of time: the global decision follows the local one
         of global_step."""
         steps = np.broadcast_to(np.arange(self.local.shape[1]), self.local.shape)
-        # + 0.5: behind the local decision of its step, before that of the next
+        # + 0.5: after the local decision of its step and before that of the next step
         return np.argsort(
             np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable"
         )
@@ -193,7 +193,7 @@ def feature_codes(
     """Feature codes (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector.
 
     ``normaliser``: as ``eskin.golden.model.preprocess.normalise``. ``constants``: mean and scale in place of
-    the model's, such as no model may have.
+    the model's; they may have values that a model must not have.
     """
     constants = model.arrays if constants is None else constants
     return normaliser(
@@ -240,17 +240,17 @@ def decide_touches(
     rule: Callable[..., tuple] = decide,
     readout: IntegerModel | None = None,
 ) -> Decided:
-    """Touches through a network, masks included: the one way from windowed sums to decisions.
+    """Decisions of a network on touches, masks included. All decisions from windowed sums are made here.
 
     Parameters
     ----------
     config:
-        Whose decision rule; None: the model's.
+        Configuration whose decision rule applies; None: the model's.
     forward, normaliser, rule:
-        In place of the model's own arithmetic, of ``eskin.golden.model.preprocess.normalise`` (integer
-        models) and of ``decide``.
+        Functions in place of the model's own arithmetic, of ``eskin.golden.model.preprocess.normalise``
+        (integer models) and of ``decide``.
     readout:
-        By whose prototypes a float network's states are decided; None: by its logits.
+        Model whose prototypes decide on the states of a float network; None: its logits decide.
     """
     config = config or model.config
     features = (
@@ -275,8 +275,8 @@ def decide_touches(
 
 
 def by_recording(values: np.ndarray, rows: np.ndarray, none: int = -1) -> np.ndarray:
-    """``values`` (n, ...) of touches, the one of row ``rows[r]`` for each recording r; ``none`` where that is
-    -1."""
+    """``values`` (n, ...) of touches by recording: for recording r the value of row ``rows[r]``, or ``none``
+    if that is -1."""
     placed = np.full((len(rows), *values.shape[1:]), none, dtype=np.int64)
     placed[rows >= 0] = values[rows[rows >= 0]]
     return placed
@@ -290,8 +290,8 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     readout: IntegerModel | None = None,
 ) -> Trace:
-    """Run a model over recordings: an integer one in exact integers, every stage kept, a float one on the
-    same exact sums in real arithmetic, without streams.
+    """Run a model over recordings. An integer model runs in exact integers and keeps every stage; a float
+    model runs in real arithmetic on the same exact sums, without streams.
 
     Parameters
     ----------

@@ -13,8 +13,8 @@ FRACTION = 4
 @dataclass(frozen=True)
 class Position:
     """Position of the touch in a frame. frame: its index. x, y: centre, sixteenths of a cell, 0 = middle of
-    column or row 0. peak: index of the largest cell. ended: the frame after a touch's last; the others are
-    then those of its last. direction: as of `direction`, with ``ended``."""
+    column or row 0. peak: index of the largest cell. ended: True in the frame after the last one of a touch;
+    x, y and peak are then those of the last one. direction: as of `direction`, if ``ended``."""
 
     frame: int
     x: int
@@ -25,7 +25,7 @@ class Position:
 
 
 class PositionStream:
-    """Positions of frames as they come. ``arm``: no touch before, frames counted from 0."""
+    """Positions of frames as they come. ``arm`` forgets the touch before and counts frames from 0."""
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
@@ -71,8 +71,8 @@ def _rounded(moment: int, total: int) -> int:
 
 
 def direction(across: int, down: int, least: int) -> int:
-    """1 right (x grows), 2 left, 3 down (y grows), 4 up: of the longer axis, across where they are equal; 0 where
-    that is shorter than ``least``."""
+    """1 right (x grows), 2 left, 3 down (y grows), 4 up: along the longer axis, or across if both are equal;
+    0 if the longer one is shorter than ``least``."""
     if max(abs(across), abs(down)) < least:
         return 0
     if abs(across) >= abs(down):

@@ -4,8 +4,8 @@ vectorised over recordings.
 Recordings come as the source made them, or thinned to the frames that the chain takes (`Recordings.scanned`);
 everything here counts the frames that it takes.
 
-The golden expression of those sections, and of the fault detector (docs/specification.md, section 10). It
-sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
+This module is the reference for those sections and for the fault detector (docs/specification.md, section
+10). It sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ class Touches:
     frame f, 1-based, in which the rule was met; 0 where the gate opens at once. start_frame (n): first frame,
     1-based, of window 1. completed (n): windows that ended within the recording. partial (n), bool: the
     recording ended before the touch did. sums (n, K, D), int64: windowed sums of the deviations, codes, and
-    what else a window gives of a taxel (`window_values`); 0 from window ``completed`` on. faults (n, K, D),
-    bool: the fault detector had masked the taxel when window k was complete; None without a detector. flagged
-    (recordings, taxels): frame, 1-based, that raised the taxel's fault flag, 0 = none; None without.
+    the other values that a window gives for a taxel (`window_values`); 0 from window ``completed`` on. faults
+    (n, K, D), bool: the fault detector had masked the taxel when window k was complete; None without a
+    detector. flagged (recordings, taxels): frame, 1-based, that raised the taxel's fault flag, 0 = none; None
+    without.
     """
 
     recordings: int
@@ -106,12 +107,11 @@ def find_touches(
     Parameters
     ----------
     steps:
-        Windows a touch, K; default ``config.windows.steps``. More shows what follows the touch (for time warp
-        in training). Neither the detector, ``partial`` nor the first ``config.windows.steps`` windows depend
-        on it.
+        Windows a touch, K; default ``config.windows.steps``. A higher number adds windows after the touch
+        (for time warp in training). Neither the detector, ``partial`` nor the first ``config.windows.steps``
+        windows depend on it.
     onsets:
-        (R) the frame at which each recording's one touch is forced, -1 none. The
-        rule is then not asked.
+        (R) the frame at which each recording's one touch is forced, -1 none. The onset rule is then not used.
     progress:
         Called with (recordings done, recordings in all).
     most:
@@ -275,8 +275,8 @@ def window_values(
 
     Returns
     -------
-    ((K, D) int64, number of windows): inputs taxel by taxel, of each its kinds in order; 0 from the number
-    on.
+    ((K, D) int64, number of windows): inputs taxel by taxel, for each its kinds in order; 0 from the first
+    window that is not complete.
     """
     touch = deviations[start - 1 :]
     completed = sum(last <= len(touch) for _, last in spans)
@@ -306,9 +306,9 @@ def _running(values: np.ndarray) -> np.ndarray:
 
 
 def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: int) -> np.ndarray:
-    """(blocks, taxels) activity of the whole blocks from frame ``start`` on. With rule ``change`` the first
-    block of all has none: of the recording where hops run from its first frame, of the touch where they run
-    from there."""
+    """(blocks, taxels) activity of the whole blocks from frame ``start`` on. With rule ``change`` the very
+    first block has none: the first of the recording if hops run from its first frame, the first of the touch
+    if they run from there."""
     block, lead = config.features.activity_block, start - 1
 
     def blocks(frames: np.ndarray) -> np.ndarray:
@@ -371,7 +371,7 @@ class TouchFinder:
         self._quiet = np.zeros(recordings, dtype=np.int64)
         self._baseline = np.zeros(shape, dtype=np.int32)
         self._settling = np.zeros(shape, dtype=np.int64)
-        # a ring: whether each of the last judged frames fulfilled the rule
+        # a ring: True for each of the last judged frames that fulfilled the rule
         self._hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)
         self._banded = config.onset_rule.onset == "band"
         self._period = 1 if self._banded else config.onset_rule.onset_check_frames
@@ -392,10 +392,10 @@ class TouchFinder:
         samples:
             (frames, recordings, taxels) int32.
         lengths:
-            (recordings) frames that each recording has in all; later frames are not judged. None: all
-            go on.
+            (recordings) total number of frames of each recording; later frames are not judged. None: no
+            recording ends in these frames.
         forced:
-            (recordings) the frame at which the rule counts as met, -1 none; None: the rule is judged.
+            (recordings) the frame at which the rule counts as met, -1 none; None: the rule itself decides.
 
         Returns
         -------
@@ -410,10 +410,10 @@ class TouchFinder:
         if first < settle:
             self._settle(samples[: settle - first], min(settle, last))
         held = len(self._recent)
-        # deviations that the onset rule still looks at, then those of these frames
+        # deviations that the onset rule still needs, then those of these frames
         history = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)
         history[:held] = self._recent
-        deviations = history[held:]  # a view: what is written here is seen by the rule
+        deviations = history[held:]  # a view: the rule reads what is written here
         if not tracked and last > settle:
             begin = max(settle - first, 0)
             deviations[begin:] = self._deviation(samples[begin:], self._baseline)

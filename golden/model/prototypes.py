@@ -12,7 +12,7 @@ from eskin.golden.model.model import IntegerModel
 
 def trajectory_codes(config: AcceleratorConfig, hidden: np.ndarray, logits: np.ndarray) -> np.ndarray:
     """Codes (..., K, values), int64: ``narrow(value, state_code_shift, state_code_format)`` of hidden states,
-    of a linear cell of logits."""
+    or of a linear cell's logits."""
     return narrowed(config, hidden if config.recurrent else logits)
 
 
@@ -25,8 +25,8 @@ def narrowed(config: AcceleratorConfig, values: np.ndarray) -> np.ndarray:
 
 
 def real_trajectory(config: AcceleratorConfig, hidden: np.ndarray, logits: np.ndarray) -> np.ndarray:
-    """A float network's (..., K, values), in units of a state code and not rounded: `trajectory_codes`
-    without formats."""
+    """Trajectory (..., K, values) of a float network, in units of a state code and not rounded:
+    `trajectory_codes` without formats."""
     lsb = 2.0 ** (config.readout_rule.state_code_shift - config.trajectory_format.frac_bits)
     return (hidden if config.recurrent else logits) / lsb
 
@@ -37,15 +37,15 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     codes:
-        (n, K, values), of `trajectory_codes`, or of `real_trajectory`: those sums are rounded, once.
+        (n, K, values), from `trajectory_codes`, or from `real_trajectory`, where the sums are rounded once.
 
     Returns
     -------
     numpy.ndarray
-        int64 (n, K, C): sums of absolute differences over the values of a step, with any decision but
-        ``vote`` over all steps so far; of a taught touch without its ``taught_shift`` lowest bits; of each
-        class the smallest over its prototypes and the places in use. A spare class without any is as far as
-        `score_format` can say.
+        int64 (n, K, C): sums of absolute differences over the values of a step, or with any decision but
+        ``vote`` over all steps so far. The sum of a taught touch loses its ``taught_shift`` lowest bits. Each
+        class has the smallest sum over its prototypes and its slots in use; a spare class without any has the
+        largest distance that `score_format` holds.
     """
     config, arrays = model.config, model.arrays
     steps = codes.shape[-2]  # may be fewer than a touch has
@@ -70,7 +70,7 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
 
 
 def taught_in_use(model: IntegerModel) -> np.ndarray:
-    """(C) places of each class that hold a taught touch."""
+    """(C) number of slots of each class that hold a taught touch."""
     taught = model.config.readout_rule.taught
     counts = model.arrays["taught_count"] if taught else np.zeros(model.config.classes, dtype=np.int64)
     return np.minimum(counts, taught)
@@ -82,7 +82,7 @@ def check_teachable(config: AcceleratorConfig) -> None:
     Raises
     ------
     InputError
-        Logits decide, or there is no place for a taught touch.
+        Logits decide, or there is no slot for a taught touch.
     """
     if not config.has_prototypes:
         raise InputError(
@@ -97,26 +97,26 @@ def check_teachable(config: AcceleratorConfig) -> None:
 
 
 def teach(model: IntegerModel, codes: np.ndarray, label: int | str) -> IntegerModel:
-    """The model with one more touch of class ``label``, in the next place of the class or, if all are in use,
-    in place of its oldest touch.
+    """The model with one more touch of class ``label``, in the next slot of the class or, if all are in use,
+    in the slot of its oldest touch.
 
     Parameters
     ----------
     codes:
-        (K, values), of `trajectory_codes`: a whole touch's.
+        (K, values), from `trajectory_codes`, of a whole touch.
 
     Raises
     ------
     InputError
-        As `check_teachable`; a class that is not there.
+        As `check_teachable`; or ``label`` is not a class.
     """
     check_teachable(model.config)
     label = class_index(model.config, label)
     places = model.config.readout_rule.taught
     taught, counts = model.arrays["taught"].copy(), model.arrays["taught_count"].copy()
     taught[label, counts[label] % places] = codes
-    # A full class counts on in places .. 2 places - 1: the count says both that all places are in use and
-    # which one is the oldest.
+    # The count of a full class goes on in places .. 2 places - 1: it shows both that all places are in use
+    # and which one is the oldest.
     counts[label] = counts[label] + 1 if counts[label] < 2 * places - 1 else places
     return IntegerModel(
         model.config, {**model.arrays, "taught": taught, "taught_count": counts}, model.source
@@ -124,7 +124,7 @@ def teach(model: IntegerModel, codes: np.ndarray, label: int | str) -> IntegerMo
 
 
 def forget(model: IntegerModel, label: int | str | None = None) -> IntegerModel:
-    """The model without the touches that class ``label`` was taught; None: without any.
+    """The model without the taught touches of class ``label``; None: without those of every class.
 
     Raises
     ------

@@ -23,14 +23,14 @@ class Decision:
 
     Frames count those that are pushed.
 
-    frame: the frame, 1-based since ``arm``, with which it can be given; of a global decision that the end of
-    the recording brought, the last frame. touch: its number since ``arm``, from 0. step: from 0. is_global:
-    of the touch, not of the step alone. label: class index. margin: largest minus second largest logit (or
-    votes), codes of the logit format, real in a float model. partial: the recording ended first. unsure: a
-    global decision of a margin below ``margin_threshold``. onset_frame, start_frame: the frame in which the
-    touch was found (0: the gate opens at once), and the first of its first window. stages (local decisions):
-    ``sum`` (D), ``fault`` (D) with a fault detector, ``feature`` (D), ``state`` (H) and ``logit`` (C) of this
-    step, codes or real.
+    frame: the frame, 1-based since ``arm``, with which it can be given; if the end of the recording caused a
+    global decision, the last frame. touch: number of the touch since ``arm``, from 0. step: from 0.
+    is_global: it decides the touch, not the step alone. label: class index. margin: largest minus second
+    largest logit (or votes), codes of the logit format, real in a float model. partial: the recording ended
+    first. unsure: a global decision of a margin below ``margin_threshold``. onset_frame, start_frame: the
+    frame in which the touch was found (0: the gate opens at once), and the first of its first window. stages
+    (local decisions): ``sum`` (D), ``fault`` (D) with a fault detector, ``feature`` (D), ``state`` (H) and
+    ``logit`` (C) of this step, codes or real.
     """
 
     frame: int
@@ -77,19 +77,18 @@ class Stream:
     Parameters
     ----------
     model:
-        An integer model, whose every value is that of the hardware, or a float one.
+        An integer model, which gives the hardware's value at every stage, or a float one.
     scanned:
-        Frames are those that the chain takes; else all that the source makes, of which it takes every
-        ``scan_every``-th.
+        True: frames are those that the chain takes. False: they are all that the source makes, of which the
+        chain takes every ``scan_every``-th.
 
     Examples
     --------
-    >>> stream = Stream(model)                                  # doctest: +SKIP
-    >>> for frame in frames:                                    # (taxels) each
-    ...     for decision in stream.push(frame):
-    ...         print(decision.frame, decision.label)
-    >>> stream.finish()                                         # the decision of a touch that the end cuts short
-    >>> stream.decision                                         # what `predict` says of this recording
+    >>> stream = Stream(model)                                  # doctest: +SKIP >>> for frame in frames: #
+    (taxels) each ...     for decision in stream.push(frame): ...         print(decision.frame,
+    decision.label) >>> stream.finish()                                         # decides a touch that the end
+    cuts short >>> stream.decision                                         # as `predict` decides this
+    recording
     """
 
     def __init__(self, model: IntegerModel | FloatModel, *, scanned: bool = False) -> None:
@@ -106,8 +105,8 @@ class Stream:
         """Frames before an onset that its touch may need: of the pre-trigger ring, or of hops, and the block
         of an activity before them."""
         self._piece = config.last_frame
-        """Frames looked at together: onsets lie further apart, because rearming takes longer than the
-        pre-trigger ring reaches back."""
+        """Number of frames processed together. Onsets lie further apart, because rearming takes longer than
+        the pre-trigger ring reaches back."""
         self.arm()
 
     @property
@@ -123,7 +122,7 @@ class Stream:
         # deviations of frames base + 1 ...
         self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)
         self._base = 0
-        # the hardware has written half of the touch under way over the one before: neither can be taught
+        # the hardware has overwritten half of the touch before with the current one: neither can be taught
         if getattr(self, "_touch", None):
             self._last = None
         self._touch: _Touch | None = None
@@ -195,14 +194,14 @@ class Stream:
         return [self._global(touch, decided, self.frame, partial=True)]
 
     def teach(self, label: int | str, *, following: bool = False) -> None:
-        """The touch that ended last (``following``: the next one that ends) is of class ``label``: from now
-        on it is a prototype of it. `model` is the model with it.
+        """Teach the touch that ended last (``following``: the next one that ends) as class ``label``: from
+        then on it is a prototype of the class, and `model` includes it.
 
         Raises
         ------
         InputError
-            A model that cannot be taught, a touch under way, or none whole since the model was made; a
-            ``following`` touch that is cut short teaches nothing.
+            The model cannot be taught, a touch is under way, or no whole touch has ended since the model was
+            made. A ``following`` touch that is cut short teaches nothing.
         """
         check_teachable(self._integer().config)
         label = class_index(self.config, label)
@@ -230,13 +229,13 @@ class Stream:
         self.model = forget(self._integer(), label)
 
     def _integer(self) -> IntegerModel:
-        """The model, which alone can be taught."""
+        """The integer model, the only kind that can be taught."""
         if not isinstance(self.model, IntegerModel):
             raise InputError("teach: needs the integer model; leave integer=False out")
         return self.model
 
     def _end(self, touch: _Touch, decided: Decided | None) -> None:
-        """The touch is over: it can be taught, if it is whole."""
+        """End the touch. From now on it can be taught if it is whole."""
         self._touch = None
         if decided is None or not isinstance(self.model, IntegerModel) or not self.config.has_prototypes:
             return
@@ -307,7 +306,7 @@ class Stream:
         self._kept[stop - len(deviations) : stop] = deviations
 
     def _go_on(self) -> list[Decision]:
-        """Decisions of the windows that are complete by now; the touch ends with its last one."""
+        """Decisions of the windows that are complete by now; the touch ends with its last window."""
         touch, decisions = self._touch, []
         while touch and self._touch:
             last = touch.start_frame - 1 + self._spans[touch.completed][1]

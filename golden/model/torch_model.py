@@ -1,7 +1,7 @@
 """The integer network on int64 tensors of torch: the reference of the co-simulation.
 
-The cells are the text of `eskin.golden.model.cells`, which the float network trains with; here they run in whole
-numbers. Everything else of the trace (front end, decisions) is that of `eskin.golden.model.pipeline`.
+The cells are the code of `eskin.golden.model.cells`, with which the float network is trained too; here they
+run on integers. Everything else of the trace (front end, decisions) is that of `eskin.golden.model.pipeline`.
 """
 
 import numpy as np
@@ -15,8 +15,8 @@ from eskin.golden.model.pipeline import first_maximum
 
 
 class Int64(Fixed):
-    """Integer arithmetic in codes, bit-true to docs/specification.md sections 4 to 6: shifts of whole numbers, where
-    `Fixed` scales real ones."""
+    """Integer arithmetic in codes, bit-true to docs/specification.md sections 4 to 6: it shifts integers,
+    where `Fixed` scales real numbers."""
 
     def __init__(self, config: AcceleratorConfig) -> None:
         super().__init__(config)

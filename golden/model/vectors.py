@@ -1,7 +1,7 @@
 """Test vectors: the input of the accelerator and its expected output, in one file that needs no torch to
 read.
 
-The file is what crosses from the golden model to co-simulation and to the generated bench.
+The golden model hands this file to co-simulation and to the generated bench.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ def write_vectors(
         The number by which each recording is called in messages (its index in the whole data set); default 0,
         1, ...
     codes:
-        With a converter: what it gives, codes (frames, taxels), of which the recordings' samples are made.
+        With a converter: its codes (frames, taxels), from which the recordings' samples are made.
 
     The arrays
     ----------
@@ -63,7 +63,7 @@ def write_image_vectors(
     images: np.ndarray,
     numbers: Sequence[int] | np.ndarray | None = None,
 ) -> Path:
-    """The same of a network for images: an image is a recording, its rows the frames.
+    """Write the test vectors of a network for images: each image is a recording, and its rows are the frames.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ def _write(
 
 
 def completing_frames(trace: Trace) -> np.ndarray:
-    """Row by row of stage ``decision``: the live frame (1-based in its recording) that completes the window
-    decided on; 0 = the end.
+    """For each row of stage ``decision``: the live frame (1-based in its recording) that completes the window
+    decided on; 0 = the end of the recording.
 
     Frames replayed from the pre-trigger ring were live before the onset: a window of such frames alone is
     completed by the onset's frame.

@@ -375,17 +375,3 @@ def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(
         said = flip(folder, stage, 1)
         done = make(folder, simulator)
         assert done.returncode and said in done.stdout
-
-
-def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(model, tmp_path):
-    other, out = tmp_path / "other", tmp_path / "out"
-    other.mkdir()
-    (other / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="other files in it; give a new folder with --out"):
-        generate(model.config, model.arrays, other)
-    assert [path.name for path in tmp_path.rglob("*")] == ["other", "notes.txt"]
-    for _ in range(2):
-        generate(model.config, model.arrays, out)
-        assert not (out / "left_over").exists()
-        (out / "left_over").write_text("")
-    assert {path.name for path in tmp_path.iterdir()} == {"other", "out"}

@@ -6,26 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cosim.device import Design, Device
-from eskin.cosim.link import Link
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.data.archive import load_archive
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.rtl.fpga.export import export
-from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
-from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
-from eskin.teach.taught import load_taught
-from eskin.verbs.replay_job import play_all
 from tests.golden.model.test_prototypes import taught_model
-from tests.support.link_flow import TIMEOUT_BYTES
-from tests.support.pin_port import PinPort
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
 from tests.support.taught_device import taught_at_random
@@ -33,8 +25,6 @@ from tests.support.touch_cuts import beginnings
 from tests.support.touch_scenes import scene
 
 BUILDS = Path("build/simulators")
-PURPOSE = "a test"
-CLOCKS_PER_BIT = 4
 
 
 @pytest.mark.timeout(1800)
@@ -89,16 +79,6 @@ def test_teaching_on_recordings_as_rtl_netlist_and_in_icarus(name, shared_data, 
         print(hardware.level, count, few.device.replay(hardware, tmp_path / hardware.level, BUILDS))
 
 
-def board_of(model: IntegerModel) -> PinPort:
-    """The pins of a simulated board that was just switched on."""
-    config, clock_hz = model.config, model.config.hardware.clock_hz
-    board = text_of(Board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
-    device = Device(Design(board, BUILDS, PURPOSE, "board_top"))
-    device.put("rx", 1)
-    device.reset()
-    return PinPort(device, CLOCKS_PER_BIT)
-
-
 @pytest.mark.timeout(1800)
 def test_a_damaged_place_is_flagged():
     plain = forget(taught_model("gru"))
@@ -121,28 +101,3 @@ def test_a_damaged_place_is_flagged():
     both.device.frames(recordings.recording(2))
     both.device.settle()
     assert both.device.read(Register.FAULTS) & Fault.CHECKSUM
-
-
-@pytest.mark.timeout(1800)
-def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
-    """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
-    model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"
-
-    def replayed(model: IntegerModel, teach: int | None = None) -> dict:
-        options = {"teach": teach, "kept": kept, "timeout_s": TIMEOUT_BYTES}
-        return play_all(board_of(model), model, recordings, lambda done, total: None, **options)
-
-    first = replayed(model, teach=2)  # recordings 0 and 1 show no whole touch
-    assert first["passed"] and first["taught_equal"] and first["in_use"] == {"rise": 0, "fall": 0, "pulse": 3}
-    taught = load_taught(model, kept)
-    assert taught_in_use(taught).tolist() == [0, 0, 3]
-    second = replayed(taught)
-    assert second["passed"] and second["in_use"] == first["in_use"]
-    assert load_taught(model, kept).content == taught.content
-    with pytest.raises(InputError, match="holds no touches taught to this model"):
-        load_taught(taught_model("gru", seed=4), kept)
-    with pytest.raises(InputError, match="is no .npz archive"):
-        load_taught(model, Path(__file__))
-    monkeypatch.setattr(Link, "places", lambda link, first, count: [0] * count)  # a board that holds nothing
-    lost = replayed(taught)
-    assert lost["bit_exact"] and not lost["taught_equal"] and not lost["passed"]

@@ -1,9 +1,9 @@
-"""Converters between sensor and chain: a kind for each, with its own fields, and the plan by which hardware
-and golden model read it.
+"""Converters between sensor and chain. Each is a class with its own fields and the plan by which hardware and
+golden model read it.
 
-Facts are the data sheets'; where they leave something open, the slower or wider figure is taken. On a board
-with 3.3 V pins a converter runs at 3.3 V; a converter whose data sheet has limits only for 2.7 V and 5 V gets
-those for 2.7 V.
+The figures are those of the data sheets; if a sheet leaves something open, the slower or wider figure is
+used. On a board with 3.3 V pins a converter runs at 3.3 V; a converter whose data sheet has limits only for
+2.7 V and 5 V gets those for 2.7 V.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ CONVERTERS: dict[str, Converter] = {
     **{name: SpiByName(name=name) for name in SPI_CHIPS},
     **{kind.name: kind for kind in (Spi(), Ddc232(), Mpr121(), Matrix())},
 }
-"""Every converter by its name, with its default fields. A new chip on SPI is a row of `SPI_CHIPS`; one that is
-read in another way is a file beside ddc232.py and an entry here."""
+"""Every converter by its name, with its default fields. A new chip on SPI needs a row in `SPI_CHIPS`; a chip
+that is read in another way needs a file beside ddc232.py and an entry here."""
 
 
 def converter_of(value: Any) -> Any:
-    """The converter of a name, or of an object with its name and fields."""
+    """The converter that ``value`` describes: a name, or an object with the name and fields."""
     if not isinstance(value, (str, dict)):
         return value
     fields = {"name": value} if isinstance(value, str) else dict(value)

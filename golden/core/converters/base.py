@@ -24,7 +24,7 @@ RESERVE = 0.1
 still belongs to this frame's instant."""
 
 HALF_MIN = 2
-"""Cycles of half a clock period at least: a data line crosses two flip-flops before it is looked at."""
+"""Fewest cycles in half a clock period: a data line crosses two flip-flops before it is read."""
 USUAL_HZ = 2e6
 """Default serial clock of converters with a faster data sheet: wires on a breadboard carry it."""
 
@@ -36,7 +36,7 @@ class ConverterFault(IntFlag):
     ORDER = 2  # another channel's number, or a bit that the data sheet fixes is wrong
     LATE = 4  # the frame was not complete, or the chain not ready, when the next was due
     SILENT = 8  # no answer: no acknowledge, no DVALID
-    READBACK = 16  # what was configured does not read back
+    READBACK = 16  # the settings read back differ from those written
 
 
 def half_period(clock_hz: float, wanted_hz: float, least: int = HALF_MIN) -> int:
@@ -45,7 +45,7 @@ def half_period(clock_hz: float, wanted_hz: float, least: int = HALF_MIN) -> int
 
 
 class Plan:
-    """The way in which a configuration's converter is read, for everything but its own driver. Each plan also
+    """Plan by which a configuration's converter is read, for all code except its own driver. Each plan also
     has ``wires`` (of a board), ``parameters`` (of the model in cosim/converters), ``scan_cycles`` and
     ``code_bits``."""
 
@@ -54,7 +54,7 @@ class Plan:
     """The code of sample 0, if the data sheet has one."""
 
     def pin_codes(self, config: AcceleratorConfig) -> int:
-        """Codes of a frame at the pins."""
+        """Number of codes of a frame at the pins."""
         return config.sensor.taxels
 
     def to_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
@@ -62,7 +62,7 @@ class Plan:
         return codes
 
     def from_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-        """The way back."""
+        """Codes of the taxels (frames, taxels) for codes at the pins (frames, pin codes)."""
         return codes
 
 
@@ -70,7 +70,7 @@ class Plan:
 class Converter(Group):
     """A converter between sensor and chain; each kind adds the fields that its chip has.
 
-    hz: of its serial clock, at most (0: 2 MHz, or the limit of its data sheet where that is less).
+    hz: highest frequency of its serial clock (0: 2 MHz, or the limit of its data sheet if that is lower).
     code_offset (default: half the range where samples are signed, else 0), code_shift (default: full scale on
     full scale): sample = (code - code_offset) >> code_shift, rounded and saturated; a shift below 0 appends
     zeros.
@@ -81,7 +81,7 @@ class Converter(Group):
     """Power of a chip that converts at its highest rate, from the data sheet; None if the sheet has no
     figure."""
     stated: ClassVar[str] = ""
-    """The data sheet's words for ``watt``."""
+    """Data sheet and conditions that ``watt`` is taken from."""
 
     name: StrictStr = field(repr=False)
     hz: Annotated[Real, Ge(0)] = 0.0
@@ -102,7 +102,8 @@ class Converter(Group):
         raise TypeError("a configuration without a converter has no plan")
 
     def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
-        """Why the chip cannot deliver the configuration's frames: (field of the configuration, reason)."""
+        """Reasons why the chip cannot deliver the configuration's frames, as (field of the configuration,
+        reason)."""
         yield from ()
 
     def settings(self) -> str | dict[str, Any]:
@@ -123,7 +124,8 @@ class NoConverter(Converter):
 
 
 def too_slow(config: AcceleratorConfig, work: str, took_s: float) -> Iterator[Refusal]:
-    """A scan, ``work`` in words, that takes more than a frame's time less RESERVE; with the highest rate that works."""
+    """Refuse a scan that takes longer than a frame without its RESERVE. ``work`` describes the scan; the
+    sentence gives the highest rate that works."""
     rate = config.sensor.scan_rate_hz
     usable_s = (1 - RESERVE) / rate
     if took_s > usable_s:
@@ -136,7 +138,7 @@ def too_slow(config: AcceleratorConfig, work: str, took_s: float) -> Iterator[Re
 
 
 def slow_clock(config: AcceleratorConfig) -> Iterator[Refusal]:
-    """A clock too slow for a serial port of 100 kHz."""
+    """Refuse a clock that is too slow for a serial port of 100 kHz."""
     clock, least = config.hardware.clock_hz, 2 * HALF_MIN * 1e5
     if clock < least:
         yield "clock_hz", f"is {clock:g}; an SPI converter needs at least {least:g}"

@@ -33,7 +33,7 @@ DCLK_HZ = 16e6
 WAIT_S = 1e-3
 """Wait after a reset, after its end and after the configuration."""
 WARM_UP = 4
-"""Integrations that are thrown away after the configuration: the first has no length."""
+"""Integrations that are discarded after the configuration; the first one has no defined length."""
 READBACK_BITS = 640
 PATTERN, PATTERN_BITS, REVISION_BITS, CONFIGURATION_BITS = 0x30F066012480F69055, 72, 4, 12
 PINS = ("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk", "dvalid_n", "dout")
@@ -45,10 +45,10 @@ ZERO = {20: 0x01000, 16: 0x0100}
 class DdcPlan(Plan):
     """The controller's actions at a given clock frequency.
 
-    configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word that is read,
-    in their order; None: not wired. clk_half, half: cycles of half a period of its clock and of the data
-    clock. wait, quiet: cycles. deadline: from an edge of CONV; a DVALID that comes later leaves no time to
-    read. dvalid: cycles in which it comes by the data sheet.
+    configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word in the order of
+    reading; None: not wired. clk_half, half: cycles of half a period of the chip's clock and of the data
+    clock. wait, quiet: cycles. deadline: cycles after an edge of CONV; a later DVALID leaves no time to read.
+    dvalid: cycles within which DVALID comes by the data sheet.
     """
 
     configuration: int
@@ -103,8 +103,8 @@ class Ddc232(Converter):
     """One DDC232.
 
     version; range (0..7, its full scale); bits: of a code; first: input (from 1) of taxel 0 (0: the taxels
-    are on those that come first); ascending: input 1 comes first, not 32; dvalid_clocks: of its own clock,
-    from CONV to DVALID at most.
+    are on the inputs that are read first); ascending: input 1 is read first, not 32; dvalid_clocks: most
+    periods of the chip's own clock from CONV to DVALID.
     """
 
     name: StrictStr = "ddc232"
@@ -116,7 +116,7 @@ class Ddc232(Converter):
     dvalid_clocks: Annotated[StrictInt, Interval(ge=1, le=4095)] = 1382
 
     def places(self, taxels: int) -> tuple[int | None, ...]:
-        """Taxel of each word up to the last that is wanted; inputs are numbered from 1."""
+        """Taxel of each word up to the last one that is needed; inputs are numbered from 1."""
         words = list(range(1, CHANNELS + 1)) if self.ascending else list(range(CHANNELS, 0, -1))
         first = self.first or (1 if self.ascending else CHANNELS + 1 - taxels)
         taxel_of = [channel - first if 0 <= channel - first < taxels else None for channel in words]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class MatrixPlan(Plan):
     """rows, columns: of the matrix. settle, settle_s: cycles and seconds from a new address to the sample.
-    port: of the converter, one transfer a cell."""
+    port: plan of the converter's SPI port, one transfer per cell."""
 
     rows: int
     columns: int

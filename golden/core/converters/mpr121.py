@@ -36,16 +36,17 @@ RESET_WORD, CONFIG2_AT_RESET, RUNNING = 0x63, 0x24, 0x8F
 SETTINGS = (0x10, 0x20)
 """CONFIG1 and CONFIG2: 16 uA, 0.5 us, 4 samples each millisecond."""
 TOUCH, RELEASE = 12, 6
-"""Thresholds; the chip's own touches are not looked at."""
+"""Thresholds of the chip's own touch detection, which is not used."""
 FULL = 2 * (1 << CODE_BITS) - 2
-"""Twice the largest code: twice a line's code is a whole number."""
+"""Twice the largest code. A line between two electrodes has the mean of their codes, so doubled codes are
+whole numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MprPlan(Plan):
-    """chips: 1 or 2. electrodes: of each chip that are read. rows, columns: of the array. lines: electrodes
-    of columns, electrodes of rows. quarter: cycles of a quarter of a bit. reset, first: cycles of `RESET_S`
-    and `FIRST_DATA_S`."""
+    """chips: 1 or 2. electrodes: number read on each chip. rows, columns: of the array. lines: number of
+    electrodes of columns, and of rows. quarter: cycles of a quarter of a bit. reset, first: cycles of
+    `RESET_S` and `FIRST_DATA_S`."""
 
     chips: int
     electrodes: tuple[int, ...]
@@ -61,8 +62,8 @@ class MprPlan(Plan):
         return sum(self.lines)
 
     def to_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-        """Electrode codes (frames, electrodes) for codes of cells: each electrode has fallen as far as the
-        cell on it that fell most."""
+        """Electrode codes (frames, electrodes) for codes of cells: each electrode falls as far as the cell on
+        it that falls most."""
         step = 1 if self.chips == 2 else 2
         shaped = codes.reshape(-1, self.rows, self.columns)
         fallen = np.concatenate([shaped.max(axis=1)[:, ::step], shaped.max(axis=2)[:, ::step]], axis=1)
@@ -70,8 +71,8 @@ class MprPlan(Plan):
 
     def from_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
         """Codes of the array's cells (frames, rows x columns) from those of its electrodes: a touch lowers
-        both electrodes of its cell, so a cell's code is how far the one that fell less has fallen from full
-        scale, doubled."""
+        both electrodes of its cell, so a cell's code is twice the smaller of their two drops from full
+        scale."""
         across, down = self.lines
         direct = self.chips == 2
         columns = between(codes[:, :across], self.columns, direct)
@@ -96,8 +97,8 @@ class MprPlan(Plan):
 
 
 def between(codes: np.ndarray, count: int, direct: bool) -> np.ndarray:
-    """Twice the codes (frames, places) of ``count`` places: an electrode each, or in turn an electrode and
-    the mean of two neighbours."""
+    """Doubled codes (frames, places) of ``count`` places: one electrode per place, or alternately an
+    electrode and the mean of two neighbours."""
     wide = codes.astype(np.int64)
     if direct:
         return 2 * wide

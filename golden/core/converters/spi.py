@@ -19,19 +19,20 @@ if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
 
 LINES_MAX = 16
-"""Data lines at most."""
+"""Largest number of data lines."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpiChip:
     """A converter with a serial port, by its data sheet.
 
-    bits: clocks of a transfer. channels: of a chip. command: what channel 0 is asked for with, most
-    significant bit first; channel_bit: where in it the channel's number begins. delay: transfers from a
-    command to its data. code_bit, code_bits: place of the code in what comes back; tag_bit, tag_bits: of the
-    channel's number (0 bits: none); zeros: bits that are 0 by the data sheet. sclk_hz, conversions_hz: the
-    most. high_s, lead_s: select high between transfers, and from its fall to the first clock, at least. most:
-    chips at most, and what to do with more taxels (0: any number). watt, stated: as of a `Converter`.
+    bits: clock periods of a transfer. channels: of a chip. command: word that requests channel 0, most
+    significant bit first; channel_bit: bit of it at which the channel's number begins. delay: transfers from
+    a command to its data. code_bit, code_bits: place of the code in the answer; tag_bit, tag_bits: place of
+    the channel's number in it (0 bits: none); zeros: bits of it that are 0 by the data sheet. sclk_hz,
+    conversions_hz: highest rates. high_s, lead_s: shortest time with select high between transfers, and from
+    its fall to the first clock. most: largest number of chips (0: any number); instead: advice for more
+    taxels. watt, stated: as in `Converter`.
     """
 
     bits: int
@@ -102,18 +103,18 @@ SPI_CHIPS: dict[str, SpiChip] = {
         stated="AD7476A, rev. F: 5.1 mW in normal operation at 1 MS/s, 3 V",
     ),
 }
-"""``mcp3208x2`` at 3.3 V: its limits at 2.7 V. ``high_s`` of the ads7953 and ad7476 are wider than their data
-sheets ask for."""
+"""``mcp3208x2`` runs at 3.3 V with its limits for 2.7 V. ``high_s`` of the ads7953 and of the ad7476 is
+longer than their data sheets require."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpiPlan(Plan):
     """Transfers of one frame at one clock.
 
-    lines: data lines, whose chips share clock, command and select. selects: groups of chips asked one after
-    the other, each with a select line of its own. transfers: (group, command) of each transfer of a scan.
-    half, lead, high: cycles of half an SCLK period, from the fall of select to the first clock, and of select
-    high.
+    lines: data lines, whose chips share clock, command and select. selects: groups of chips that are read one
+    after the other, each with a select line of its own. transfers: (group, command) of each transfer of a
+    scan. half, lead, high: cycles of half an SCLK period, from the fall of select to the first clock, and of
+    select high.
     """
 
     chip: SpiChip
@@ -177,7 +178,7 @@ class SpiPlan(Plan):
 def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
     """(p, q) with p / q = rate / clock in lowest terms: p frames in q cycles. p = 1: every frame takes q
     cycles exactly; otherwise the start of a scan is up to one cycle late."""
-    # by way of its text 35.6 is 178/5; the float itself is a fraction over 2**47, far too long to count
+    # read from its text, 35.6 is 178/5; the float itself is a fraction over 2**47, far too long to count
     ratio = Fraction(str(rate_hz)) / Fraction(str(clock_hz))
     return ratio.numerator, ratio.denominator
 
@@ -186,7 +187,8 @@ def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
 class OnSpi(Converter):
     """A chip, or several, on SPI.
 
-    data_lines: chips that are read side by side (0: all; fewer: in series, a select line each).
+    data_lines: chips that are read in parallel (0: all; fewer: groups of so many in turn, each with a select
+    line).
     """
 
     data_lines: Annotated[StrictInt, Ge(0)] = 0
@@ -208,7 +210,7 @@ class OnSpi(Converter):
         half = half_period(clock, min(chip.sclk_hz, self.hz or USUAL_HZ))
         period = clock / chip.conversions_hz  # 0 where the chip's rate has no limit (infinity)
         lead = max(half, math.ceil(chip.lead_s * clock))
-        # 1e-9: a quotient that should be whole may come out a hair above, and ceil would take a cycle more
+        # 1e-9: a quotient that should be whole may come out slightly above, and ceil would add a cycle
         high = max(math.ceil(chip.high_s * clock), math.ceil(period - 1e-9) - lead - 2 * half * chip.bits, 1)
         return SpiPlan(
             chip=dataclasses.replace(chip, channels=channels),
@@ -266,9 +268,10 @@ class SpiByName(OnSpi):
 class Spi(OnSpi):
     """Any other chip on SPI.
 
-    frame_bits: clocks of a transfer; channels: of a chip; command: for channel 0; channel_bit: where its
-    number begins; delay: transfers from command to data; code_bit, code_bits, tag_bit, tag_bits: place of the
-    code and of the channel's number in the answer (0 bits: none); zeros: its bits that are always 0.
+    frame_bits: clock periods of a transfer; channels: of a chip; command: word that requests channel 0;
+    channel_bit: bit of it at which the channel's number begins; delay: transfers from command to data;
+    code_bit, code_bits, tag_bit, tag_bits: place of the code and of the channel's number in the answer (0
+    bits: none); zeros: bits of the answer that are always 0.
     """
 
     name: StrictStr = "spi"
@@ -313,7 +316,7 @@ class Spi(OnSpi):
             yield (
                 "channel_bit",
                 f"is {bit} with the code's first bit at {first}; a code that comes in its command's own "
-                "transfer must come after the channel's number: put it higher, or give delay",
+                "transfer must come after the channel's number: give a higher channel_bit, or delay",
             )
         if self.tag_bits and self.channels > 1 << self.tag_bits:
             yield (

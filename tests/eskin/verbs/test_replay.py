@@ -3,22 +3,32 @@ everything that can go wrong."""
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eskin.cosim import link
+from eskin.cosim import device, link
 from eskin.data.archive import save_archive
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import IntegerModel
+from eskin.golden.model.prototypes import forget, taught_in_use
+from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
+from eskin.rtl.top.board import Board
+from eskin.teach.taught import load_taught
 from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs import replay_job
 from tests.cosim.test_link_cosim import CONFIG
+from tests.golden.model.test_prototypes import taught_model
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
+from tests.support.link_flow import TIMEOUT_BYTES
+from tests.support.pin_port import PinPort
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
+from tests.support.touch_scenes import scene
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +232,43 @@ def test_images_are_played_row_by_row_and_their_decisions_compared():
         counts = [result[key] for key in ("recordings", "frames", "decisions")]
         assert counts == [6, 30, 12] and device.taken == 30
     assert all(sentence.startswith("recording 4") for sentence in result["mismatch_list"])
+
+
+CLOCKS_PER_BIT = 4
+
+
+def board_of(model: IntegerModel) -> PinPort:
+    """The pins of a simulated board that was just switched on."""
+    config, clock_hz = model.config, model.config.hardware.clock_hz
+    board = text_of(Board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
+    simulated = device.Device(device.Design(board, Path("build/simulators"), "a test", "board_top"))
+    simulated.put("rx", 1)
+    simulated.reset()
+    return PinPort(simulated, CLOCKS_PER_BIT)
+
+
+@pytest.mark.timeout(1800)
+def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
+    """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
+    model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"
+
+    def replayed(model: IntegerModel, teach: int | None = None) -> dict:
+        options = {"teach": teach, "kept": kept, "timeout_s": TIMEOUT_BYTES}
+        return replay_job.play_all(board_of(model), model, recordings, lambda done, total: None, **options)
+
+    first = replayed(model, teach=2)  # recordings 0 and 1 show no whole touch
+    assert first["passed"] and first["taught_equal"] and first["in_use"] == {"rise": 0, "fall": 0, "pulse": 3}
+    taught = load_taught(model, kept)
+    assert taught_in_use(taught).tolist() == [0, 0, 3]
+    second = replayed(taught)
+    assert second["passed"] and second["in_use"] == first["in_use"]
+    assert load_taught(model, kept).content == taught.content
+    with pytest.raises(InputError, match="holds no touches taught to this model"):
+        load_taught(taught_model("gru", seed=4), kept)
+    with pytest.raises(InputError, match="is no .npz archive"):
+        load_taught(model, Path(__file__))
+    monkeypatch.setattr(
+        link.Link, "places", lambda _, first, count: [0] * count
+    )  # a board that holds nothing
+    lost = replayed(taught)
+    assert lost["bit_exact"] and not lost["taught_equal"] and not lost["passed"]

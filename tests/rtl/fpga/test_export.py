@@ -6,8 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from eskin.golden.core import PRESETS
+import pytest
+
+from eskin.golden.core import PRESETS, InputError
 from eskin.rtl.fpga.export import export
+from eskin.rtl.fpga.generate import generate
+from tests.support.random_models import random_integer_model
+from tests.support.small_designs import SMALL
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -35,3 +40,18 @@ def test_text_is_deterministic_portable_and_complete():
     assert str(ROOT) not in text and "/src" not in text, "no path of the machine that generated it"
     for port in "i__payload i__valid i__ready o__payload bus__addr busy probe__state__value clk rst".split():
         assert port in text
+
+
+def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(tmp_path):
+    model = random_integer_model(SMALL, 5)
+    other, out = tmp_path / "other", tmp_path / "out"
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="other files in it; give a new folder with --out"):
+        generate(model.config, model.arrays, other)
+    assert [path.name for path in tmp_path.rglob("*")] == ["other", "notes.txt"]
+    for _ in range(2):
+        generate(model.config, model.arrays, out)
+        assert not (out / "left_over").exists()
+        (out / "left_over").write_text("")
+    assert {path.name for path in tmp_path.iterdir()} == {"other", "out"}
