@@ -12,8 +12,9 @@ steps cost.
 import re
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+
+from eskin.golden.core import Record
 
 CELL = re.compile(
     r"^  (?P<type>SB_DFF\w*|TRELLIS_FF|SB_MAC16|MULT18X18D) "
@@ -26,15 +27,6 @@ ADDER, ADDER_BITS = re.compile(r"TOPADDSUB_LOWERINPUT\(\d+'\w*?0+\)"), 32
 """A block that adds its operands as they are: its output is a register like others."""
 OPERANDS = {"SB_MAC16": re.compile(r"[AB]"), "MULT18X18D": re.compile(r"[AB]\d+")}
 FILE = "activity.txt"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Count:
-    """One run: cycles counted, register-bit toggles by block, multiplies (operands changed)."""
-
-    cycles: int
-    toggles: dict[str, int]
-    multiplies: int
 
 
 def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
@@ -84,8 +76,9 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
     return "\n".join([head, *lines, f"endmodule{end}"])
 
 
-def read_count(work: Path) -> Count:
-    """The counters of one run, from its work folder."""
+def read_count(work: Path) -> Record:
+    """One run, from its work folder: cycles counted, toggles (of register bits, by block), multiplies (operands
+    changed)."""
     rows = [line.rsplit(" ", 1) for line in (work / FILE).read_text().splitlines()]
     counted = {label.removeprefix("toggles "): int(count) for label, count in rows}
-    return Count(cycles=counted.pop("cycles"), multiplies=counted.pop("multiplies"), toggles=counted)
+    return {"cycles": counted.pop("cycles"), "multiplies": counted.pop("multiplies"), "toggles": counted}

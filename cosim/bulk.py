@@ -19,6 +19,7 @@ from eskin.golden.core import Record, SimulationError
 if TYPE_CHECKING:
     from eskin.cosim.flow import Run
 
+COUNTED = ("frames", "simulated_cycles", "overruns", "input_stalls")
 SETTLE = 6
 """Cycles that are always waited for a command."""
 
@@ -66,8 +67,7 @@ def play(run: "Run", positions: Sequence[int], *, seed: int = 1, threads: int = 
         return device, armed, status
 
     scoreboard = Scoreboard(config, recordings[0].arrays, probes=settings["probes"])
-    said: Record = dict.fromkeys(("frames", "simulated_cycles", "overruns", "input_stalls"), 0)
-    said |= {"mismatch": None, "probe": None}
+    said: Record = dict.fromkeys(COUNTED, 0) | {"mismatch": None, "probe": None}
     longest, status, pool = 0, dict[str, int](), ThreadPoolExecutor(threads)
     try:
         for recording, came in zip(recordings, pool.map(played, range(len(recordings))), strict=True):
@@ -75,8 +75,10 @@ def play(run: "Run", positions: Sequence[int], *, seed: int = 1, threads: int = 
             events, state = device.seen(), device.state
             taken = events["cycle"][events["stage"] == FRAME_END].tolist()
             longest = max(longest, state.frame_cycles_max)
-            counts = (len(taken), state.cycle, state.overruns, state.stalls)
-            said |= {name: said[name] + count for name, count in zip(said, counts, strict=False)}
+            for name, count in zip(
+                COUNTED, (len(taken), state.cycle, state.overruns, state.stalls), strict=True
+            ):
+                said[name] += count
             scoreboard.begin(recording, armed)
             if not status:
                 place = "nothing moves for the watchdog's time"

@@ -41,19 +41,6 @@ class State(ctypes.Structure):
     _fields_ = [(name, ctypes.c_int64) for name in COUNTS.split()]
 
 
-class Library:
-    """Functions of a C++ program whose whole numbers have 64 bits; an array goes in as its address."""
-
-    def __init__(self, path: Path) -> None:
-        self._functions = ctypes.CDLL(str(path))
-
-    def __getattr__(self, name: str) -> Any:
-        function = getattr(self._functions, name)
-        function.restype = ctypes.c_int64
-        setattr(self, name, lambda *given: function(*map(_passed, given)))
-        return getattr(self, name)
-
-
 def _passed(value: Any) -> Any:
     if isinstance(value, float):
         return ctypes.c_double(value)
@@ -83,7 +70,14 @@ class Design:
     def __init__(
         self, verilog: str, builds: Path, purpose: str, top: str = "accelerator", quick: bool = False
     ) -> None:
-        self.library = Library(build_library(verilog, top, KERNEL, builds, purpose, quick))
+        self._functions = ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds, purpose, quick)))
+
+    def __getattr__(self, name: str) -> Any:
+        """A function of the C++ program: its whole numbers have 64 bits, and an array goes in as its address."""
+        function = getattr(self._functions, name)
+        function.restype = ctypes.c_int64
+        setattr(self, name, lambda *given: function(*map(_passed, given)))
+        return getattr(self, name)
 
 
 class Device:
@@ -106,11 +100,11 @@ class Device:
     def __init__(
         self, design: Design, sample_bits: int = 0, stages: Iterable[str] = (), seed: int = 1
     ) -> None:
-        self._library, self._bits = (library := design.library), sample_bits
+        self._design, self._bits = design, sample_bits
         # the cached function below holds the handle and not self, which would never be closed otherwise
-        handle = library.open_device(seed)
+        handle = design.open_device(seed)
         self._device: int | None = handle
-        self.port = functools.cache(lambda name: library.port_of(handle, name.encode()))
+        self.port = functools.cache(lambda name: design.port_of(handle, name.encode()))
         self.state = State.from_address(self._call("state_of"))
         self.state.stop_at, self.state.watch, self.state.poke_at = FOREVER, -1, -1
         for role, name in enumerate(ROLES):
@@ -133,7 +127,7 @@ class Device:
 
     def _call(self, name: str, *given: Any) -> int:
         """A function of the C++ program for this device."""
-        return getattr(self._library, name)(self._device, *given)
+        return getattr(self._design, name)(self._device, *given)
 
     def put(self, name: str, value: int) -> None:
         """Drive an input, where there is one."""

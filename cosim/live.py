@@ -89,11 +89,12 @@ class LiveSimulator:
     def _through(self, begun: int) -> Brought:
         """Values that have arrived when the device is idle."""
         self._device.settle(self._limit)
-        came = {
-            stage: values.tolist() for stage, (values, _) in self._device.streams().items() if values.size
+        stages = {
+            "step_cycles" if stage == "step" else stage: (
+                values.view(np.uint32) if stage == "decision" else values
+            ).tolist()
+            for stage, (values, _) in self._device.streams().items()
+            if values.size
         }
-        stages = {("step_cycles" if stage == "step" else stage): values for stage, values in came.items()}
-        if "decision" in stages:
-            stages["decision"] = [word & 0xFFFFFFFF for word in stages["decision"]]
         self._device.forget()
         return Brought(stages, self._device.state.cycle - begun)

@@ -156,9 +156,9 @@ def placed(config: AcceleratorConfig, seeds: int = 3) -> Row:
     )
 
 
-def design_rows(asked: argparse.Namespace) -> Iterator[Row]:
+def design_rows(asked: Sequence[str]) -> Iterator[Row]:
     """Every design of every scene."""
-    for name in asked.rows or SCENES:
+    for name in asked or SCENES:
         front = PRESETS[name].replace(feature_shift=())
         gru = network(front, "gru", 12)
         for config, lanes in ((gru, 1), (gru, LANES), (network(front, "linear", None), LANES)):
@@ -191,12 +191,12 @@ def frame_through(bus: Bus) -> str:
         return f"{(board.device.state.cycle - begin) / FRAMES:.0f}"
 
 
-def bus_rows(asked: argparse.Namespace) -> Iterator[Row]:
+def bus_rows(asked: Sequence[str]) -> Iterator[Row]:
     """The bare design, then every shell."""
     config = random_integer_model(PRESETS["thesis"].replace(lanes=1), 1).config
     bare = cells_of(Chain(config))
     yield "none (the whole design)", bare["lut"], bare["ff"], clock_mhz(Chain(config)), ""
-    for name in asked.rows or BUSES:
+    for name in asked or BUSES:
         design = BusTop(config, **BUSES[name])
         cells = cells_of(design)
         cycles = "" if BUSES[name].get("axis") else frame_through(BUSES[name]["bus"])
@@ -205,10 +205,10 @@ def bus_rows(asked: argparse.Namespace) -> Iterator[Row]:
 
 
 # ---------------------------------------------------------------------- features, checks
-def feature_rows(asked: argparse.Namespace) -> Iterator[Row]:
+def feature_rows(asked: Sequence[str]) -> Iterator[Row]:
     """Every set of kinds."""
     base = PRESETS["pvdf"].replace(lanes=LANES, lane_type="dsp", activity_block=24)
-    for name in asked.rows or FEATURES:
+    for name in asked or FEATURES:
         config = random_integer_model(base.replace(**FEATURES[name]), 1).config
         plan, cells = schedule(config), cells_of(Chain(config))
         frames = frame_cycles(config), frame_cycles(config, ends_window=False)
@@ -216,7 +216,7 @@ def feature_rows(asked: argparse.Namespace) -> Iterator[Row]:
         yield name, *kinds, config.inputs, config.multiplies, plan.step_cycles, plan.decision_cycles, *frames
 
 
-def check_rows(asked: argparse.Namespace) -> Iterator[Row]:
+def check_rows(asked: Sequence[str]) -> Iterator[Row]:
     """With and without checksum and watchdog. Without the link nobody reads the faults, and what finds them
     is not there either."""
     base = PRESETS["thesis"].with_lanes(LANES, "dsp")
@@ -229,9 +229,9 @@ def check_rows(asked: argparse.Namespace) -> Iterator[Row]:
         yield name, *(cells[kind] for kind in ("logic_cells", "ff", "bram")), step_cycles(model.config)
 
 
-def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
+def readout_rows(asked: Sequence[str]) -> Iterator[Row]:
     """The dense layer and prototypes."""
-    for name in asked.rows or READOUTS:
+    for name in asked or READOUTS:
         base = PRESETS["pvdf"].with_lanes(1, "dsp").replace(checksum=name.endswith("checksum"))
         if name.endswith("last"):
             base = base.replace(decision="last")
@@ -251,9 +251,9 @@ def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
         yield name, cells, memories, mhz, f"{step}, {decision}", touch, teaching, waiting
 
 
-def run_rows(asked: argparse.Namespace) -> Iterator[Row]:
+def run_rows(asked: Sequence[str]) -> Iterator[Row]:
     """A row of each result folder of ``eskin run``."""
-    for folder in map(Path, asked.rows):
+    for folder in map(Path, asked):
         names = "run.json", "cosim.json", "cosim_declared.json", "model/training.json"
         run, played, paced, training = (json.loads((folder / name).read_text()) for name in names)
         chosen = next(row for row in run["candidates"] if row["chosen"])
@@ -274,9 +274,9 @@ def run_rows(asked: argparse.Namespace) -> Iterator[Row]:
         )
 
 
-def stress_rows(asked: argparse.Namespace) -> Iterator[Row]:
+def stress_rows(asked: Sequence[str]) -> Iterator[Row]:
     """Two rows of each folder: without and with the panel."""
-    for folder in map(Path, asked.rows):
+    for folder in map(Path, asked):
         found = [path for path in (folder / "model/training.json", folder / "training.json") if path.exists()]
         training = json.loads(found[0].read_text())
         groups = ", ".join(training["cross_validation"][0]["groups"])
@@ -295,7 +295,7 @@ def stress_rows(asked: argparse.Namespace) -> Iterator[Row]:
             )
 
 
-def step_rows(asked: argparse.Namespace) -> Iterator[Row]:
+def step_rows(asked: Sequence[str]) -> Iterator[Row]:
     """Cells, three sizes and 1 to 12 lanes."""
     base = PRESETS["thesis"]
     cells = (("gru", "before"), ("gru", "after"), ("lstm", "before"))
@@ -312,7 +312,7 @@ def step_rows(asked: argparse.Namespace) -> Iterator[Row]:
             )
 
 
-TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
+TABLES: dict[str, tuple[str, Callable[[Sequence[str]], Iterator[Row]]]] = {
     "designs": (
         "design | cells | memories | MHz | cycles a frame, touch | quiet | cycles a step | a touch | waiting",
         design_rows,
@@ -351,9 +351,9 @@ MADE = re.compile(
 """A table of docs/figures.md, from the line that says how it was made."""
 
 
-def lines(asked: argparse.Namespace) -> Iterator[str]:
+def lines(table: str, *asked: str) -> Iterator[str]:
     """The lines of a table."""
-    columns, rows = TABLES[asked.table]
+    columns, rows = TABLES[table]
     yield f"| {columns} |"
     yield "| --- |" + " --: |" * columns.count("|")
     for row in rows(asked):
@@ -366,27 +366,22 @@ def rewritten(page: str, chosen: Sequence[str], commit: str) -> str:
     def made(found: re.Match[str]) -> str:
         if chosen and found[2] not in chosen:
             return found[0]
-        table = "".join(line + "\n" for line in lines(parser().parse_args(found[1].split())))
+        table = "".join(line + "\n" for line in lines(*found[1].split()))
         return f"Made by `python -m scripts.tables {found[1]}` at commit `{commit}`.\n\n{table}"
 
     return MADE.sub(made, page)
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
-    found = argparse.ArgumentParser(
+def main(words: Sequence[str] | None = None) -> None:
+    """Print the table row by row, or write the page of figures."""
+    parser = argparse.ArgumentParser(
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         prog="python -m scripts.tables",
     )
-    found.add_argument("table", choices=[*TABLES, "figures"])
-    found.add_argument("rows", nargs="*", metavar="ROW")
-    return found
-
-
-def main(words: Sequence[str] | None = None) -> None:
-    """Print the table row by row, or write the page of figures."""
-    asked = parser().parse_args(words)
+    parser.add_argument("table", choices=[*TABLES, "figures"])
+    parser.add_argument("rows", nargs="*", metavar="ROW")
+    asked = parser.parse_args(words)
     try:
         if asked.table == "figures":
             commit = subprocess.run(
@@ -394,10 +389,10 @@ def main(words: Sequence[str] | None = None) -> None:
             ).stdout.strip()
             PAGE.write_text(rewritten(PAGE.read_text(), asked.rows, commit))
         else:
-            for line in lines(asked):
+            for line in lines(asked.table, *asked.rows):
                 print(line, flush=True)
     except InputError as error:
-        parser().error(str(error))
+        parser.error(str(error))
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 
 import jinja2
@@ -69,7 +70,7 @@ MANY_CLASSES = 12
 LABEL_LETTERS = 8
 """Letters of a class name above a bar."""
 LINE_STYLES = ("-", "--", ":", "-.")
-FLOAT_COLOUR, INTEGER_COLOUR = "#E69F00", "#0072B2"
+FLOAT_COLOUR, INTEGER_COLOUR, SCAN_COLOUR = "#E69F00", "#0072B2", "#888888"
 FLOAT_LINE: Record = {"color": FLOAT_COLOUR, "linewidth": 1.6}
 INTEGER_LINE: Record = {"color": INTEGER_COLOUR, "linewidth": 1.4, "marker": "o", "markersize": 3.5}
 
@@ -437,9 +438,21 @@ COSTS = {
 """Costs against which accuracy is drawn: key of a candidate, label, factor."""
 
 
-def draw_candidates(rows: Sequence[Record]) -> Figure:
+def fewer_scans(front_end: Record) -> list[Record]:
+    """For each ``scan_every`` that was judged the cheapest front end that ties with the best; where none does, the
+    most accurate."""
+    rows = [front_end["chosen"], *front_end["rivals"]]
+    found = []
+    for every in sorted({row["scan_every"] for row in rows}):
+        alike = sorted((row for row in rows if row["scan_every"] == every), key=itemgetter("energy_touch_j"))
+        found.append(next((row for row in alike if row["level"]), max(alike, key=itemgetter("accuracy"))))
+    return found
+
+
+def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> Figure:
     """Accuracy of every candidate against energy of a touch and against the time to the decision, with the
-    front of those that none beats in both; the taken one is named. What fits the board is filled."""
+    front of those that none beats in both; the taken one is named. What fits the board is filled. Crosses show
+    what `fewer_scans` buy: front ends alone, by the linear classifier that chose among them."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
     # a cost that all share tells nothing
     costs = {
@@ -483,15 +496,31 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                     "ha": "center",
                 }
                 axes.annotate(text, place, (0, 9), zorder=4, **style)
+        scans = fewer_scans(front_end) if front_end and key == "energy_touch_j" else []
+        if len(scans) > 1:
+            places = [(factor * row[key], row["accuracy"]) for row in scans]
+            axes.plot(*zip(*places, strict=True), ":x", color=SCAN_COLOUR, linewidth=0.8, zorder=1)
+            for row, place in zip(scans, places, strict=True):
+                axes.annotate(
+                    f"1/{row['scan_every']}",
+                    place,
+                    (3, -9),
+                    textcoords="offset points",
+                    fontsize=7,
+                    color=SCAN_COLOUR,
+                )
         axes.margins(x=0.15, y=0.15)
         if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
-            axes.set_ylim(min(stressed) - 0.05, 1.03)  # a gate that always opens leaves by the bottom
+            axes.set_ylim(min(stressed) - 0.05, min(axes.get_ylim()[1], 1.03))  # a gate that always opens leaves by the bottom
         cost_axis(axes)
         axes.set_xlabel(label)
     axes = panels[0]
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
+    crosses = "\ncrosses: front ends alone, one frame in k scanned" * bool(
+        front_end and len(fewer_scans(front_end)) > 1
+    )
     axes.set(
-        title=f"grey: the best at each cost; {filled}{'; lines down: under disturbance' * bool(stressed)}",
+        title=f"grey: the best at each cost; {filled}{'; lines down: under disturbance' * bool(stressed)}{crosses}",
         ylabel="accuracy, integer, cross-validated",
     )
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
@@ -546,7 +575,7 @@ def _render(result: Result) -> str:
             drawn |= {
                 "trace": draw_trace(result.trace, config, run["data"].get("unit", "V")),
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
-                "candidates": draw_candidates(candidates) if candidates else None,
+                "candidates": draw_candidates(candidates, front_end) if candidates else None,
             }
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
     values = _values(result)

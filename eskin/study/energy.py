@@ -132,7 +132,7 @@ def counted_activity(
     Parameters
     ----------
     full, slow:
-        cycles, toggles (by block), multiplies of each run (eskin.cosim.activity.Count as a mapping).
+        cycles, toggles (by block), multiplies of each run (eskin.cosim.activity.read_count).
         Without a slower run idle cycles are taken to toggle IDLE_TOGGLES bits.
     frames, steps:
         In all, of one run.

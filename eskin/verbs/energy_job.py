@@ -107,11 +107,11 @@ def counted(
     hardware = dataclasses.replace(hardware, sources=(work / "counted.v", *hardware.sources[1:]))
     options: Record = {"hardware": hardware, "builds": BUILD / "simulators"}
     results = [flow.cosim(design, vectors, work=work / "full", **options)]
-    counts = [dataclasses.asdict(read_count(work / "full"))]
+    counts = [read_count(work / "full")]
     if slower:
         options["clock_hz"] = slower_cycles(config, results[0]) * config.sensor.scan_rate_hz
         results.append(flow.cosim(design, vectors, work=work / "slow", pace="declared", **options))
-        counts.append(dataclasses.asdict(read_count(work / "slow")))
+        counts.append(read_count(work / "slow"))
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
     frame_cycles, quiet_frame_cycles = mean_frame_cycles(config)
     activity = energy.counted_activity(

@@ -104,8 +104,8 @@ class _Bench:
         ),
         Bug(
             "the next window says whether this step is the last",
-            "self.final.eq(finals.bit_select(reading, 1))",
-            "self.final.eq(finals.bit_select(~reading, 1))",
+            "final=finals.bit_select(reading, 1)",
+            "final=finals.bit_select(~reading, 1)",
             file=QUEUE,
             eager=True,
         ),

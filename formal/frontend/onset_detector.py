@@ -165,8 +165,8 @@ def frames_band(m: Module) -> None:
     bugs=(
         Bug(
             "the detector's block goes on while a beat waits",
-            "faults.i.valid.eq(advance & offered)",
-            "faults.i.valid.eq(offered)",
+            "valid=advance & offered",
+            "valid=offered",
             file=FILE,
         ),
     ),
@@ -373,8 +373,8 @@ def touches_baseline(m: Module) -> None:
     bugs=(
         Bug(
             "a window from the first hop on",
-            "boundary.eq(hop_last & ~hop_zero)",
-            "boundary.eq(hop_last)",
+            "boundary=hop_last & ~hop_zero",
+            "boundary=hop_last",
             file=MARKS,
             eager=True,
         ),

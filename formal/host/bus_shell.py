@@ -41,8 +41,8 @@ def _is(request, register, write):
         ),
         Bug(
             "an address from 0x40 on reaches the registers",
-            "bus.w_stb.eq(acts & inner & writes)",
-            "bus.w_stb.eq(acts & writes)",
+            "w_stb=acts & inner & writes",
+            "w_stb=acts & writes",
         ),
         Bug(
             "the second of a pair is the first again",
@@ -128,7 +128,7 @@ def answered_once(m: Module) -> None:
     reduced="5 taxels, no queue",
     quick=True,
     bugs=(
-        Bug("another read takes a decision", "own & (place == ShellRegister.DECISION - FIRST)),", "own),"),
+        Bug("another read takes a decision", "own & (place == ShellRegister.DECISION - FIRST),", "own,"),
         Bug("a write takes a decision", "acts & reads & own", "acts & own"),
         Bug(
             "a decision is taken before the answer",
@@ -136,11 +136,7 @@ def answered_once(m: Module) -> None:
             "shown.eq(self.asked)\n            shown = self.asked",
             file="rtl/host/decision_queue.py",
         ),
-        Bug(
-            "a decision is asked for while one is answered",
-            "queue.asked.eq(acts",
-            "queue.asked.eq(request.valid",
-        ),
+        Bug("a decision is asked for while one is answered", "asked=acts", "asked=request.valid"),
         Bug(
             "a fault does not interrupt",
             "queue.global_waits, space, self.any_fault)",

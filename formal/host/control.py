@@ -55,8 +55,8 @@ def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
     bugs=(
         Bug(
             "a weight write let through during a touch",
-            "loader.locked.eq(touch | ~self.decider_idle if config.readout_rule.taught else touch)",
-            "loader.locked.eq(0)",
+            "locked=touch | ~self.decider_idle if config.readout_rule.taught else touch",
+            "locked=0",
         ),
         Bug(
             "one flag for all touches",
@@ -180,11 +180,7 @@ TAUGHT = CONFIG.replace(cell="linear", decision="last").with_readout(
         ),
         Bug("a touch does not make it stale", "~(loader.locked | bus.w_stb)", "~bus.w_stb"),
         Bug("a write does not make it stale", "~(loader.locked | bus.w_stb)", "~loader.locked"),
-        Bug(
-            "the place goes on with every question",
-            "loader.onward.eq(asked & given)",
-            "loader.onward.eq(asked)",
-        ),
+        Bug("the place goes on with every question", "onward=asked & given", "onward=asked"),
     ),
 )
 def words_of_places(m: Module) -> None:

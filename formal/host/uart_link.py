@@ -41,7 +41,7 @@ class AnyBytes(wiring.Component):
             "forward.eq(~command.is_frame | self.frame.ready)",
             "forward.eq(1)",
         ),
-        Bug("a frame a taxel too long", "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)"),
+        Bug("a frame a taxel too long", "last=word == taxels + 1", "last=word == taxels + 2"),
     ),
 )
 def frames_and_writes(m: Module) -> None:

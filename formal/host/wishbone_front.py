@@ -18,23 +18,12 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
     depth=2,
     reduced="4 taxels, no queue",
     bugs=(
-        Bug(
-            "STB without CYC acts",
-            "request.valid.eq(self.wb_cyc & self.wb_stb)",
-            "request.valid.eq(self.wb_stb)",
-        ),
+        Bug("STB without CYC acts", "valid=self.wb_cyc & self.wb_stb", "valid=self.wb_stb"),
         Bug("a write of two bytes acts", "self.wb_sel.all()", "self.wb_sel.any()"),
-        Bug(
-            "an acknowledge to nobody",
-            "self.wb_ack.eq(request.valid & request.done)",
-            "self.wb_ack.eq(request.done)",
-        ),
+        Bug("an acknowledge to nobody", "wb_ack=request.valid & request.done", "wb_ack=request.done"),
         Bug("byte addresses taken for words", "self.wb_adr[2:]", "self.wb_adr[:7]"),
         Bug(
-            "a decision is lost to who gives up",
-            "queue.take.eq(request.valid)",
-            "queue.take.eq(1)",
-            file="rtl/host/bus_shell.py",
+            "a decision is lost to who gives up", "take=request.valid", "take=1", file="rtl/host/bus_shell.py"
         ),
     ),
 )

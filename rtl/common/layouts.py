@@ -16,6 +16,13 @@ def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
     return data.StructLayout({"sample": shape_of(config.sample_format), "first": 1, "last": 1})
 
 
+def _marked(config: AcceleratorConfig, *flags: str) -> data.StructLayout:
+    masked = ("masked",) * bool(config.faults.fault_frames)
+    return data.StructLayout(
+        {"complement": signed(config.deviation_bits)} | dict.fromkeys((*flags, *masked), 1)
+    )
+
+
 def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One deviation e on its way to the windows, as complement ~e = -e - 1, with the detector's marks of its
     frame.
@@ -26,18 +33,13 @@ def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
     ``emit`` = a window of the open touch ends with this frame; ``end`` = it is the touch's last. With a fault
     detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag.
     """
-    flags: tuple[str, ...] = (
-        ("touch", "onset") if config.windows.window_mode == "touch" else ("hop_last", "emit", "end")
-    )
-    flags += ("masked",) * bool(config.faults.fault_frames)
-    return data.StructLayout({"complement": signed(config.deviation_bits)} | dict.fromkeys(flags, 1))
+    touch = config.windows.window_mode == "touch"
+    return _marked(config, *(("touch", "onset") if touch else ("hop_last", "emit", "end")))
 
 
 def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One deviation of a frame that belongs to a touch, as complement; ``masked`` as of ``frame_layout``."""
-    return data.StructLayout(
-        {"complement": signed(config.deviation_bits)} | ({"masked": 1} if config.faults.fault_frames else {})
-    )
+    return _marked(config)
 
 
 def has_door(config: AcceleratorConfig) -> bool:
@@ -56,8 +58,7 @@ def window_layout(config: AcceleratorConfig) -> data.StructLayout:
     ``hop_last`` = the last frame of a hop, or of the touch; ``emit`` = a window of the touch ends with this
     frame; ``end`` = it is the touch's last. ``window_mode`` free: the same as ``frame_layout``.
     """
-    flags = ("hop_last", "emit", "end") + ("masked",) * bool(config.faults.fault_frames)
-    return data.StructLayout({"complement": signed(config.deviation_bits)} | dict.fromkeys(flags, 1))
+    return _marked(config, "hop_last", "emit", "end")
 
 
 def beat_layout(config: AcceleratorConfig) -> data.StructLayout:

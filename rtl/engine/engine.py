@@ -12,12 +12,12 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.collisions import NO_COLLISION, working_memory
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import centred_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import addends_memory, begins_as_told, lanes_in_large_memories
-from eskin.rtl.common.ports import drive, inputs, outputs
+from eskin.rtl.common.ports import drive, forward, inputs, outputs
 from eskin.rtl.common.status import ENGINE, probe
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
@@ -162,7 +162,7 @@ class Engine(wiring.Component):
             config, plan.program, images.get(memory_map.Memory.CONSTANTS, [])
         )
         drive(m, coefficients, address=word.gate | Mux(word.scale, lengths, 0), enable=enable)
-        wiring.connect(m, wiring.flipped(self.load), coefficients.load)
+        forward(m, self, coefficients, "load")
         gate = coefficients.gate | coefficients.constant
         # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
         not_t = Const(-1, signed(config.formats.state_format.width))
@@ -204,7 +204,7 @@ class Engine(wiring.Component):
             write_address=word.partial_to,
             write_data=total,
         )
-        wiring.connect(m, wiring.flipped(self.load), addends.load)
+        forward(m, self, addends, "load")
 
         # ---------------------------------------------------------------- results
         table_wrong = 0
@@ -263,7 +263,7 @@ class Engine(wiring.Component):
         )
         slot_write, slot_read = windows.write_port(), windows.read_port()
         m.submodules.queue = queue = self.queue = WindowQueue(config, layout.window_bits)
-        wiring.connect(m, wiring.flipped(self.i), queue.i)
+        forward(m, self, queue, "i")
         drive(m, queue, released=released, started=self.started, step_done=self.status.step_done)
         drive(m, self.status, overrun=queue.overrun, windows_open=queue.open)
         drive(
@@ -386,8 +386,7 @@ class Engine(wiring.Component):
         row_sums = []
         for k in range(config.hardware.lanes):
             m.submodules[f"lane_{k}"] = lane = make_lane(config, row_lane_signature(config, plan))
-            drive(m, lane, tick=enable, swap=word.swap, valid=word.valid)
-            drive(m, lane, a=operand, b=weights[k])
+            drive(m, lane, tick=enable, swap=word.swap, valid=word.valid, a=operand, b=weights[k])
             row_sums.append(lane.acc)
         if plan.shared:
             drive(
@@ -504,8 +503,7 @@ class _AddendMemory(wiring.Component):
         m.d.comb += self.read_data.eq(constant.data)
         if not plan.partial_rows:
             return
-        m.submodules.sums = sums = Memory(shape=shape, depth=plan.partial_rows, init=[], attrs=NO_COLLISION)
-        read, write = sums.read_port(), sums.write_port()
+        read, write = working_memory(m, "sums", shape, plan.partial_rows)
         is_sum = Signal()
         sum_read = Signal()
         with m.If(self.read_enable):

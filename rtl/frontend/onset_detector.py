@@ -11,7 +11,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.fixed import clip
 from eskin.rtl.common.layouts import frame_layout, sample_layout
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common.ports import drive, forward
 from eskin.rtl.common.status import detector_status
 from eskin.rtl.frontend.fault_detector import FaultDetector
 from eskin.rtl.frontend.frame_aligner import FrameAligner
@@ -98,7 +98,7 @@ class OnsetDetector(wiring.Component):
             drive(m, aligner.i, p=self.i.p, valid=self.i.valid & open_now)
             m.d.comb += self.i.ready.eq(aligner.i.ready & open_now)
         else:
-            wiring.connect(m, wiring.flipped(self.i), aligner.i)
+            forward(m, self, aligner, "i")
         m.d.comb += [aligner.advance.eq(advance), self.status.framing_fault.eq(aligner.framing_fault)]
 
         m.submodules.marks = marks = self.marks = FrameMarks(config)

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import sample_layout
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common.ports import drive, forward, outputs
 from eskin.rtl.common.status import detector_status
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.program.image_passes import plan_of
@@ -52,7 +52,7 @@ class ImageReceiver(wiring.Component):
         m = Module()
         image = self._config.image
         m.submodules.aligner = aligner = FrameAligner(self._config)
-        wiring.connect(m, wiring.flipped(self.i), aligner.i)
+        forward(m, self, aligner, "i")
         pixels = image.height * image.width
         address = Signal(range(pixels))
         before = Signal(8)  # the pixel before this one

@@ -10,7 +10,7 @@ from amaranth.lib.wiring import Out
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters import mpr121
 from eskin.golden.core.converters.mpr121 import FULL, MprPlan
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common.ports import drive, forward
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 
@@ -96,7 +96,7 @@ class Mpr121Converter(wiring.Component):
         m = Module()
         plan, bits = self._plan, mpr121.CODE_BITS
         m.submodules.master = master = I2cMaster(plan.quarter)
-        wiring.connect(m, master.pins, wiring.flipped(self.pins))
+        forward(m, self, master, "pins")
         setting_up, reading = start_up(plan), frame(plan)
         program = [STEP.const(vars(word) | {"op": word.op.value}) for word in setting_up + reading]
         at = Signal(range(len(program)))

@@ -6,7 +6,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
 from eskin.golden.core import ConverterFault, SpiPlan
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common.ports import drive, forward
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster, spi_pins
 
@@ -37,7 +37,7 @@ class SpiConverter(wiring.Component):
         m = Module()
         plan, chip = self._plan, self._plan.chip
         m.submodules.master = master = SpiMaster(plan)
-        wiring.connect(m, master.pins, wiring.flipped(self.pins))
+        forward(m, self, master, "pins")
 
         count, per_select = len(plan.transfers), plan.per_select
         transfer = Signal(range(count))

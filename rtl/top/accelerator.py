@@ -13,7 +13,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, has_door, sample_layout
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common.ports import drive, forward
 from eskin.rtl.common.status import probe
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
@@ -66,8 +66,8 @@ class HostedChain(wiring.Component):
     def hosted(self, m: Module, classifier: Classifier) -> HostControl:
         """The control, wired to bus, frames and classifier."""
         m.submodules.control = control = HostControl(self._config, self._fed_by)
-        wiring.connect(m, wiring.flipped(self.bus), control.bus)
-        wiring.connect(m, classifier.o, wiring.flipped(self.o))
+        forward(m, self, control, "bus")
+        forward(m, self, classifier, "o")
         drive(
             m,
             control.frames,

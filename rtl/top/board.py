@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common.ports import drive, forward, outputs
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
 from eskin.rtl.host.uart import uart_divisor
@@ -170,7 +170,7 @@ class Board(wiring.Component):
             m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx)]
         elif self._shell:
             wiring.connect(m, wiring.flipped(self.bus), host)
-            wiring.connect(m, core.o, wiring.flipped(self.o))
+            forward(m, self, core, "o")
             m.d.comb += self.any_fault.eq(core.accelerator.any_fault)
         else:
             m.d.comb += core.o.ready.eq(1)
@@ -193,7 +193,7 @@ class Board(wiring.Component):
         frame: Any = core.frame if sensing else core.i
         broken, wrong = core.broken if sensing else Const(0, 1), Signal()
         if sensing:
-            wiring.connect(m, core.pins, wiring.flipped(self.pins))
+            forward(m, self, core, "pins")
             watching = core.accelerator.watching
             hung: Value = Const(0, 1) if watching is None else watching.hung
             m.d.comb += [core.run.eq(begun), wrong.eq(broken | core.fault.any() | hung | unloaded)]

@@ -7,7 +7,7 @@ from amaranth.hdl import Module, Mux, ResetInserter, Signal
 from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common.ports import drive, forward
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.host.control import FedBy
 from eskin.rtl.image.image_engine import ImageEngine
@@ -75,7 +75,7 @@ class ImageAccelerator(HostedChain):
         m.submodules.receiver = ResetInserter(control.clear)(receiver)
         m.submodules.engine = ResetInserter(control.clear)(engine)
         m.submodules.classifier = ResetInserter(control.clear)(classifier)
-        wiring.connect(m, wiring.flipped(self.i), receiver.i)
+        forward(m, self, receiver, "i")
         wiring.connect(m, receiver.status, control.detector)
         wiring.connect(m, control.load, engine.load)
         last_logit = Signal()
