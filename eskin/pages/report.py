@@ -511,7 +511,8 @@ def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> 
                 )
         axes.margins(x=0.15, y=0.15)
         if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
-            axes.set_ylim(min(stressed) - 0.05, min(axes.get_ylim()[1], 1.03))  # a gate that always opens leaves by the bottom
+            # a gate that always opens lies below the drawing
+            axes.set_ylim(min(stressed) - 0.05, min(axes.get_ylim()[1], 1.03))
         cost_axis(axes)
         axes.set_xlabel(label)
     axes = panels[0]
