@@ -1,4 +1,4 @@
-"""Prototypes of the readout: chosen from the recordings of the training, and taught from a few touches
+"""Prototypes of the readout: made from the training recordings, and taught from a few touches
 (docs/specification.md, section 18)."""
 
 from collections.abc import Sequence
@@ -15,30 +15,29 @@ from eskin.golden.model.pipeline import decide
 from eskin.golden.model.prototypes import check_teachable, class_distances, narrowed, teach, trajectory_codes
 
 PROTOTYPES, TAUGHT, CODE_BITS = 8, 3, 4
-"""Default numbers: prototypes a class at most, places for taught touches a class, bits of a value."""
+"""Default numbers: most prototypes per class, slots for taught touches per class, bits of a value."""
 COVERED = 0.999
 """Share of a linear cell's logits (by magnitude) that their codes hold; larger ones saturate."""
 PARTS = 5
-"""Largest number of parts in which groups are left out."""
+"""Largest number of parts into which groups are divided to be left out in turn."""
 HALVING_COSTS = 0.002
 """Share of the other groups' touches that halving the distances of taught ones may cost."""
 
 
 def whole_touches(touches: Touches, config: AcceleratorConfig) -> np.ndarray:
-    """Rows of the first touches of recordings that all of their steps are there of."""
+    """Rows of the first touches of recordings whose steps are all complete."""
     rows = touches.first_touch()
     rows = rows[rows >= 0]
     return rows[touches.completed[rows] == config.windows.steps]
 
 
 def training_groups(recordings: Recordings, record: Record, groups: Sequence[str] | None) -> list[str]:
-    """The group arrays whose values are left out: those asked for; else those of the
-    training's first split that has any; else the first there is.
+    """The group arrays whose values are left out: those requested; otherwise those of the training's first
+    split that has any; otherwise the first group array.
 
     Raises
     ------
-    InputError
-        One that is not there.
+    InputError A requested group array is missing.
     """
     splits = [split["groups"] for split in record.get("cross_validation", [])]
     validated = [split for split in splits if split and recordings.groups.keys() >= set(split)]
@@ -60,8 +59,8 @@ def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
 def _centres(
     config: AcceleratorConfig, values: np.ndarray, labels: np.ndarray, most: int
 ) -> list[np.ndarray]:
-    """Centres of the trajectories of each class's touches, codes (``most`` or fewer, K, values), by
-    k-means. A mean over a group is near none of its touches if these differ, in speed for example."""
+    """Centres of the trajectories of each class's touches, codes (``most`` or fewer, K, values), by k-means.
+    If the touches of a group differ, for example in speed, their mean is close to none of them."""
     centres = []
     with threadpool_limits(1):
         for label in range(config.classes - config.readout_rule.spare_classes):
@@ -97,10 +96,10 @@ def with_prototypes(
     prototypes:
         A class at most.
     unknown:
-        Share of a left out group's touches that may be further from every prototype than `unknown_above`,
-        which follows from it. None: that is given.
+        Share of a left-out group's touches that may be further from every prototype than `unknown_above`,
+        which is computed from it. None: `unknown_above` is given.
     spare_classes:
-        The last classes of ``model``, which no touch shows.
+        Number of last classes of ``model`` of which there are no touches.
 
     Raises
     ------
@@ -124,7 +123,7 @@ def with_prototypes(
 
     def of(rows: np.ndarray) -> IntegerModel:
         centres = _centres(config, values[rows], labels[rows], config.readout_rule.prototypes)
-        # a place too many repeats another, which changes no distance
+        # a surplus slot repeats another prototype, which changes no distance
         shape = (config.readout_rule.prototypes, *values.shape[1:])
         stored = np.array(
             [np.resize(own, shape) for own in centres] + [np.zeros(shape, np.int64)] * spare_classes
@@ -171,13 +170,13 @@ def with_prototypes(
 
 
 def by_last_step(model: IntegerModel) -> IntegerModel:
-    """``model`` with decisions by its last step and any margin, for evaluating the readout."""
+    """``model`` with decisions by its last step, whatever the margin, for evaluating the readout."""
     rule: Record = {"decision": "last", "margin_threshold": 0, "early_margin": 0, "early_steps": 1}
     return IntegerModel(model.config.replace(**rule), model.arrays, model.source)
 
 
 def _check_labels(config: AcceleratorConfig, labels: np.ndarray, trained: int, source: str) -> None:
-    """Refuse touches that lack one of the ``trained`` classes, or show a spare one."""
+    """Refuse touches that lack one of the ``trained`` classes, or belong to a spare one."""
     names = config.network.class_names
     for label, name in enumerate(names[:trained]):
         if not (labels == label).any():
@@ -213,8 +212,8 @@ def _filled(model: IntegerModel, config: AcceleratorConfig, stored: np.ndarray) 
 
 
 def code_shift(config: AcceleratorConfig, values: np.ndarray, bits: int) -> int:
-    """Bits of a value that its code drops: of a state, which lies in -1..1, all but the sign and bits - 1
-    below the point; of a logit as many as leave COVERED of them in range."""
+    """Bits of a value that its code drops: for a state, which lies in -1..1, all but the sign and bits - 1
+    below the point; for a logit as many as keep a share COVERED of the logits in range."""
     fmt = config.trajectory_format
     if config.recurrent:
         return max(0, fmt.frac_bits - (bits - 1))
@@ -241,8 +240,8 @@ def prototypes_from_recordings(
 
 # ---------------------------------------------------------------------- teaching
 def teach_recordings(model: IntegerModel, few: Recordings) -> tuple[IntegerModel, np.ndarray]:
-    """(``model`` taught with the first touch of each recording, in their order, (classes) how many it was
-    taught): only whole touches are taught.
+    """(``model`` taught with the first touch of each recording in order, (classes) number of touches taught):
+    only whole touches are taught.
 
     Raises
     ------

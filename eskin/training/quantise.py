@@ -1,5 +1,5 @@
 """Quantisation: profile ranges on recordings, choose a format per signal, export the integer network, or
-train it on as integers."""
+continue its training in integers."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -32,14 +32,15 @@ WEIGHT_BITS, FEATURE_BITS, BIAS_BITS, LOGIT_BITS = 8, 12, 16, 16
 """Default widths; state and gates keep the configuration's."""
 
 OPERAND_BITS = 16
-"""Bits of a lane's operand: the widest feature."""
+"""Bits of a lane's operand, and so of the widest feature."""
 
 LEAST_STATE_FRAC = 10
-"""Fraction bits that a state keeps where it makes room on the lanes' scale for finer recurrent weights."""
+"""Fewest fraction bits of a state that gives up bits to make room on the lanes' scale for finer recurrent
+weights."""
 
 LOW_WEIGHT_BITS, LOW_BIT_STATE = 4, 12
-"""With so few weight bits the state has 12: weights of few fraction bits leave a finer state no room on the
-lanes' scale."""
+"""With at most LOW_WEIGHT_BITS weight bits the state has LOW_BIT_STATE bits: weights with few fraction bits
+leave no room for a finer state on the lanes' scale."""
 
 FEATURE_COVERAGE = 0.999
 """Share of the features (by magnitude) that the feature format holds; rarer ones saturate."""
@@ -48,8 +49,8 @@ COVERED_FEATURE = f"feature ({FEATURE_COVERAGE:.1%})"
 """Name of that range."""
 
 LAST_LOGIT, ROUNDING = "last logit", 1 / 512
-"""Name of the logits of touches' last steps. The share of their span by which the rounded weights of a linear
-cell may move a logit."""
+"""Name of the range of logits at the last steps of touches. Share of their span by which the rounded weights
+of a linear cell may move a logit."""
 
 SIGNALS = {
     "feature": "feature",
@@ -82,7 +83,7 @@ class Profile(Float):
         self.ranges: dict[str, Range] = {}
 
     def note(self, signal: str, value: Any) -> Any:
-        """Widen the signal's range to these values, and give them on."""
+        """Widen the signal's range to these values, and return them."""
         low, high = self.ranges.get(signal, (math.inf, -math.inf))
         self.ranges[signal] = (min(low, float(value.min())), max(high, float(value.max())))
         return value
@@ -175,10 +176,10 @@ def covering_format(
 
 
 def closest_range(values: np.ndarray, bits: int) -> Range:
-    """The range whose covering ``bits``-wide format loses least of ``values`` (mean squared error of rounding
-    and saturation).
+    """The range whose covering ``bits``-wide format represents ``values`` with the least mean squared error
+    of rounding and saturation.
 
-    Few bits serve better where a few large values saturate than where the step is coarse.
+    With few bits it is better to saturate a few large values than to have a coarse step.
     """
     widest = covering_format((float(values.min()), float(values.max())), bits)
 
@@ -205,13 +206,13 @@ class IntegerNetwork(torch.nn.Module):
     """Integer networks of the same formats as a torch module: real master weights, forward in codes,
     straight-through gradients.
 
-    The forward pass is the integer model: ``forward`` gives the logits of ``IntegerModel.forward`` of what
-    ``export`` returns, bit for bit.
+    The forward pass is the integer model: ``forward`` gives the logits of ``IntegerModel.forward`` of the
+    models that ``export`` returns, bit for bit.
 
     Parameters
     ----------
     models:
-        Float networks that the master weights come from, N of them.
+        N float networks from which the master weights come.
     starts:
         Their integer models, all of one configuration: formats and normaliser constants.
     """
@@ -241,7 +242,7 @@ class IntegerNetwork(torch.nn.Module):
 
     @torch.no_grad()
     def hold(self) -> None:
-        """Bring the weights back into their formats."""
+        """Clip the weights to the ranges of their formats."""
         for name, weight in self.weights.items():
             weight.clamp_(*self._limits[name])
 
@@ -286,7 +287,7 @@ class IntegerNetwork(torch.nn.Module):
 
     @torch.no_grad()
     def teach(self, features: torch.Tensor) -> torch.Tensor:
-        """Logits (N, touches, K, C) of the float networks it started from, of real features."""
+        """Logits (N, touches, K, C) that the original float networks give for real features."""
         return run_cell(Float(self.config), self.config, self._teacher, features)[1]
 
     def export(self) -> list[IntegerModel]:
@@ -395,7 +396,7 @@ def choose_formats(
         least = state.frac_bits
     if feature_bits is None and not lean and not plain:
         whole = covering_format(ranges["feature"], FEATURE_BITS).int_bits
-        # no wider than that: the recurrent weights matter more
+        # no wider than that: the precision of the recurrent weights matters more
         whole = max(feature.int_bits, min(whole, shared - least))
         feature = QFormat(whole, min(feature.frac_bits, OPERAND_BITS - whole))
     given_up = state.frac_bits - min(state.frac_bits, max(shared - feature.int_bits, least))
@@ -445,7 +446,7 @@ def _linear_formats(
     lean: bool,
     plain: bool,
 ) -> AcceleratorConfig:
-    """As `choose_formats`, of a linear cell, which multiplies features by weights and nothing else."""
+    """As `choose_formats`, for a linear cell, which only multiplies features by weights."""
 
     def with_weight_bits(bits: int) -> AcceleratorConfig:
         dense = covering_format(ranges["dense"], bits)
@@ -515,7 +516,7 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     # presets keep their formats bit for bit: published figures were made with them
     plain = model.config.name in PRESETS and widths.get("feature_bits") is None
     limit = _feature_frac_limit(model.config, sigma, widths)
-    # so many bits more than the sums have: means with fraction bits resolve them
+    # bits beyond those of the sums: means with fraction bits resolve them
     limit += 0 if plain or widths.get("lean") else model.config.most_mean_frac
     # prototypes are made of the quantised network's states, so logits decide until then
     logits_decide = model.config.with_readout()

@@ -21,21 +21,21 @@ class Recipe:
     deviation.
 
     loss: on ``all`` steps (mean) or on the ``last``. updates, batch: gradient steps and touches each; epochs:
-    passes over the training part instead of updates (then every touch is used once an epoch, in random
-    order). learning_rate: the largest of a one-cycle schedule, or constant. noise: standard deviation added
-    to every feature (1 = that of the training features). warp: a touch runs faster by a factor drawn between
-    1/warp and warp (log-uniform); 1 = none. gain: so is its amplitude, by a factor between 1/gain and gain.
+    passes over the training part instead of updates (then every touch is used once an epoch, in random order).
+    learning_rate: the largest of a one-cycle schedule, or constant. noise: standard deviation added to every
+    feature (1 = that of the training features). warp: a touch runs faster by a factor drawn between 1/warp and
+    warp (log-uniform); 1 = none. gain: its amplitude is multiplied by a factor between 1/gain and gain.
     speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel
     answers to the rate of change. channel_dropout: probability with which a taxel is masked for the whole
     touch. taxel_failure: probability with which a taxel sticks at a limit in the touch, is found after
-    FAULTY_WINDOWS and masked from there on. penalty: of a linear cell, which is fitted as a logistic
-    regression on all windows of a touch (`eskin.training.linear_fit`): the inverse penalty of its
-    weights on standardised inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and
-    weight_limit say nothing then. squares: a linear cell is a ridge regression on the classes' indicators
-    instead; ridge: its penalty, as a share of the mean squared length of a touch's inputs; 0: chosen by leaving
-    touches out. averaged: it is the mean of both. sturdy: under the disturbances of
-    `eskin.training.linear_fit.fit_sturdy`, of this strength; 0 = none. weight_limit: parameters are held within
-    +-this (0 = no limit), so that 8-bit weights need one integer bit beside the sign.
+    FAULTY_WINDOWS and masked from there on. penalty: of a linear cell, which is fitted as a logistic regression
+    on all windows of a touch (`eskin.training.linear_fit`): the inverse penalty of its weights on standardised
+    inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and weight_limit have no effect then.
+    squares: a linear cell is a ridge regression on the classes' indicators instead; ridge: its penalty, as a
+    share of the mean squared length of a touch's inputs; 0: chosen by leaving touches out. averaged: it is the
+    mean of both. sturdy: it is fitted under the disturbances of `eskin.training.linear_fit.fit_sturdy`, with
+    this strength; 0 = none. weight_limit: parameters are held within +-this (0 = no limit), so that 8-bit
+    weights need one integer bit beside the sign.
     """
 
     name: str
@@ -60,12 +60,12 @@ class Recipe:
 
     @property
     def robust(self) -> bool:
-        """True where it is trained under disturbance."""
+        """True if the network is trained under disturbance."""
         return bool(self.sturdy or self.taxel_failure or self.channel_dropout)
 
     @property
     def augments(self) -> bool:
-        """True where touches are trained on that differ from the recorded ones."""
+        """True if the training touches differ from the recorded ones."""
         return any(
             getattr(self, name) != value for name, value in AS_RECORDED.items() if name != "speed_gain"
         )
@@ -79,7 +79,7 @@ AS_RECORDED: Record = {
     "channel_dropout": 0.0,
     "taxel_failure": 0.0,
 }
-"""Changes to a recipe that then trains on touches as they were recorded."""
+"""Changes that make a recipe train on the touches as they were recorded."""
 
 RECIPES = {
     "onset": Recipe(
@@ -144,7 +144,8 @@ def choose_recipe(config: AcceleratorConfig, protocol: str = "default") -> Recip
 
 
 def noted_recipe(record: Record, config: AcceleratorConfig) -> Recipe:
-    """The recipe of a training record; that of the configuration where none of this version is noted."""
+    """The recipe of a training record, or that of the configuration if the record has no recipe of this
+    version."""
     try:
         return Recipe(**record["recipe"])
     except (KeyError, TypeError):

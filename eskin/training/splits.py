@@ -32,7 +32,7 @@ def default_splits(recordings: Recordings, config: AcceleratorConfig) -> list[li
 def split_folds(
     recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None
 ) -> list[np.ndarray]:
-    """``grouped_folds`` with ``label`` as a group name too."""
+    """``grouped_folds`` that also takes ``label`` as a group name."""
     return grouped_folds(_with_label(recordings, groups), groups, folds, seed)
 
 
@@ -45,7 +45,7 @@ def _with_label(recordings: Recordings, groups: Sequence[str]) -> Recordings:
 def error_over_groups(recordings: Recordings, groups: Sequence[str], correct: np.ndarray) -> float:
     """Standard error of the mean of ``correct`` (recordings): recordings of one group share its mounting or its
     person, so a group counts as one draw (A. C. Cameron, D. L. Miller 2015, A practitioner's guide to
-    cluster-robust inference, of a mean). Without groups each recording does."""
+    cluster-robust inference, of a mean). Without groups each recording counts as one."""
     numbers = group_numbers(_with_label(recordings, groups), groups)
     sums = np.bincount(numbers, correct - correct.mean())
     return float(np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(correct))
@@ -57,7 +57,7 @@ def check_split(recordings: Recordings, groups: Sequence[str], folds: int) -> No
     Raises
     ------
     InputError
-        A group that is not there, has one value, or is none (``no_group``); folds that cannot be made.
+        A group is missing, has one value or is not a group (``no_group``), or the folds cannot be made.
     """
     for name in groups:
         why = no_group(recordings.groups[name], recordings.labels) if name in recordings.groups else ""

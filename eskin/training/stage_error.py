@@ -1,5 +1,4 @@
-"""Float against integer, stage by stage: how far they are apart, what saturates, how much of its format each
-stage uses."""
+"""Float against integer, stage by stage: difference, share of saturated values, used part of each format."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -20,16 +19,17 @@ STAGES = {
     "hidden state": "rounding and saturation of states and of values in their format",
     "logits": "rounding and saturation of logits",
 }
-"""Stages in the order of the chain, and what each of them does to a value."""
+"""Stages in the order of the chain, and the errors that each of them adds to a value."""
 
 
 FIGURES = ("mean", "max", "saturated", "used", "logit_mean", "logit_max")
-"""Of one stage of an integer model beside the same stage of the float one, over completed steps of touches.
+"""Figures for one stage of an integer model compared with the same stage of the float one, over completed
+steps of touches.
 
-mean, max: absolute difference, real values (all stages before it included). saturated: share of values at
-an end of the stage's format, of pre-activations beyond their table, of weights at an end. used: largest
-absolute code over the format's largest. logit_mean, logit_max: the logit error that this stage alone
-brings about, every other one in float.
+mean, max: absolute difference, real values (all stages before it included). saturated: share of values at an
+end of the stage's format, of pre-activations beyond their table, of weights at an end. used: largest absolute
+code over the format's largest. logit_mean, logit_max: the logit error that this stage alone causes, with
+every other stage in float.
 """
 
 
@@ -88,7 +88,7 @@ OPERATIONS = {
     "state": ("hidden state", "gate x state", "state"),
     "logit": ("logits", "dense", "logit"),
 }
-"""Operations of an arithmetic: the stage that each belongs to, the units of what it takes and gives."""
+"""Operations of an arithmetic: the stage that each belongs to, and the units of its operand and result."""
 TABLE_ENDS = {"sigmoid": 8.0, "tanh": 4.0, "tanh_of_state": 4.0}
 """Largest pre-activation of each table."""
 

@@ -1,7 +1,7 @@
-"""The two tasks, touches in recordings and images, to be judged in the same words: a float network beside its
+"""The two tasks, touches in recordings and images, with one interface for evaluation: a float network and its
 integers on the same data.
 
-What a step and a stage are differs: a touch has several steps, and its stages are those of
+Steps and stages differ: a touch has several steps, and its stages are those of
 `eskin.training.stage_error.STAGES`; an image is one step, and its stages are its layers with weights.
 """
 
@@ -34,8 +34,8 @@ LOOKED_AT = 200
 class TouchTask:
     """A network for recordings.
 
-    ideal, trace: what the float and the integer network made of the recordings, by the same prototypes where
-    these decide.
+    ideal, trace: results of the float and of the integer network on the recordings, with the same prototypes
+    if prototypes decide.
     """
 
     def __init__(self, real: FloatModel, integer: IntegerModel, recordings: Recordings) -> None:
@@ -75,7 +75,7 @@ class ImageTask:
 
     @cached_property
     def _maps(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """(real values, codes) that each layer with weights gave."""
+        """(real values, codes) of the outputs of each layer with weights."""
         ideal, trace = float_images(self._real, self._some), run_images(self._integer, self._some)
         stages = self._integer.config.weighted_stages
         return [(ideal.maps[s.number], trace.maps[s.number]) for s in stages[:-1]] + [

@@ -34,15 +34,16 @@ class TrainingRequest:
     splits:
         Group names of each split; None: every split the configuration names (``default_splits``).
     seed, seeds:
-        First seed, that of the network written; number of seeds the cross-validation averages over.
+        First seed, which is also that of the network written; number of seeds over which the cross-validation
+        averages.
     protocol:
         ``default``, ``robust`` (``choose_recipe``) or ``thesis`` (last-step loss, Adam, 96 epochs of batch
         48; splits stratified by class).
     recipe:
-        Instead of that of the protocol.
+        Recipe in place of that of the protocol.
     known:
-        Records of splits that this network, recipe and seeds were cross-validated over before; they are not
-        done again.
+        Records of splits over which this network, recipe and seeds were cross-validated before; these are not
+        repeated.
     """
 
     folds: int = 5
@@ -71,17 +72,17 @@ def train(
     Parameters
     ----------
     request:
-        None: as `TrainingRequest` has it by default.
+        None: the defaults of `TrainingRequest`.
     out:
         A new folder, or a model folder, which is replaced.
     datasets:
         Touches that were found before.
     notes:
-        Called with the record before it is written; what it returns is added.
+        Called with the record before it is written; its result is added to the record.
     callback:
         Called while the network on all recordings is trained: with {``loss``} at each epoch of a recurrent
-        cell, and at the end, as one epoch more, with {``accuracy``}, the share of the touches trained on that
-        the float network decides rightly.
+        cell, and at the end, as one epoch more, with {``accuracy``}, the share of the training touches that
+        the float network classifies correctly.
 
     Returns
     -------
@@ -132,7 +133,7 @@ def train(
     if notes:
         record |= notes(record)
         record["wall_s"] = time.perf_counter() - begin  # notes may take long
-    record = json.loads(json.dumps(record))  # what the file will hold: lists, not tuples
+    record = json.loads(json.dumps(record))  # as the file will hold it: lists, not tuples
     model.save(out, record)
     return record
 

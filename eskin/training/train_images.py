@@ -3,7 +3,7 @@ pieces of work.
 
 The recipe is that of a study on the 22 objects of Gandarias et al. (2019), tuned on the same folds: AdamW on
 a one-cycle schedule, each batch turned, mirrored, shifted and scaled anew. Batch norm is folded into weights
-and biases at the end, so what is kept is what hardware computes.
+and biases at the end, so the stored network is the one that hardware computes.
 """
 
 import math
@@ -85,7 +85,7 @@ class ImageNetwork(nn.Module):
                 values = nn.functional.max_pool2d(values, 2, ceil_mode=True).relu()
             elif isinstance(stage.layer, Conv):
                 values = self.norms[name](self.layers[name](values))
-                # the largest and the ReLU may change places, and a pooled map is smaller
+                # pool and ReLU may change places, and a pooled map is smaller
                 if stage.number not in self._pooled:
                     values = values.relu()
             else:
@@ -199,7 +199,7 @@ def train_network(
         raise InputError(f"training: there are {len(images)} images to train on; give at least 2")
     generator = torch.Generator().manual_seed(seed)
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)  # first weights and dropout, which take no generator
+        torch.manual_seed(seed)  # for the initial weights and dropout, which take no generator
         network: Any = ImageNetwork(config, recipe.dropout)
         network.to(memory_format=torch.channels_last)
         network.train()
@@ -219,8 +219,8 @@ def tune_network(
     seed: int,
     progress: Progress | None = None,
 ) -> tuple[FloatModel, IntegerModel]:
-    """Train a float network on with weights and maps rounded as the integer one has them (gradients straight
-    through), and its integers.
+    """Continue the training of a float network with weights and maps rounded as in the integer one
+    (straight-through gradients); returns it and its integers.
 
     The formats are chosen beforehand, from the float network, and do not change.
     """

@@ -1,5 +1,5 @@
-"""A trained model folder before it is quantised: its config.json counts, and what quantisation cannot keep of
-it is refused. No torch."""
+"""A trained model folder before it is quantised. Its config.json applies; values in it that quantisation
+cannot keep are refused. No torch."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -22,8 +22,8 @@ CHOSEN = (
     *(field.name for field in dataclasses.fields(Formats)),
     *("feature_shift", "aligned_means", "weight_formats", "map_formats", "state_code_shift", "taught_shift"),
 )
-"""Fields that quantisation chooses, from where the training's configuration has them, unless somebody changed
-them since."""
+"""Fields that quantisation chooses, starting from their values in the training's configuration, unless
+somebody changed them since."""
 
 CHOSEN_BY = {
     "weight_bits": ("weight_format", "recurrent_format", "dense_format", "weight_formats"),
@@ -69,14 +69,15 @@ class Trained:
             )
 
     def check_kept(self, config: AcceleratorConfig, options: Record) -> None:
-        """Refuse to lose what config.json says.
+        """Refuse a quantisation that would lose a value of config.json.
 
         Parameters
         ----------
         config:
-            Of the integers that are to be written. Where another readout decides, its fields are new.
+            Configuration of the integers that are to be written. If another readout decides, its fields are
+            new.
         options:
-            Those given, by name; their fields may change.
+            Options that the user gave, by name; their fields may change.
 
         Raises
         ------
@@ -98,12 +99,14 @@ class Trained:
 
 
 def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = False) -> Trained:
-    """Reads the model folder for quantisation. ``ranges``: by those that training.json notes.
+    """Reads the model folder for quantisation. ``ranges``: True if the ranges noted in training.json are
+    used.
 
     Raises
     ------
     InputError
-        The folder is not a model folder; config.json says what its network cannot be; it was taught.
+        The folder is not a model folder, its config.json does not fit its network, or the model holds taught
+        touches.
     """
     files, current, record = _contents(model_dir), load_config(model_dir), load_training(model_dir)
 
@@ -114,7 +117,7 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     trained, quantised = noted(record, "config", current), record.get("quantised")
     quantised = quantised if isinstance(quantised, dict) else {}
     before = noted(quantised, "start", trained)
-    # a folder of an earlier version does not say what its quantisation wrote
+    # a folder of an earlier version has no record of its quantisation
     written = noted(quantised, "config", current if INTEGER_FILE in files else trained)
     _check_network(model_dir, current, trained, before if ranges else None)
     _check_untaught(model_dir)
@@ -172,7 +175,7 @@ def _check_untaught(model_dir: str | Path) -> None:
     try:
         count = read_arrays(Path(model_dir) / INTEGER_FILE).get("taught_count")
     except (ArchiveError, OSError):
-        return  # not there; or damaged: what quantisation is there to mend
+        return  # missing, or damaged, which quantisation repairs
     if count is not None and count.any():
         raise InputError(
             f"model '{model_dir}', array taught: it holds taught touches, which new integers would lose; "
