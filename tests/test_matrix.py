@@ -180,7 +180,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("enrol", "quantise --quantisation-aware"),
         ("prototypes",),
-        "field readout: is 'prototypes', which weights trained on would not fit",
+        "field readout: is 'prototypes', which would not fit the new weights",
     ),
     (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),

@@ -1,4 +1,4 @@
-"""Candidates, how they were judged, and the one rule by which one of them is taken.
+"""Candidates, the results of judging them, and the rule that takes one of them.
 
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
 by its decisions on recordings that it has not seen. **The rule** (`choose`): the cheapest of those that tie
@@ -6,7 +6,7 @@ with the most accurate. `eskin.training.level` defines a tie, `eskin.choose.cost
 rule chooses front ends, which are evaluated with a linear network in closed form (`eskin.choose.front_ends`),
 whole networks (`eskin.choose.networks`), and both again inside the training part of every fold.
 
-Where there is a `Stress`, networks decide disturbed recordings too; the score is the mean of both accuracies.
+With a `Stress`, networks decide disturbed recordings too; the score is the mean of both accuracies.
 Candidates may lose at most CLEAN_LOSS of accuracy against the choice of the rule and cost at most DEARER
 times as much. The cheapest of those that tie with the best score is chosen (`choose_stable`).
 """
@@ -31,17 +31,18 @@ from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import Recipe
 
 CLEAN_LOSS, DEARER = 0.007, 4 / 3
-"""Accuracy on sound recordings that disturbances may cost, and how many times the price."""
+"""Largest loss of accuracy on undisturbed recordings, and largest factor of cost, at which a design that does
+better under disturbance is taken."""
 
 SCREENED = Recipe(name="ridge regression", squares=True)
-"""Recipe by which front ends alone are judged: closed form, float."""
+"""Recipe by which front ends are judged without a network: closed form, float."""
 
 
 @dataclass(frozen=True)
 class Candidate:
     """A design that may be taken.
 
-    front_end: the configuration that its front end comes from. config: the same with the network, which is
+    front_end: the configuration that its front end comes from. config: the same with the network; this one is
     built. recipe: how the network is fitted.
     """
 
@@ -51,8 +52,8 @@ class Candidate:
 
     @classmethod
     def screened(cls, front_end: AcceleratorConfig) -> Candidate:
-        """A front end alone: it is priced with a linear cell, or with its own where that has no room for the
-        weights."""
+        """A front end without a network. Its cost is that with a linear cell, or with its own cell if no
+        linear cell has room for the weights."""
         try:
             return cls(front_end, with_network(front_end, cell="linear"), SCREENED)
         except InputError:
@@ -76,7 +77,8 @@ class Stress(Protocol):
         """(cases, tests) 1 where a network is wrong, NaN where a recording is not disturbed."""
 
     def stressed(self, config: AcceleratorConfig, wrong: np.ndarray) -> np.ndarray:
-        """(recordings) the share of disturbances under which each was decided rightly, NaN: not disturbed."""
+        """(recordings) the share of disturbances under which each was decided correctly; NaN: not
+        disturbed."""
 
     def figures(self, config: AcceleratorConfig, wrong: np.ndarray, accuracy: float) -> list[Record]:
         """{mode, figure, bound, held} of each mode."""
@@ -95,8 +97,8 @@ class ScoredCandidate:
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
     recordings without a touch or a completed window. runs: what each network decided, seed by seed. stress: the
-    disturbances. disturbed: gives the share of networks that were wrong under each (cases, recordings). calm: the
-    rule takes it by sound recordings alone.
+    disturbances. disturbed: function that gives the share of networks that were wrong under each (cases,
+    recordings). calm: the rule takes this candidate if it looks at undisturbed recordings alone.
     """
 
     candidate: Candidate
@@ -109,7 +111,7 @@ class ScoredCandidate:
 
     @cached_property
     def wrong(self) -> np.ndarray | None:
-        """Result of ``disturbed``, found where it is first asked for."""
+        """Result of ``disturbed``, computed at the first access."""
         return self.disturbed() if self.disturbed else None
 
     @property
@@ -142,8 +144,9 @@ class ScoredCandidate:
 
     @cached_property
     def scores(self) -> np.ndarray:
-        """(recordings) the score of each: the mean of its sound and disturbed decisions. Disturbed recordings
-        are few and are weighted up, so the mean over all recordings is the mean of both accuracies."""
+        """(recordings) the score of each: the mean of its decisions without and with disturbance. Disturbed
+        recordings are few and have a higher weight, so the mean over all recordings is the mean of both
+        accuracies."""
         if self.stressed is None:
             return self.correct
         told = ~np.isnan(self.stressed)
@@ -168,7 +171,7 @@ class ScoredCandidate:
         """{mode, figure, bound, held} under each disturbance."""
         if self.stress is None or self.wrong is None or self.stressed is None:
             return []
-        told = ~np.isnan(self.stressed)  # bounds refer to the same recordings
+        told = ~np.isnan(self.stressed)  # the bounds refer to the accuracy on the same recordings
         return self.stress.figures(self.config, self.wrong, float(self.correct[told].mean()))
 
     @property
@@ -185,7 +188,7 @@ class ScoredCandidate:
         return self.accuracy >= 1.0 - TIE * least_error(len(self.correct))
 
     def joined(self, other: ScoredCandidate) -> ScoredCandidate:
-        """With the networks of other seeds."""
+        """This candidate together with its networks of other seeds."""
         first, more = len(self.runs), len(other.runs)
 
         def mean(one: np.ndarray, another: np.ndarray) -> np.ndarray:
@@ -208,7 +211,8 @@ def best_of(judged: Sequence[ScoredCandidate]) -> ScoredCandidate:
 
 def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
     """The cheapest of the candidates that tie with the most accurate one; at equal cost the first. Of those
-    that tie, one that fits the board goes first; a named board must also hold the best.
+    that tie, one that fits the board goes first; if the user named the board, only candidates that fit it
+    count.
 
     Raises
     ------
@@ -225,13 +229,13 @@ def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandid
 
 
 def _cheapest(level: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
-    """The rule among tied candidates."""
+    """The cheapest of tied candidates; one that fits the board goes first."""
     level = sorted(level, key=lambda one: prices.price(one.config))
     return next((one for one in level if prices.fits(one.config)), level[0])
 
 
 def affordable(config: AcceleratorConfig, calm: ScoredCandidate, prices: CostModel) -> bool:
-    """It costs at most DEARER times as much as ``calm``, which `choose` took."""
+    """True if ``config`` costs at most DEARER times as much as ``calm``, the choice of `choose`."""
     dearest = DEARER * prices.price(calm.config)[0]
     return prices.is_candidate(config) and prices.price(config)[0] <= dearest * (1 + 1e-9)
 
@@ -239,7 +243,8 @@ def affordable(config: AcceleratorConfig, calm: ScoredCandidate, prices: CostMod
 def in_reach(
     judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel, loss: float = CLEAN_LOSS
 ) -> list[ScoredCandidate]:
-    """Candidates that `choose_stable` may take in place of ``calm``, and itself; loss: of accuracy."""
+    """Candidates that `choose_stable` may take in place of ``calm``, and ``calm`` itself. loss: largest loss
+    of accuracy."""
     return [
         one
         for one in judged
@@ -252,14 +257,14 @@ def choose_stable(
     judged: Sequence[ScoredCandidate], calm: ScoredCandidate, prices: CostModel
 ) -> ScoredCandidate:
     """The cheapest of the candidates that tie with the best score; at equal cost the one with the higher
-    score. Left out are those that lose more than CLEAN_LOSS of accuracy on sound recordings, or cost more
-    than DEARER times as much, against ``calm``, which `choose` took."""
+    score. Candidates are left out if, compared with ``calm`` (the choice of `choose`), they lose more than
+    CLEAN_LOSS of accuracy on undisturbed recordings or cost more than DEARER times as much."""
     ranked = sorted(in_reach(judged, calm, prices), key=lambda one: -one.score)
     return _cheapest([one for one in ranked if is_level(ranked[0].scores, one.scores)], prices)
 
 
 def front_end_fields(config: AcceleratorConfig) -> Record:
-    """A front end in plain values, as `eskin.choose.choice_table.front_end_words` says it."""
+    """A front end in plain values, which `eskin.choose.choice_table.front_end_words` puts into words."""
     onset, windows, features = config.onset_rule, config.windows, config.features
     row: Record = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
     if onset.onset == "baseline":
@@ -274,8 +279,8 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
 
 
 def screened_row(one: ScoredCandidate, best: ScoredCandidate) -> Record:
-    """A row of ``front_end`` in training.json: the fields, accuracy, standard_error, missed, behind (the best,
-    accuracy), behind_error (of the paired difference), level."""
+    """A row of ``front_end`` in training.json: the fields, accuracy, standard_error, missed, behind (accuracy
+    less than that of the best), behind_error (standard error of the paired difference), level."""
     shortfall, error = paired_shortfall(best.correct, one.correct)
     figures: dict[str, Any] = {
         "accuracy": one.accuracy,

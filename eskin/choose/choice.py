@@ -1,13 +1,13 @@
-"""Front end and network chosen by evidence: what ``train`` and ``run`` do for what was not asked for.
+"""Choice of front end and network by evidence: ``train`` and ``run`` choose whatever the user did not name.
 
 First front ends are searched with a linear classifier (`eskin.choose.front_ends`), then networks are tried on
-those listed (`eskin.choose.networks`); both times the rule of `eskin.choose.candidate` takes one.
+the best of them (`eskin.choose.networks`). Both times the rule of `eskin.choose.candidate` takes one.
 
-Cross-validation on the folds of the choice overstates the accuracy: on pure noise of 60 recordings
-and two classes the best of eighty front ends is 60 to 75 % correct. So the choice is made again inside the
-training part of every fold (`unseen`): the same rule after a shorter search, on fewer recordings and with
-fewer networks. The network taken is then trained on the whole training part with the full recipe, and judged on the
-fold. Thresholds and scales of the candidates are measured on all recordings, without a label.
+Cross-validation on the folds of the choice overstates the accuracy: on pure noise of 60 recordings and two classes
+the best of eighty front ends is 60 to 75 % correct. So the choice is made again inside the training part of every
+fold (`unseen`): the same rule after a shorter search, on fewer recordings and with fewer networks. The network
+taken is then trained on the whole training part with the full recipe, and judged on the fold. Thresholds and scales
+of the candidates are measured on all recordings, without their labels.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ LEAST = {
     "cells": "needs the fewest logic cells ({cells})",
     "latency": "has the shortest time from the last sample to the decision ({latency_s:.3g} s)",
 }
-"""A preference in words."""
+"""Reason for the choice, for each preference."""
 
 
 # ---------------------------------------------------------------------- the front end
@@ -76,10 +76,11 @@ LEAST = {
 class Plan:
     """The requested or chosen front end, and the split for the choice.
 
-    config: the configuration. reasons: in words. split, split_from: of ``choose_split``. prices: costs of
-    candidates. front_ends: to choose from again inside folds; None if there is no choice to make. screened:
-    the front ends judged, best first; none where it was asked for. facts: of the judging, for training.json.
-    guessed: too few recordings to choose on. doubts: about the recordings, of the judging.
+    config: the configuration. reasons: sentences. split, split_from: result of ``choose_split``. prices:
+    costs of candidates. front_ends: candidates for the choice inside folds; None if there is no choice to
+    make. screened: the front ends judged, best first; empty if the user named one. facts: figures of the
+    judging, for training.json. guessed: True if there were too few recordings to choose on. doubts: doubts
+    about the recordings that the judging raised.
     """
 
     config: AcceleratorConfig
@@ -99,13 +100,13 @@ class Plan:
         return listed(self.screened, self.prices) if self.screened else Listed.alone(self.config)
 
     def hardening(self, stress: Stress | None) -> Hardening | None:
-        """Sturdier front ends and networks, where networks are judged under disturbance."""
+        """Sturdier front ends and networks; None if networks are not judged under disturbance."""
         return Hardening(stress, self.front_ends.screen if self.front_ends else None) if stress else None
 
     def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
         """``front_end`` of training.json: chosen and rivals (best first), each as ``screened_row`` gives it;
         split, split_from, folds, recordings_looked_at, recordings, judged_by, tie, level_alone, wall_s. None
-        where none was chosen.
+        if no front end was chosen.
 
         taken: the front end of the network taken; None: the one chosen.
         """
@@ -113,7 +114,7 @@ class Plan:
             return None
         taken = taken or self.config
         judged = {one.candidate.front_end: one for one in self.screened}
-        if taken not in judged and self.front_ends:  # what disturbances asked for
+        if taken not in judged and self.front_ends:  # a sturdier front end, which the search did not judge
             screen = self.front_ends.screen
             parts = split_folds(screen.recordings, self.split, self.facts["folds"], None)
             judged[taken] = screen.judged(taken, parts)
@@ -135,10 +136,10 @@ def configure(
     folds: int = 5,
     progress: Progress | None = None,
 ) -> Plan:
-    """The configuration that was asked for, checked against the recordings, or without one the chosen one;
+    """The requested configuration, checked against the recordings, or the chosen one if none was requested;
     and the reasons.
 
-    A preset describes a sensor, so it takes over the recordings' class names; a configuration of one's own
+    A preset describes a sensor, so it takes over the recordings' class names; the user's own configuration
     must have them.
 
     Raises
@@ -196,18 +197,18 @@ def choose_front_end(
     groups:
         Names of group arrays that stay together (``label`` is the class); None: ``choose_split``.
     folds:
-        Folds of the judgement; with no more groups than folds each is left out in turn. Below 2: 5.
+        Number of folds; if there are no more groups than folds, each group is left out in turn. Below 2: 5.
 
     Raises
     ------
     InputError
-        Sizes that no accelerator has: the sentence names the field. Unknown groups.
+        No accelerator has these sizes (the sentence names the field), or a group is unknown.
     """
     began = time.perf_counter()
     split, split_from = choose_split(recordings, groups)
     for name in split:
         if name != "label" and name not in recordings.groups:
-            split_folds(recordings, split, max(folds, 2), None)  # says which there are
+            split_folds(recordings, split, max(folds, 2), None)  # raises an error that lists the groups
     front_ends = FrontEnds(recordings, progress)
     judged_on = front_ends.recordings
     try:
@@ -267,8 +268,8 @@ def _level_alone(recordings: Recordings, folds: Sequence[np.ndarray]) -> tuple[f
 
 # ---------------------------------------------------------------------- the choice again inside folds
 def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -> list[np.ndarray]:
-    """Folds inside a training part: by ``groups`` where they have two values there; else by the group that
-    ``choose_split`` finds there; else of single recordings, which may be near copies of others."""
+    """Folds inside a training part: by ``groups`` if they have two values there; otherwise by the group that
+    ``choose_split`` finds there; otherwise of single recordings, which may be near copies of others."""
     chosen, _ = choose_split(recordings, None)
     for split, count in ((groups, folds), (chosen, folds), ((), min(folds, len(recordings)))):
         try:
@@ -285,7 +286,7 @@ def choose_inside(
     parts: Sequence[np.ndarray],
     effort: Effort = INSIDE,
 ) -> list[Candidate]:
-    """Choices on each of ``parts`` (recordings) alone."""
+    """Choices that each see only one of ``parts`` (recordings)."""
     recordings, choices, held = settings.recordings, [], []
     hardening = plan.hardening(settings.stress)
     for number, part in enumerate(parts):
@@ -304,7 +305,7 @@ def choose_inside(
 def search_inside(
     front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], prices: CostModel
 ) -> Listed:
-    """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
+    """The front ends that ``listed`` gives after a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
         judge = FrontEndScorer(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
@@ -314,8 +315,8 @@ def search_inside(
 def unseen(
     plan: Plan, settings: CrossValidationSettings, search_options: SearchOptions, split: Sequence[str]
 ) -> Record:
-    """Accuracy when each fold of ``split`` is left out of everything that looks at a label, and how it came
-    about.
+    """Accuracy when each fold of ``split`` is left out of every step that uses a label, and the choices that
+    led to it.
 
     Returns
     -------
@@ -422,37 +423,37 @@ def train_chosen(
     of_images: Record | None = None,
     stress: Stress | None = None,
 ) -> Record:
-    """Choose what was not asked for, train it, and write the model folder.
+    """Choose front end and network unless they were requested, train the network, and write the model folder.
 
     Parameters
     ----------
     asked:
-        The configuration that was asked for; None: the front end is chosen (``choose_front_end``).
+        The requested configuration; None: the front end is chosen (``choose_front_end``).
     prices:
-        What candidates cost, and what is wished of the one that is taken.
+        Costs of candidates, and the user's preference.
     plan:
-        What ``configure`` gave for these recordings, when it is at hand.
+        Result of ``configure`` for these recordings, if it is known already.
     seeds:
-        Networks of each fold; None: 3, and 1 of images, which take minutes each.
+        Networks of each fold; None: 3, or 1 for images, whose networks take minutes each.
     stress:
         Disturbances that candidates are judged under; None: none.
     of_images:
-        ``keep`` and ``workers`` of `eskin.training.image_models.train_image_model`; of recordings they
-        say nothing.
+        ``keep`` and ``workers`` of `eskin.training.image_models.train_image_model`; without effect for
+        recordings.
     cell, hidden, reset:
-        ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor ``hidden`` nor
-        ``reset`` was asked for, else the configuration's own (a GRU where there is none).
+        ``auto``: the network is chosen. None: as ``auto`` if neither a configuration nor ``hidden`` nor
+        ``reset`` was requested, otherwise the configuration's own cell (a GRU without a configuration).
 
-    All else as for ``eskin.training.train.train``, whose record it returns, with ``front_end`` (where
-    it was chosen), ``candidates`` (where the network was), ``reasons``, ``baselines`` (a linear classifier on
-    the same features, for each split), ``same_groups`` (single recordings left out; None: so are those of
-    cross_validation), ``doubts`` (records of `eskin.choose.doubts`) and ``warnings`` (their
-    sentences).
+    All other parameters are those of ``eskin.training.train.train``. The result is its record with
+    ``front_end`` (if it was chosen), ``candidates`` (if the network was chosen), ``reasons``, ``baselines``
+    (a linear classifier on the same features, for each split), ``same_groups`` (accuracy with single
+    recordings left out; None: cross_validation leaves out single recordings itself), ``doubts`` (records of
+    `eskin.choose.doubts`) and ``warnings`` (their sentences).
 
     Raises
     ------
     InputError
-        As ``train``; ``hidden`` with a cell that has none or is chosen.
+        As ``train``; or ``hidden`` is given with a cell that has no hidden units or is chosen.
     """
     search_options = SearchOptions(cell=cell, hidden=hidden, reset=reset, protocol=protocol)
     check_model_target(out)
@@ -506,7 +507,7 @@ def train_chosen(
         notes["front_end"] = plan.record(taken.front_end)
     if rows:
         notes["candidates"] = rows
-    splits: list[list[str]] | None = None  # those of the configuration, or of the thesis
+    splits: list[list[str]] | None = None  # the splits of the configuration, or of the thesis
     if group is not None:
         splits = [list(group)]
     elif protocol != "thesis" and (asked is None or is_open):
@@ -531,7 +532,7 @@ def train_chosen(
 
 
 def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
-    """Why this network, and why on this front end."""
+    """Reasons for this network and for its front end."""
     reasons = []
     for row in rows:
         if row["chosen"]:
@@ -587,9 +588,8 @@ def _compared(
     taken: Candidate,
     rows: Sequence[Record],
 ) -> Record:
-    """Comparisons for training.json beside ``train``'s record. A linear classifier on the same integer
-    features and folds is beside every split; each split gets its ``unseen`` figure if something was
-    chosen."""
+    """Comparisons for training.json in addition to ``train``'s record: for every split a linear classifier on
+    the same integer features and folds, and its ``unseen`` figure if something was chosen."""
     recordings, config = settings.recordings, taken.config
     splits = [split["groups"] for split in record["cross_validation"]]
     baselines = linear_yardsticks(recordings, config, splits, settings.folds)
@@ -629,8 +629,8 @@ def _train_on_images(
     options: Record,
     progress: Progress | None,
 ) -> Record:
-    """`eskin.training.image_models.train_image_model`, where nothing was asked for that networks for
-    images do not have."""
+    """Call `eskin.training.image_models.train_image_model`; requests that networks for images cannot meet are
+    refused."""
     asked = dataclasses.asdict(search_options)
     asked |= {"fits": prices.named or None, "prefer": prices.prefer != "energy" or None}
     asked |= {"protocol": search_options.protocol if search_options.protocol != "default" else None}

@@ -1,11 +1,12 @@
-"""The choice in words and rows: front ends and networks of a training record, for terminal and report."""
+"""Words and table rows for the choice: front ends and networks of a training record, for terminal and
+report."""
 
 from collections.abc import Sequence
 
 from eskin.golden.core import PRESETS, Record
 
 ROWS = 12
-"""Rows of a table of front ends."""
+"""Most rows of a table of front ends."""
 
 
 def front_end_words(row: Record) -> str:
@@ -94,8 +95,9 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
 
     Returns
     -------
-    {rows: [{mode, figure, bound, held, plain (its figure in the other, None: not judged there)}], the weakest
-    first; held, modes (how many); plain (the other's name), sentence (what would mend the weakest)}.
+    {rows: [{mode, figure, bound, held, plain (figure of the other network, None: not judged)}], the weakest
+    first; held, modes: numbers of modes; plain: name of the other network; sentence: remedy for the weakest
+    mode}.
     """
     taken = next((row for row in candidates if row["chosen"] and row.get("stress")), None)
     if taken is None:
@@ -114,7 +116,7 @@ def where_it_fails(candidates: Sequence[Record]) -> Record | None:
 
 
 def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str:
-    """The candidate that would fix the weakest mode, and its cost."""
+    """Sentence about the candidate that does best in the weakest mode, and its cost."""
     # an accuracy has to be high, a share of false onsets low
     sign = 1 if weakest["figure"] < weakest["bound"] else -1
     found = [
@@ -145,6 +147,6 @@ def left_out(groups: Sequence[str]) -> str:
 
 
 def unseen(split: Record) -> Record:
-    """The figures of a split's folds that chose nothing: ``nested``, where front end or network were chosen
-    on them (None: none)."""
+    """The figures of a split on folds that took no part in the choice: ``nested`` if front end or network
+    were chosen on its own folds, otherwise the split itself."""
     return split.get("nested") or split

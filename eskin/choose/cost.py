@@ -1,8 +1,8 @@
 """Cost of a whole design, front end included, by which front end and network are chosen.
 
-Energy, cells and latency follow from a configuration by a formula; block memories take the elaborated design,
-so they are counted only where they decide. Golden knows no hardware: the figures come from
-``eskin.verbs.cost``, through the functions of a `CostModel`.
+Energy, cells and latency follow from a configuration by a formula; block memories require the elaborated
+design, so they are counted only if the choice depends on them. The figures come from ``eskin.verbs.cost``
+through the functions of a `CostModel`, so this module imports no hardware.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,8 +20,8 @@ PREFERENCES: tuple[Prefer, ...] = get_args(Prefer)
 class Cost:
     """energy_touch_j: of a touch, from its first frame to its decision, joule. cells: logic cells, onset to
     decision. latency_s: from the last sample to the decision, at the board's clock. touch_s: from the onset
-    to the last sample. average_w: of waiting with a touch a second, at the cheapest of the part's clocks; with what a
-    converter that is named takes in its scans, where its data sheet has a figure."""
+    to the last sample. average_w: average power with one touch a second, at the cheapest of the part's
+    clocks. It includes the scans of the configuration's converter if its data sheet gives a power."""
 
     energy_touch_j: float
     cells: int
@@ -47,17 +47,17 @@ class CostModel:
     named: bool = False
 
     def price(self, config: AcceleratorConfig) -> tuple[float, ...]:
-        """The preferred cost; at equal cost energy, then the time to the decision."""
+        """Sort key: the preferred cost, then energy, then the time from onset to last sample."""
         cost = self.cost_of(config)
         first = {"energy": cost.energy_touch_j, "cells": cost.cells, "latency": cost.latency_s}[self.prefer]
         return (first, cost.energy_touch_j, cost.touch_s)
 
     def is_candidate(self, config: AcceleratorConfig) -> bool:
-        """False if the user named a board that is too small for it."""
+        """False if the user named a board that is too small for ``config``."""
         return not self.named or self.fits(config)
 
     def row(self, config: AcceleratorConfig) -> dict[str, Any]:
-        """The keys of a candidate in training.json."""
+        """The costs of a candidate as training.json has them."""
         cost = self.cost_of(config)
         return {
             "energy_touch_j": cost.energy_touch_j,
@@ -74,8 +74,8 @@ def pareto(
     cost: str,
     accuracy: Callable[[Mapping[str, Any]], float] | None = None,
 ) -> list[int]:
-    """Indices of the records that none beats in one of ``cost`` (less) and accuracy (more) without losing in
-    the other; by cost."""
+    """Indices of the records on the Pareto front of ``cost`` (lower is better) and accuracy (higher is
+    better), sorted by cost."""
     gain = accuracy or (lambda record: record["accuracy"])
     order = sorted(range(len(records)), key=lambda i: (records[i][cost], -gain(records[i])))
     front: list[int] = []

@@ -1,8 +1,7 @@
-"""Doubts about a result that looks good and may not be: each says what was seen and the one action that
-helps.
+"""Doubts about a result that may be worse than it looks: each gives its reason and the one action that helps.
 
-A doubt is a record {code, text}, with {groups} where it is about one split. ``code`` is the name of the
-function below that gives it, or ``wrong_rate`` or ``seen_in_training``.
+A doubt is a record {code, text}, with {groups} if it is about one split. ``code`` is the name of the function
+below that gives it, or ``wrong_rate`` or ``seen_in_training``.
 """
 
 import math
@@ -18,21 +17,22 @@ from eskin.golden.data import Recordings
 from eskin.training.level import is_level
 
 MOST_MISSED = 0.02
-"""Share of recordings without an onset that goes without a word."""
+"""Largest share of recordings without an onset that raises no doubt."""
 
 SIZES = (4, 8, 12, 16, 24, 32)
-"""Hidden units that are advised."""
+"""Numbers of hidden units that an advice may name."""
 
 LEVEL_TELLS = 0.6
-"""Share of the way from chance to 1 that first frames alone may tell the class without a word."""
+"""Largest share of the way from chance to 1 that a classifier of the first frames alone may reach without a
+doubt."""
 
 LOST = 0.005
-"""Accuracy that integers may lose without a word."""
+"""Largest loss of accuracy by the integers that raises no doubt."""
 
 
 SHORTER, CLIMBS, ENOUGH = 0.75, 2.0, 0.95
-"""Share of the longest windows, and standard errors that front ends within it lie behind the best, where
-accuracy still climbs with the time; accuracy from which on nothing is said of that."""
+"""Limits of `still_climbing`: share of the longest windows; standard errors by which front ends within that
+share must be behind the best; accuracy from which on there is no doubt."""
 
 
 SESSIONS = (
@@ -45,7 +45,7 @@ def percent(share: float) -> str:
 
 
 def doubt(code: str, text: str, split: Mapping[str, Any] | None = None) -> Record:
-    """A doubt; with ``split``, about its groups, which the sentence then begins with."""
+    """A doubt; with ``split``, it is about this split, and its sentence begins with the groups left out."""
     if split is None:
         return {"code": code, "text": text}
     groups = list(split["groups"])
@@ -53,7 +53,7 @@ def doubt(code: str, text: str, split: Mapping[str, Any] | None = None) -> Recor
 
 
 def sentences(found: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Sentences of doubts, as ``warnings`` has them."""
+    """Sentences of doubts, for ``warnings``."""
     return [one["text"] for one in found]
 
 
@@ -63,22 +63,23 @@ def below_baselines(
     candidates: Sequence[Mapping[str, Any]] | None,
 ) -> list[Record]:
     """A doubt if the best baseline of a split is better than the network: by more than one standard error if
-    hardware could implement it, otherwise by more than two. One on whole recordings is compared with the
-    network that was chosen without each fold.
+    hardware could implement it, otherwise by more than two. A baseline on whole recordings is compared with
+    the networks that were chosen without each fold.
 
     Parameters
     ----------
     split:
         A record of the cross-validation.
     candidates:
-        Those that the network was chosen from; None: it was not chosen. No advice contradicts them.
+        The candidates for the network; None: it was not chosen. The advice does not contradict their results.
     """
     rivals = [row for row in baselines if list(row["groups"]) == list(split["groups"])]
     if not rivals:
         return []
 
     def accuracy(row: Mapping[str, Any]) -> float:
-        # one on whole recordings chose nothing on these folds; one on the network's features stands on what was chosen
+        # a baseline on whole recordings chose nothing on these folds; one on the network's features uses the
+        # chosen front end
         return float((unseen(dict(split)) if row.get("whole") else split)["integer_accuracy"])
 
     best = max(rivals, key=lambda row: row["accuracy"] - accuracy(row))
@@ -97,7 +98,7 @@ def below_baselines(
 
 
 def _larger(candidates: Sequence[Mapping[str, Any]]) -> str:
-    """The advice to take more units: where the largest network that was judged was the best."""
+    """Advice to take more units, if the largest network that was judged was the best."""
     if not candidates:
         return ""
     best = max(candidates, key=lambda row: row["accuracy"])
@@ -108,9 +109,10 @@ def _larger(candidates: Sequence[Mapping[str, Any]]) -> str:
 
 
 def by_choice(split: Mapping[str, Any]) -> list[Record]:
-    """A doubt where the choice of front end and network flatters its own folds."""
+    """A doubt if the accuracy on the folds that chose front end and network is higher than that of nested
+    cross-validation."""
     nested = split["nested"]
-    # both are of the same groups, so the error of their difference is one over recordings
+    # both leave out the same groups, so the error of their difference is one over recordings
     accuracy, count = nested["integer_accuracy"], sum(fold["recordings"] for fold in nested["per_fold"])
     if split["integer_accuracy"] - accuracy <= 2 * math.sqrt(accuracy * (1 - accuracy) / count):
         return []
@@ -123,19 +125,20 @@ def by_choice(split: Mapping[str, Any]) -> list[Record]:
 
 
 def no_unseen_figure(split: Mapping[str, Any], why: str) -> Record:
-    """The choice could not be made again inside the folds of a split."""
+    """The doubt that the choice could not be repeated inside the folds of a split."""
     return doubt("no_unseen_figure", f"there is no nested cross-validation: {why}", split)
 
 
 def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[Record]:
-    """Doubts where integers decide LOST worse than floats, with the stage that loses most and its fix.
+    """Doubts if the accuracy of the integers is LOST below that of the floats, with the stage that loses most
+    and its fix.
 
     Parameters
     ----------
     splits:
         Records of the cross-validation.
     evaluated:
-        Of `eskin.training.evaluate.evaluate`: the network that was exported.
+        Result of `eskin.training.evaluate.evaluate` for the network that was exported.
     """
     stage = evaluated["logit_error"].get("stage")
     fixes = {
@@ -144,7 +147,7 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
         "gates": "--formats gate_bits=14",
     }
     fix = fixes.get(stage, "--state-bits 16")
-    alike = evaluated["agreement"] >= 1 - LOST  # what the network taken does not lose, no bit brings back
+    alike = evaluated["agreement"] >= 1 - LOST  # then wider formats do not help
     found = []
     for split, judged in ((split, unseen(split)) for split in splits):
         lost, own = (one["float_accuracy"] - one["integer_accuracy"] for one in (judged, split))
@@ -158,8 +161,8 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
 
 
 def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> list[Record]:
-    """A doubt where a network knows the class of recordings whose touch was taken out, or of which only the
-    first ``frames`` are left: ``accuracy`` above ``limit``."""
+    """A doubt if a network recognises the class although the touch was removed, or although only the first
+    ``frames`` are left: ``accuracy`` above ``limit``."""
     if accuracy <= limit:
         return []
     if frames:
@@ -183,7 +186,7 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
     Parameters
     ----------
     without:
-        Accuracy of the best front end that takes the level off; None: none was judged.
+        Accuracy of the best front end that subtracts the level; None: none was judged.
     groups:
         What was left out.
     """
@@ -207,12 +210,12 @@ def level_tells(frames: int, share: float, without: float | None, groups: Sequen
 
 
 def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> list[Record]:
-    """A doubt where only the longest of the front ends ``screened`` (configuration, correct; best first) tie
+    """A doubt if only the longest of the front ends ``screened`` (configuration, correct; best first) tie
     with the best, and the accuracy of the best is below ENOUGH: longer touches might give a higher accuracy.
 
-    Front ends that end within SHORTER of the longest one have to be CLIMBS standard errors behind the best.
-    Front ends that scan less often are left out: their rest level takes longer to settle, so their touches
-    may begin later.
+    Front ends that end within SHORTER of the longest one have to be more than CLIMBS standard errors behind
+    the best. Front ends that scan less often are left out: their rest level takes longer to settle, so their
+    touches may begin later.
     """
     best, correct = screened[0]
     screened = [row for row in screened if row[0].sensor.scan_every <= best.sensor.scan_every]
@@ -232,7 +235,7 @@ def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> 
 
 
 def missed_onsets(touched: int, count: int) -> list[Record]:
-    """A doubt where more than MOST_MISSED of the recordings show no onset."""
+    """A doubt if no onset is found in more than MOST_MISSED of the recordings."""
     if count - touched <= MOST_MISSED * count:
         return []
     text = f"no touch was found in {count - touched} of {count} recordings, which count as wrong: run "
@@ -240,7 +243,7 @@ def missed_onsets(touched: int, count: int) -> list[Record]:
 
 
 def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[Record]:
-    """A doubt where classes are found no more often than by guessing."""
+    """A doubt if classes are recognised no more often than by guessing."""
     table = np.array(split["confusion"], dtype=float)
     shares = np.diag(table) / np.maximum(table.sum(axis=1), 1)
     lost = [
@@ -263,7 +266,8 @@ def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[R
 
 
 def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> list[Record]:
-    """A doubt where no group is left out and neighbours in the archive help each other to be decided."""
+    """A doubt if no group is left out and recordings are classified better with their neighbours in the
+    archive in training."""
     if groups or folds < 2 or np.bincount(recordings.labels).min() < folds:
         return []
     single, blocked, error = neighbours_alike(recordings, folds)

@@ -1,6 +1,6 @@
 """The first touches of recordings, found once and cut into the windows of many candidates.
 
-The choice tries hundreds of front ends; those with one rest level and gate share their touches.
+The choice tries hundreds of front ends; those with the same rest level and gate share their touches.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model.preprocess import Touches, companded, scans, start_frame, window_values
 
 GATE_BATCH = 1 << 24
-"""As BATCH_SAMPLES, for the choice of front end, which runs one gate after another over all recordings:
+"""Like BATCH_SAMPLES, for the choice of front end. It runs one gate after another over all recordings, and
 larger batches take less time."""
 
 
@@ -25,9 +25,9 @@ class FirstTouches:
     """The first touch of every recording that has one, under one rest level and gate.
 
     recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n):
-    1-based, 0 where the gate opens at once. offsets (n + 1), deviations (taxels, frames): touch i has the
-    columns offsets[i]..offsets[i + 1], codes, of its recording from the first frame to ``reach`` frames after
-    its onset, as far as recording and touch go.
+    1-based, 0 where the gate opens at once. offsets (n + 1), deviations (taxels, frames): columns
+    offsets[i]..offsets[i + 1] are those of touch i, codes. They go from the first frame of its recording to
+    ``reach`` frames after its onset, or to an earlier end of recording or touch.
     """
 
     recordings: int
@@ -43,11 +43,11 @@ class FirstTouches:
 
     @property
     def lengths(self) -> np.ndarray:
-        """Frames of each that are held."""
+        """Number of frames that are kept of each touch."""
         return np.diff(self.offsets)
 
     def forget(self) -> None:
-        """Drop the sums; they are made again where they are asked for."""
+        """Drop the sums; they are computed again at the next access."""
         self._known.clear()
 
     def deviations_of_touch(self, index: int) -> np.ndarray:
@@ -55,7 +55,7 @@ class FirstTouches:
         return self.deviations[:, self.offsets[index] : self.offsets[index + 1]].T
 
     def within(self, reach: int) -> FirstTouches:
-        """The same up to ``reach`` frames after each onset."""
+        """The same touches, cut to ``reach`` frames after each onset."""
         lengths = np.minimum(self.lengths, self.onset_frame + reach)
         parts = [
             self.deviations[:, begin : begin + length]
@@ -66,8 +66,8 @@ class FirstTouches:
 
     @property
     def running(self) -> np.ndarray:
-        """(taxels, frames + 1): sums of all columns before; of a type that holds the sums of a touch, so that
-        differences within a touch are right even where sums over all touches wrap."""
+        """(taxels, frames + 1): sums of all columns before; the type holds the sums of one touch, so
+        differences within a touch are right even if the sums over all touches wrap."""
         if () not in self._known:
             self._known[()] = self._summed(self.deviations)
         return self._known[()]
@@ -86,7 +86,7 @@ class FirstTouches:
                 sums = self.running[:, begin + block] - self.running[:, begin]
             if rule == "change":
                 sums[:, 1:] = np.diff(sums, axis=1)
-                sums[:, first[:-1][counts > 0]] = 0  # a recording's first block follows none
+                sums[:, first[:-1][counts > 0]] = 0  # the first block of a recording has none before it
             self._known[rule, block] = self._summed(np.abs(sums, out=sums))
         return first[:-1], self._known[rule, block]
 
@@ -96,7 +96,7 @@ class FirstTouches:
         small = 2 * largest * int(self.lengths.max(initial=0)) < 1 << 31
         total = np.zeros((len(values), values.shape[1] + 1), dtype=np.int32 if small else np.int64)
         total[:, 1:] = values
-        return np.cumsum(total, axis=1, out=total)  # in place: a cast on the way takes longer
+        return np.cumsum(total, axis=1, out=total)  # in place: an additional cast takes longer
 
 
 def _offsets(lengths: np.ndarray | Sequence[int]) -> np.ndarray:
@@ -104,8 +104,8 @@ def _offsets(lengths: np.ndarray | Sequence[int]) -> np.ndarray:
 
 
 def first_touches(config: AcceleratorConfig, recordings: Recordings) -> FirstTouches:
-    """The first touch of every recording that has one. Rest level and gate alone decide them, as long as the
-    touch is no shorter than those that ``cut_windows`` makes of it: a tracked rest level stands still until
+    """The first touch of every recording that has one. They depend on rest level and gate alone, if the touch
+    is at least as long as those that ``cut_windows`` cuts from it: a tracked rest level does not move until
     the touch ends."""
     rows: list[tuple[int, int]] = []
     parts: list[np.ndarray] = []

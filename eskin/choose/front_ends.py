@@ -1,4 +1,5 @@
-"""Front ends: the candidates for everything between the samples and the network, and how they are judged.
+"""Front ends: candidates for all stages between the samples and the network, and the way in which they are
+judged.
 
 Candidates come from the recordings (`eskin.training.derive` measures noise, signal and lengths) and from the
 presets of the same sensor. Each is judged by a linear classifier on the features that the INTEGER front end
@@ -6,15 +7,15 @@ gives, normaliser included, on recordings that the classifier has not seen:
 
 - *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once, and the
   linear discriminants of its values. The penalty of a fold is the one of PENALTIES that does best on the
-  OTHER folds. The normaliser's mean and scale come from all recordings looked at; they know no label. Where
-  recordings end before the last window, others are cut short too and learnt from beside the whole ones.
+  OTHER folds. The normaliser's mean and scale come from all recordings looked at, without labels. If
+  recordings end before the last window, the classifier also learns from copies of others that are cut short.
 - *missed touches*: a recording without an onset, or without a completed window, counts as wrong.
 
-`search` goes by coordinates: every gate with two sets of windows on means, those that are not far behind with
-all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again around the best;
-then the best with fewer scans; then, from the one that the rule takes, cheaper neighbours as long as the rule takes one
-of them. A network may
-need more than that classifier saw, or less: `listed` are the front ends that networks are tried on.
+`search` varies one property at a time: every gate with two sets of windows on means, and gates that are not
+far behind with all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again
+around the best; then the best with fewer scans; then, starting from the front end that the rule takes,
+cheaper neighbours as long as the rule takes one of them. A network may need more features than this
+classifier, or fewer: `listed` gives the front ends that networks are tried on.
 """
 
 from __future__ import annotations
@@ -54,22 +55,22 @@ PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
 """Ridge penalties, as shares of the mean squared length of a touch's feature vector."""
 
 SURVIVORS, FAR_BEHIND = 3, 3.0
-"""Pairs of gate and windows on which kinds of feature are tried; standard errors behind the best from which a
-gate is not tried with further windows."""
+"""Number of pairs of gate and windows on which kinds of feature are tried. A gate that is this many standard
+errors behind the best is not tried with further windows."""
 
 DESCENT = 16
-"""Cheaper neighbours that are judged at most."""
+"""Highest number of cheaper neighbours that are judged."""
 
 RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
-"""Other gates, and front ends in all, that a recurrent network is tried on; how far behind the one taken a
-front end may be for that."""
+"""Numbers of other gates, and of front ends in all, that a recurrent network is tried on. The accuracy by
+which such a front end may be behind the one taken."""
 
 JUDGED_ON, JUDGED_SAMPLES = 800, 1 << 25
-"""Recordings judged on at most, and samples (frames x taxels) they hold at most: what fits into a minute on
-two cores."""
+"""Highest number of recordings for judging, and of their samples (frames x taxels): these fit into a minute
+on two cores."""
 
 INSIDE_ON = 400
-"""Recordings that choices inside training parts are made on at most: they are many."""
+"""Highest number of recordings for choices inside training parts, of which there are many."""
 
 MEASURED_ON = 64
 """Recordings from which noise, signal and clip are measured."""
@@ -78,10 +79,10 @@ ENDS, LONGER = (0.05, 0.25, 0.5, 0.9), 1.1
 """Quantiles of the touches' lengths at which windows may end, and the smallest ratio of two neighbours."""
 
 LENGTH_TELLS = 0.1
-"""Margin above chance by which the number of completed windows may tell the class."""
+"""Margin above chance up to which the number of completed windows may predict the class."""
 
 KEPT_BYTES = 3 << 28
-"""Touches of gates that are kept for other windows on them."""
+"""Bytes of touches that are kept to cut other windows from them."""
 
 Decide = Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int, np.ndarray], np.ndarray]
 """A classifier: from features (n, features), labels (n), folds (rows each), the number of classes and the
@@ -90,8 +91,9 @@ recording (n) of each row to the class (n) of each row when the recordings of it
 
 # ---------------------------------------------------------------------- the classifier
 def gram_of(x: np.ndarray) -> np.ndarray:
-    """(n, n): products of the rows of ``x`` (n, features) with a constant 3 appended, the bias."""
-    # 3 and not 1: its weight is smaller for that, so the penalty hardly touches the bias
+    """(n, n): products of the rows of ``x`` (n, features), to which a constant 3 is appended as the bias
+    input."""
+    # 3 and not 1: the bias then has a smaller weight, so the penalty hardly affects it
     return x @ x.T + 9.0
 
 
@@ -103,9 +105,9 @@ def others(owner: np.ndarray, fold: np.ndarray) -> np.ndarray:
 def ridge_decisions(
     gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int, owner: np.ndarray
 ) -> np.ndarray:
-    """The class (n) that ridge regression gives each row of ``gram`` (n, n, of ``gram_of``) when the fold it
-    lies in is left out, as the module describes it. Rows that lie in none of ``folds`` are learnt from, and
-    get no class (-1)."""
+    """The class (n) that ridge regression gives each row of ``gram`` (n, n, from ``gram_of``) when the row's
+    fold is left out, as the module describes it. Rows outside ``folds`` serve for learning only and get no
+    class (-1)."""
     n, judged = len(labels), np.concatenate(folds)
     targets = np.eye(classes)[labels]
     unit = float(np.trace(gram)) / n
@@ -121,7 +123,7 @@ def ridge_decisions(
     right = (decided == labels) & np.isin(np.arange(n), judged)
     chosen = np.full_like(labels, -1)
     for fold in folds:
-        # the penalty of a fold by the other folds alone: its own rows must not choose it
+        # the other folds alone choose the penalty of a fold: its own rows must not
         chosen[fold] = decided[(right.sum(axis=1) - right[:, fold].sum(axis=1)).argmax(), fold]
     return chosen
 
@@ -143,9 +145,9 @@ def decided_correctly(
     folds: Sequence[np.ndarray],
     decide: Callable[[np.ndarray, list[np.ndarray]], np.ndarray],
 ) -> np.ndarray:
-    """(n) bool: which of n recordings ``decide(labels of the touched, their folds)`` gives their label; those
-    that are not ``touched`` count as wrong. A recording is touched at the first place that names it; further
-    places are copies of it, cut short."""
+    """(n) bool: True for each recording to which ``decide(labels of the touched, their folds)`` gives its
+    label; recordings that are not ``touched`` count as wrong. The first entry of ``touched`` that names a
+    recording is its touch; further entries are copies of it, cut short."""
     recordings, first = np.unique(touched, return_index=True)
     place = np.full(len(labels), -1)
     place[recordings] = first
@@ -157,10 +159,10 @@ def decided_correctly(
 
 
 def integer_features(config: AcceleratorConfig, touches: Any) -> np.ndarray:
-    """Features (n, K x inputs), real values of the integer front end's codes: the normaliser's constants come
-    from these touches.
+    """Features (n, K x inputs): the codes of the integer front end as real values. The normaliser's constants
+    come from these touches.
 
-    As quantisation does, it takes fraction bits off the feature format where the normaliser's scale would not
+    Like quantisation, it removes fraction bits from the feature format if the normaliser's scale would not
     fit 16 bits.
     """
     means = real_features(config, touches.sums)
@@ -194,7 +196,8 @@ class Screen:
         self._quarters: dict[AcceleratorConfig, np.ndarray] = {}
 
     def touches(self, config: AcceleratorConfig) -> FirstTouches:
-        """First touches of the candidate's rest level and gate, long enough for any windows."""
+        """First touches with the candidate's rest level and gate, long enough for windows of every
+        candidate."""
         network = config.network.replace(decision="vote", early_margin=0, early_steps=1)
         plain = dataclasses.replace(config, features=Features(), network=network)
         if config.windows.window_mode == "free":
@@ -208,7 +211,7 @@ class Screen:
                 touches = touches.within(max(longest, config.last_frame))
         for idle in self._touches.values():
             idle.forget()
-        self._touches[plain] = touches  # the oldest goes first; it is found again where it is asked for
+        self._touches[plain] = touches  # the oldest goes first; it is found again at the next request
         while (
             len(self._touches) > 1
             and sum(idle.deviations.nbytes for idle in self._touches.values()) > KEPT_BYTES
@@ -217,8 +220,8 @@ class Screen:
         return touches
 
     def ends(self, touches: FirstTouches, scan_every: int = 1) -> list[int]:
-        """Frames after the onset at which windows may end, ascending: what 95, 75, 50 and 10 % of the
-        recordings have."""
+        """Frames after the onset at which windows may end, ascending: 95, 75, 50 and 10 % of the recordings
+        are at least that long."""
         lengths = -(-self.recordings.lengths[touches.recording] // scan_every) - touches.onset_frame
         ends: list[int] = []
         for end in np.quantile(lengths, ENDS, method="lower"):
@@ -228,7 +231,8 @@ class Screen:
 
     def length_tells(self, config: AcceleratorConfig, rows: np.ndarray) -> bool:
         """True if the number of windows from `gates` that the recordings ``rows`` complete, in quarters,
-        tells the class. A network would learn when recordings were stopped; each is decided by the others."""
+        predicts the class. A network would then learn when recordings were stopped. Each recording is
+        predicted from the others."""
         if config not in self._quarters:
             return False
         quarters, labels = self._quarters[config][rows], self.recordings.labels[rows]
@@ -240,9 +244,9 @@ class Screen:
         return told > table.sum(axis=0).max() / len(rows) + LENGTH_TELLS
 
     def features(self, config: AcceleratorConfig) -> tuple[np.ndarray, np.ndarray]:
-        """(recordings with a completed window, their features), and behind these some once more, cut short;
-        none where features hardly move: no normaliser makes anything of them."""
-        config = config.replace(feature_shift=(), aligned_means=False)  # what the network's arithmetic adds
+        """(recordings with a completed window, their features), followed by copies of some of them that are
+        cut short; none if features hardly move, because no normaliser can scale them."""
+        config = config.replace(feature_shift=(), aligned_means=False)  # the network's arithmetic sets these
         touches = cut_windows(config, self.touches(config))
         rows = np.flatnonzero(touches.completed > 0)
         if len(rows):
@@ -258,7 +262,7 @@ class Screen:
     def judged(
         self, config: AcceleratorConfig, folds: Sequence[np.ndarray], decide: Decide = blocked_ridge
     ) -> ScoredCandidate:
-        """One front end, leaving out ``folds`` in turn."""
+        """Judge one front end, leaving out ``folds`` in turn."""
         touched, x = self.features(config)
         classes, labels = len(self.recordings.class_names), self.recordings.labels
         correct = decided_correctly(
@@ -267,8 +271,9 @@ class Screen:
         return ScoredCandidate(Candidate.screened(config), correct, len(labels) - len(np.unique(touched)))
 
     def gates(self, base: Record, progress: Callable[[int, int], None]) -> list[list[AcceleratorConfig]]:
-        """Candidates with means alone: of each gate all windows, those of the longest touch that nearly all
-        recordings hold and of the usual pace first; then a preset each. No label is looked at."""
+        """Candidates with means alone. For each gate: all windows, first those of the longest touch that
+        nearly all recordings hold and those of the usual pace. Then one entry for each preset. No label is
+        used."""
         recordings, by_gate = self.recordings, list[list[AcceleratorConfig]]()
         rules = gates(recordings.subset(recordings.evenly(MEASURED_ON)), base)
         for number, gate in enumerate(rules):
@@ -299,8 +304,8 @@ class Screen:
 class FrontEnds:
     """The front ends of an archive, to be searched on all recordings looked at, and again on parts of them.
 
-    recordings: the sampled recordings. looked_at: their numbers in the archive. inside: those of them that
-    parts consist of, at most INSIDE_ON.
+    recordings: the sampled recordings. looked_at: their numbers in the archive. inside: those of them from
+    which parts are taken, at most INSIDE_ON.
 
     Raises
     ------
@@ -317,7 +322,7 @@ class FrontEnds:
         self.scales: tuple[str, ...] = ("array", "taxel")
         if len(moves) and (uneven := moves.max() / moves.min()) > UNEVEN:
             self._base["feature_scale"] = "taxel"
-            # beyond that one scale leaves the smallest fewer than 2 of a feature's 8 bits
+            # beyond that ratio one scale leaves the smallest fewer than 2 of a feature's 8 bits
             self.scales = ("array", "taxel") if uneven <= UNEVEN**2 else ("taxel",)
             trial = "is tried first" if len(self.scales) > 1 else "is the only one tried"
             self.reasons.append(f"taxels differ by {uneven:.3g} in range, so one scale per taxel {trial}")
@@ -340,8 +345,8 @@ class FrontEnds:
         return self.inside[np.isin(self.looked_at[self.inside], numbers)]
 
     def gram(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(places in ``rows`` of recordings with a completed window, their ``gram_of``), as `Screen.features`
-        has them. The values that parts need are cached."""
+        """(places in ``rows`` of recordings with a completed window, their ``gram_of``), from
+        `Screen.features`. The values that parts need are cached."""
         touched, gram = self._grams.get(config, (None, None))
         if touched is None or gram is None or len(rows) > len(self.inside):
             touched, x = self.screen.features(config)
@@ -378,20 +383,20 @@ class FrontEndScorer:
         return self.judged[config]
 
     def all(self, configs: Iterable[AcceleratorConfig]) -> list[ScoredCandidate]:
-        """Each judged, best first."""
+        """Judge each of ``configs``; the results, best first."""
         return sorted(map(self, configs), key=lambda one: -one.accuracy)
 
 
 def _how_many(recordings: Recordings) -> int:
-    """Recordings to judge on: all of a small archive."""
+    """Number of recordings to judge on: all of a small archive."""
     of_one = recordings.frames * recordings.taxels / len(recordings)
     return int(min(len(recordings), JUDGED_ON, max(8 * len(recordings.class_names), JUDGED_SAMPLES / of_one)))
 
 
 # ---------------------------------------------------------------------- the search
 def search(judge: FrontEndScorer, prices: CostModel, brief: bool = False) -> list[ScoredCandidate]:
-    """The front ends judged, best first, by the coordinates that the module describes; ``brief``: of every
-    gate three sets of windows, and behind the kinds of feature fewer scans alone."""
+    """The front ends judged, best first, in the order of search that the module describes; ``brief``: three
+    sets of windows per gate, and after the kinds of feature only fewer scans."""
     screen = judge.front_ends.screen
     by_gate = [
         [config for config in configs if not screen.length_tells(config, judge.rows)]
@@ -435,8 +440,9 @@ def search(judge: FrontEndScorer, prices: CostModel, brief: bool = False) -> lis
 class Listed:
     """Front ends that networks are tried on.
 
-    taken: the one that the rule takes. smaller: it, the most accurate one, and those that the rule takes of
-    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates.
+    taken: the one that the rule takes. smaller: that one, the most accurate one, and the one that the rule
+    takes for each smaller number of kinds; the cheapest first. rivals: the most accurate ones with other
+    gates.
     """
 
     taken: AcceleratorConfig
@@ -445,7 +451,7 @@ class Listed:
 
     @classmethod
     def alone(cls, config: AcceleratorConfig) -> Listed:
-        """One that was asked for."""
+        """The list for a front end that the user named."""
         return cls(config, (config,))
 
     @property
@@ -456,10 +462,10 @@ class Listed:
 
 
 def listed(judged: Sequence[ScoredCandidate], prices: CostModel) -> Listed:
-    """The front ends to try networks on; none is HOPELESS.
+    """The front ends to try networks on; none is more than HOPELESS behind the one taken.
 
-    A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
-    over, and may need more kinds of feature than such a network.
+    A linear classifier sees all windows at once, so it can remove a level that confuses a recurrent network,
+    and may need more kinds of feature than such a network.
     """
     taken, best = choose(judged, prices), best_of(judged)
     near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
@@ -481,7 +487,7 @@ def _kind_of_gate(one: ScoredCandidate) -> tuple[str, bool] | str:
 
 
 def _longer(configs: Sequence[AcceleratorConfig]) -> list[AcceleratorConfig]:
-    """Windows of a gate with all steps that end after the first."""
+    """Windows of a gate that have STEPS steps and end later than the first ones."""
     return [one for one in configs if one.windows.steps == STEPS and one.last_frame > configs[0].last_frame]
 
 
@@ -514,9 +520,9 @@ def _smaller(at: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
 
 
 def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
-    """``at`` with half the scans: what counts frames keeps its time. A rest level for an onset is the mean of as many
-    frames as before, since their noise stays. None where a hop or a block does not divide, or windows do not run on
-    from hop to hop."""
+    """``at`` with half the scans: quantities in frames keep their time in seconds. A rest level for an onset
+    is the mean of as many frames as before, because the noise of a frame stays the same. None if the hop or
+    the fault detector's block cannot be halved, or if windows are not free-running."""
     windows, features, rule, rest = at.windows, at.features, at.onset_rule, at.rest_level
     if windows.window_mode != "free" or windows.hop % 2 or at.faults.fault_frames == 2:
         return None
@@ -541,8 +547,9 @@ def scanning_half(at: AcceleratorConfig) -> AcceleratorConfig | None:
 def _fewer_scans(
     best: AcceleratorConfig, by_gate: list[list[AcceleratorConfig]]
 ) -> Iterator[AcceleratorConfig]:
-    """The best at every ``scan_every``, also with hops of whole eighths. Means of fewer frames are noisier and a single
-    frame weighs more in them: so with every threshold of gates of its kind, and with deviations clipped at twice or three times that."""
+    """The best at every ``scan_every``, also with hops of whole eighths. Means of fewer frames are noisier,
+    and a single frame has more weight in them. So each is also tried with every threshold of gates of its
+    kind, and with deviations clipped at twice or three times the threshold."""
     rests, onset, hop = best.rest_level, best.onset_rule.onset, best.windows.hop
     rules = [(best.onset_rule.onset_threshold, rests.clip)]
     if onset == "baseline":
@@ -577,9 +584,9 @@ def _same_gate(one: AcceleratorConfig, other: AcceleratorConfig) -> bool:
 
 # ---------------------------------------------------------------------- candidates
 def gates(recordings: Recordings, base: Record) -> list[Record]:
-    """Rest level and gate of each candidate: open at once with and without the first frames' level taken off,
-    onset rules on a tracked level (half, once and twice the threshold between noise and signal) and on an
-    initial one."""
+    """Rest level and gate of each candidate: open at once with and without the first frames' level
+    subtracted, onset rules on a tracked level (half, once and twice the threshold between noise and signal)
+    and on an initial one."""
     settle = settling_frames(recordings.sample_rate_hz)
     at_once = dict(onset="immediate", clip=0)
     candidates = [
@@ -612,7 +619,8 @@ def window_sets(ends: Sequence[int], rate: float, at_once: bool) -> list[dict[st
     sets = []
     for available, hop, steps in tried:
         hop = int(np.clip(hop, 1, 65535))
-        # blocks of activity divide a hop; up, and so fewer windows, because down they would not reach the end
+        # blocks of activity divide a hop. A hop is rounded up, which takes fewer windows: rounded down, they
+        # would not reach the end
         hop += -hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)
         if available < 2 * hop:
             continue
@@ -652,8 +660,8 @@ def features(config: AcceleratorConfig, knee: int, scales: Sequence[str]) -> lis
 
 
 def valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | None:
-    """``config`` with ``changes`` and the name derived; None where no accelerator has these sizes (too many
-    inputs, say)."""
+    """``config`` with ``changes`` and the name derived; None if no accelerator has these sizes (for example
+    too many inputs)."""
     try:
         return config.replace(name="derived", **changes)
     except InputError:

@@ -1,25 +1,25 @@
-"""Networks on front ends: the candidates, and how they are judged.
+"""Networks on front ends: the candidates, and the way in which they are judged.
 
-Candidates are the linear cell on each front end listed and GRUs of 4, 8 and 12 units on one, and of 16 where
-12 is not level. Each is cross-validated, all folds at once, in the integers that it would be quantised to,
-with one seed, and with more where it can still be taken.
+Candidates are the linear cell on each front end listed, and on one front end GRUs of 4, 8 and 12 units, and
+of 16 if 12 is not level. Each is cross-validated, all folds at once, in the integers that it would be
+quantised to: with one seed, and with more seeds if it can still be taken.
 
 A linear cell is fitted as a logistic regression and by least squares (`eskin.training.linear_fit`): which one
 does better depends on how many touches there are for its weights. Augmentation helps or harms, depending on
-what distinguishes the classes. So if the recipe augments touches, both are also fitted to the touches as
-recorded. Further candidates: logistic regression of these with a weaker penalty, and least squares with each
-of RIDGES. All cost the same, so all are tried on the cheapest front end, and on the others the best of either
-kind that is not out of reach. First comes the mean of a logistic regression and least squares, then logistic
-regressions, whose margins are logarithms of odds.
+the difference between the classes. So if the recipe augments touches, both are also fitted to the touches as
+recorded. Further candidates are logistic regression of the touches as recorded with a weaker penalty, and
+least squares with each of RIDGES. All cost the same, so all are tried on the cheapest front end; on the
+others only the best of either kind, if it is not out of reach. First comes the mean of a logistic regression
+and least squares, then logistic regressions, whose margins are logarithms of odds.
 
 Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
-Where networks are judged under disturbance, the one that the rule takes by sound recordings is then tried on
-sturdier front ends (`eskin.choose.sturdy`), and beside it linear cells fitted to disturbed touches and GRUs
-trained with failing taxels, as far as they are within the rule's reach of it.
+If networks are judged under disturbance, the one that the rule takes by undisturbed recordings is then tried
+on sturdier front ends (`eskin.choose.sturdy`). Linear cells fitted to disturbed touches and GRUs trained with
+failing taxels are tried too, as far as the rule could take them in its place.
 
 `network_choice` is a choice on one set of recordings. The main choice is one of them, and so is each choice
-inside the training part of a fold: these go `side_by_side`, so that their networks train together.
+inside the training part of a fold: these run `side_by_side`, so that their networks train together.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 AUTO = "auto"
 
 GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
-"""Units that are tried, and where 12 are not level."""
+"""Numbers of units that are tried, and the one that is tried if 12 is not level."""
 
 OUT_OF_REACH = 3.0
-"""Standard errors behind the best, with one seed, from which a network is not looked at any further."""
+"""A network that is this many standard errors behind the best, with one seed, is not tried further."""
 
 WEAK_PENALTY = 10.0
 """Inverse penalty of a logistic regression beside that of the recipe, 1: on fabric_slide it reaches 97.7 %
@@ -69,16 +69,16 @@ both, 100 level."""
 STURDY: dict[str, Record] = {
     f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.3, 0.1, 0.03)
 }
-"""Fits of a linear cell that are tried where it is judged under disturbance."""
+"""Fits of a linear cell that are tried if it is judged under disturbance."""
 ROBUST, ROBUST_UPDATES = "robust", 400
-"""Recipe of recurrent cells that are, and its updates."""
+"""Recipe of recurrent cells that are judged under disturbance, and its updates."""
 AGAIN = 2
-"""Maximum number of these that are scored with other seeds."""
+"""Maximum number of candidates under disturbance that are scored with other seeds."""
 
 RIDGES = (0.1, 0.01, 0.001)
-"""Penalties of least squares beside the one that each training part chooses by leaving touches out, which are
-near copies of others where groups are few: of two sessions of sign_glove it takes one with which 60.7 % of the
-third are right, and 67.9 % are with 0.01."""
+"""Penalties of least squares beside the one that each training part chooses by leaving touches out. With few
+groups, these touches are near copies of others: from two sessions of sign_glove the penalty chosen classifies
+60.7 % of the third correctly, and 0.01 classifies 67.9 %."""
 
 SQUARES: Record = {"name": "least squares", "squares": True}
 AVERAGED = "mean of both"
@@ -95,9 +95,9 @@ FITS: dict[str, Record] = {
     },
     **{fit: {"name": fit, **changes, **AS_RECORDED} for fit, changes in STURDY.items()},
 }
-"""Fits of a linear cell, as changes of the configuration's recipe, in the order of preference."""
+"""Fits of a linear cell, as changes to the configuration's recipe, in the order of preference."""
 ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squares"}
-"""Fits that are others where the recipe augments nothing."""
+"""Fits that equal another fit if the recipe augments nothing, and that other fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,10 +105,10 @@ class Effort:
     """Amount of work for the choice.
 
     fits, units: of linear cells and of GRUs. share: divisor of a recurrent network's number of updates.
-    probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
-    candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
-    standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: front ends that are made sturdier.
-    rounds: of longer windows.
+    probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds:
+    number for candidates that can still be taken. brief: nothing dearer is tried once no other can be better
+    by a standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: number
+    of front ends that are made sturdier. rounds: number of rounds of longer windows.
     """
 
     fits: tuple[str, ...] = tuple(fit for fit in FITS if fit not in STURDY)
@@ -124,8 +124,9 @@ class Effort:
     rounds: int = 2
 
     def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
-        """With what leaving ``parts`` out in turn can tell apart: the first fit stands, no sturdier one is tried,
-        and GRUs have the units that are tried inside folds, where ``learns_from_one_group``."""
+        """Effort that suits leaving out ``parts`` in turn. If ``learns_from_one_group``, results do not show
+        which fit is better: only the first fit and no sturdier one is tried, and GRUs have the units that are
+        tried inside folds."""
         if not learns_from_one_group(recordings, parts):
             return self
         return dataclasses.replace(self, fits=self.fits[:1], units=INSIDE.units, sturdy=())
@@ -150,13 +151,13 @@ INSIDE = Effort(
     ends=2,
     rounds=0,
 )
-"""Inside folds, where choices are many."""
+"""Effort inside folds, where there are many choices."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """The user's request about the network; None: no request. `eskin.choose.choice.train_chosen` defines
-    each field. protocol: of the recipe. open: the network is chosen."""
+    """The user's request about the network; None: no request. `eskin.choose.choice.train_chosen` defines each
+    field. protocol: of the recipe. open: True if the network is chosen."""
 
     cell: str | None = None
     hidden: int | None = None
@@ -172,7 +173,7 @@ class SearchOptions:
         Raises
         ------
         InputError
-            No accelerator has it, or there is no such recipe.
+            No accelerator has this network, or there is no such recipe.
         """
         config = self.network(on, cell, hidden)
         recipe = choose_recipe(config, self.protocol)
@@ -186,7 +187,7 @@ class SearchOptions:
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)
 
     def possible(self, on: AcceleratorConfig, *network: Any) -> Candidate | None:
-        """``candidate``, or None."""
+        """Result of ``candidate``, or None if it would raise an error."""
         try:
             return self.candidate(on, *network)
         except InputError:
@@ -203,15 +204,16 @@ class SearchOptions:
 
 
 def network(config: AcceleratorConfig, cell: str, hidden: int | None) -> AcceleratorConfig:
-    """``config`` with another network; the global decision of a linear cell, whose logits add up, is that of
-    its last step."""
+    """``config`` with another network. A linear cell, whose logits add up, takes its global decision from the
+    last step."""
     changed = with_network(config, cell=cell, hidden=hidden)
     return changed if changed.recurrent else changed.replace(decision="last")
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Recordings that a choice is made on, and of them those left out in turn; numbers in the archive."""
+    """Recordings that a choice is made on (rows), and the sets of them that are left out in turn (tests), as
+    numbers in the archive."""
 
     rows: np.ndarray
     tests: Sequence[np.ndarray]
@@ -228,8 +230,9 @@ class Round:
 
 
 NetworkChoice = Generator[Round, list[ScoredCandidate], tuple[Candidate, list[ScoredCandidate]]]
-"""Yields rounds, gets what was judged (a linear fit whose formats find no room is left out), and returns the
-candidate taken and all that it was taken from, none where nothing was open."""
+"""Yields rounds, receives the judged candidates (a linear fit whose formats do not fit is left out), and
+returns the candidate taken and all candidates of the choice; the list is empty if the network was not
+open."""
 
 
 def network_choice(
@@ -239,7 +242,8 @@ def network_choice(
     effort: Effort,
     hardening: Hardening | None = None,
 ) -> NetworkChoice:
-    """Choose a network on one of the front ends listed. hardening: they are judged under disturbance, too.
+    """Choose a network on one of the front ends listed. hardening: networks are judged under disturbance,
+    too.
 
     Raises
     ------
@@ -260,7 +264,8 @@ Judging = Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]
 
 @dataclass(eq=False)
 class _Choice:
-    """A choice under way. tried: all that it judged; known: these, and probes, by candidate and share."""
+    """A choice in progress. tried: all candidates that it judged; known: these and the probes, by candidate
+    and share."""
 
     front_ends: Listed
     options: SearchOptions
@@ -300,7 +305,7 @@ class _Choice:
             ]
 
     def best_probe(self, probes: Sequence[Candidate]) -> Generator[Round, list[ScoredCandidate], Candidate]:
-        # the best, not the cheapest that is level: with few updates short touches look better than they are
+        # the best, not the cheapest that ties: after few updates short touches look better than they are
         outcomes = yield from self.asked(probes, self.effort.probe_share)
         outcomes.sort(key=lambda one: self.prices.price(one.config))
         return best_of(outcomes).candidate
@@ -320,7 +325,7 @@ class _Choice:
         return (yield from self.best_probe(probes))
 
     def by_accuracy(self) -> Generator[Round, list[ScoredCandidate], ScoredCandidate]:
-        """By sound recordings alone."""
+        """Choose by undisturbed recordings alone."""
         options, effort, front_ends = self.options, self.effort, self.front_ends
         probes = self.usable(options.possible(on, "gru", effort.probe) for on in front_ends.for_recurrent)
         cheapest, *others = front_ends.smaller
@@ -360,8 +365,8 @@ class _Choice:
     def under_stress(
         self, calm: ScoredCandidate, hardening: Hardening
     ) -> Generator[Round, list[ScoredCandidate], Candidate]:
-        """The network ``calm`` on sturdier front ends, fitted to disturbances, and with more units, as far as
-        these are in reach of it."""
+        """Try the network ``calm`` on sturdier front ends, fitted to disturbances, and with more units, as
+        far as these are in reach of it."""
         prices, effort, front_ends = self.prices, self.effort, self.front_ends
         recurrent, network = calm.config.recurrent, calm.config.network
         units = network.hidden if recurrent else None
@@ -377,7 +382,7 @@ class _Choice:
         fits = dict.fromkeys((fit_of(calm), *(effort.robust if recurrent else effort.sturdy)))
         yield from self.stable((possible(on, fit) for on in ends for fit in fits), calm)
         for _ in range(effort.rounds):
-            # longer windows bring back some of what a sturdier fit loses
+            # longer windows regain some of the accuracy that a sturdier fit loses
             ahead = max(in_reach(self.tried, calm, prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
             on, fit = ahead.candidate.front_end, fit_of(ahead)
             if recurrent:
@@ -391,7 +396,8 @@ class _Choice:
         level = [one for one in behind if is_level(ranked[0].scores, one.scores)]
         yield from self.with_other_seeds(level[:AGAIN])
         stablest = choose_stable(self.tried, calm, prices)
-        # of what is out of reach only the most accurate is judged under disturbance: it tells what more would buy
+        # of the candidates out of reach only the most accurate is judged under disturbance: it shows what a
+        # higher cost would gain
         told = {one.candidate for one in (*in_reach(self.tried, calm, prices), best_of(self.tried))}
         self.tried = [
             dataclasses.replace(one, calm=one.candidate == calm.candidate)
@@ -435,7 +441,7 @@ def goes_on(tried: Sequence[ScoredCandidate]) -> bool:
 def side_by_side(
     choices: Sequence[NetworkChoice], parts: Sequence[Part], settings: CrossValidationSettings
 ) -> list[tuple[Candidate, list[ScoredCandidate]]]:
-    """Results of each choice on the part beside it. Networks of one candidate train at once."""
+    """Result of each choice on its entry of ``parts``. Networks of one candidate train at once."""
     waiting, answers = dict(enumerate(choices)), dict[int, list[ScoredCandidate]]()
     outcomes: dict[int, tuple[Candidate, list[ScoredCandidate]]] = {}
     while waiting:
@@ -453,7 +459,7 @@ def side_by_side(
 def _judged(
     asked: Mapping[int, Round], parts: Sequence[Part], settings: CrossValidationSettings
 ) -> dict[int, list[ScoredCandidate]]:
-    """The rounds that these choices request."""
+    """Judge the rounds that these choices request."""
     together: dict[tuple[Candidate, int, bool], list[int]] = {}
     for number, wanted in asked.items():
         for candidate in wanted.candidates:
@@ -474,7 +480,7 @@ def _judged(
         except InputError:
             if candidate.config.recurrent:
                 raise
-            continue  # its formats find no room
+            continue  # its formats do not fit
         of_number: dict[int, list[int]] = {number: [] for number in numbers}
         owners = [number for _ in seeds for number in numbers for _ in parts[number].tests]
         for at, number in enumerate(owners):
@@ -499,8 +505,8 @@ def _judged(
 def _wrong(
     candidate: Candidate, networks: Sequence[Trained], settings: CrossValidationSettings, rows: np.ndarray
 ) -> np.ndarray:
-    """(cases, rows) the share of the networks that were wrong under each disturbance, of those that had not seen
-    the recording."""
+    """(cases, rows) the share of networks that were wrong under each disturbance, among those that had not
+    seen the recording."""
     tests = [network.job.test for network in networks]
     told = [
         settings.stress.wrong(candidate.config, network.integer, test)
@@ -514,7 +520,7 @@ def _wrong(
 
 
 def shortened(candidate: Candidate, share: int) -> Recipe:
-    """The recipe with 1/``share`` of the updates of a recurrent network, as choices are made."""
+    """The candidate's recipe with 1/``share`` of the updates if it is recurrent, for use in a choice."""
     recipe = candidate.recipe
     if not candidate.config.recurrent:
         return recipe

@@ -1,8 +1,8 @@
-"""Front ends that hold under disturbance: what networks are tried on where they are judged under one, too.
+"""Sturdier front ends, on which networks are tried if they are judged under disturbance.
 
 An onset rule that checks several times, a tracked rest level, and a clip near the largest deviations cost logic
-cells and no energy. More scans and longer windows cost energy, and only as much as the rule allows is tried.
-No label is looked at.
+cells and no energy. More scans and longer windows cost energy; they are tried only as far as the rule allows.
+No label is used.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ GATES = (
     (5, 6, 2.0),
     (5, 6, 3.0),
 )
-"""Hits and span of a sturdier onset rule, and its threshold over the one before. A sample that is off stays in
-the rule's mean for four judged frames."""
+"""Hits and span of a sturdier onset rule, and the ratio of its threshold to the one before. A wrong sample
+stays in the rule's mean for four judged frames."""
 
 SELDOM = 0.1
-"""Disturbances open a gate seldom if the shares of recordings, one share a disturbance, sum to at most this."""
+"""Disturbances open a gate seldom if the shares of recordings, one per disturbance, sum to at most this."""
 
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
 """A tighter clip is a factor times the level that this share of a touch's samples exceeds."""
 
 LONGER = (1.15, 1.33, 2.0)
-"""Hops that are tried, over the one before."""
+"""Ratios of the hops that are tried to the one before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Hardening:
     _known: dict[AcceleratorConfig, list[AcceleratorConfig]] = field(default_factory=dict, repr=False)
 
     def sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
-        """``_sturdier``, found once: folds ask again."""
+        """Result of ``_sturdier``, cached because folds ask again."""
         if config not in self._known:
             self._known[config] = self._sturdier(config)
         return self._known[config]
@@ -60,8 +60,8 @@ class Hardening:
     def _sturdier(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
         """``config`` with a tracked rest level, a clip near the largest deviations and two gates: the first of
         GATES that disturbances before the touch SELDOM open, and the first that they never do (else the one that
-        they open least). A gate may miss few additional touches. Where ``config`` opens at once: with each of
-        CLIPS alone."""
+        they open least). Compared with ``config``, a gate may miss the touch in a share CLEAN_LOSS more of the
+        recordings at most. If ``config`` opens at once, only each of CLIPS is tried."""
         if self.screen is None or config.onset_rule.onset == "band":
             return []
         level = config if config.opens_at_once else valid(config, rest="tracked")
@@ -71,13 +71,13 @@ class Hardening:
             np.abs(touches.deviations_of_touch(i)[max(on - 1, 0) :])
             for i, on in enumerate(touches.onset_frame)
         ]
-        # what is not taken off is no deviation, so less of it may be cut
+        # with rest none the samples still contain their level, so fewer of them may be clipped
         share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
         deviations, before = np.concatenate(touched), config.rest_level.clip
         most, spans = np.quantile(deviations, 1 - share), np.quantile(deviations, 1 - share, axis=0)
         clips = [min(max(int(np.ceil(over * most)), 1), before or 65535) for over in CLIPS]
         if spans.max() > UNEVEN**2 * max(spans.min(), 1):
-            # columns of different kinds: one clip would cut those of the largest codes alone
+            # columns of different kinds: one clip would only affect those with the largest codes
             clips = [before]
         if config.opens_at_once:
             found = [valid(level, clip=clip) for clip in clips]
@@ -105,8 +105,8 @@ class Hardening:
             yield best
 
     def denser(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
-        """``config`` with twice the scans and means alone, which see more before an onset and cost about as much;
-        or none."""
+        """``config`` with twice the scans and means alone, which use more samples before an onset and cost
+        about as much; or an empty list."""
         every, kinds = config.sensor.scan_every, config.features.feature_kinds
         if self.screen is None or every == 1 or "mean" not in kinds or config.windows.window_mode != "free":
             return []

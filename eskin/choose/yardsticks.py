@@ -1,12 +1,13 @@
 """Baselines on the same folds as the network: the accuracy without this front end, or without this network.
 
-- the linear classifier of ``choose_front_end`` on the same integer features: the front end is the network's,
-  the network is not;
-- an RBF-SVM on the same features: no hardware for it here, so a gap to it is what a larger model might bring;
+- the linear classifier of ``choose_front_end`` on the same integer features: it has the network's front end,
+  but not the network;
+- an RBF-SVM on the same features: eskin has no hardware for it, so its lead shows what a larger model might
+  gain;
 - the linear classifier on whole recordings, cut in PARTS equal parts: mean, deviation and change of every
-  taxel in each. It knows no onset, no window and no fixed point, and sees the whole recording: a gap to it is
+  taxel in each. It has no onset, no windows and no fixed point, and uses the whole recording: its lead shows
   what the front end loses;
-- an RBF-SVM and a random forest on `statistics` of whole recordings: what a competent person tries first.
+- an RBF-SVM and a random forest on `statistics` of whole recordings: the first attempt of a competent person.
 """
 
 import itertools
@@ -35,7 +36,7 @@ TREES = 100
 """Trees of a random forest."""
 
 JUDGED_ON = 1000
-"""Recordings that forests and support vectors on statistics are judged on at most."""
+"""Highest number of recordings for judging forests and support vectors on statistics."""
 
 
 def statistics(recordings: Recordings) -> dict[str, np.ndarray]:
@@ -56,7 +57,7 @@ def statistics(recordings: Recordings) -> dict[str, np.ndarray]:
         change = [np.abs(np.diff(part, axis=0)).sum(axis=0) / len(part) for part in parts]
         energy = np.abs(np.fft.rfft(samples - mean[-1], axis=0)[1:]) ** 2
         bands = [band.sum(axis=0) for band in np.array_split(energy, BANDS)]
-        spectrum = np.log(np.array(bands) + 1.0)  # of codes: less than one is nothing
+        spectrum = np.log(np.array(bands) + 1.0)  # in units of codes: less than one code counts as nothing
         rows.append((mean, [part.std(axis=0) for part in parts], change, mean[0] - mean[-2], spectrum))
     tables = zip(*rows, strict=True)
     return {
@@ -65,7 +66,7 @@ def statistics(recordings: Recordings) -> dict[str, np.ndarray]:
 
 
 STATISTICS = ("mean", "spread", "activity", "first minus last", "spectrum")
-"""In the order of `statistics`."""
+"""Names of the statistics, in the order of `statistics`."""
 
 
 def scaled(features: np.ndarray) -> np.ndarray:
@@ -82,7 +83,7 @@ def raw_features(recordings: Recordings) -> np.ndarray:
 
 
 def by_folds(model: Callable[[], Any]) -> Decide:
-    """Fits of ``model`` in the place of ``blocked_ridge``."""
+    """A `Decide` that fits ``model`` without each fold in turn, in place of ``blocked_ridge``."""
 
     def decide(
         x: np.ndarray,
@@ -104,14 +105,14 @@ def by_folds(model: Callable[[], Any]) -> Decide:
 
 
 def support_vectors() -> Any:
-    """With a radial basis function, one against one."""
+    """Support vectors with a radial basis function, one against one."""
     from sklearn.svm import SVC
 
     return SVC(C=PENALTY)
 
 
 def forest() -> Any:
-    """A random forest, the same every time."""
+    """A random forest with a fixed seed."""
     from sklearn.ensemble import RandomForestClassifier
 
     return RandomForestClassifier(TREES, random_state=0, n_jobs=-1)
@@ -120,8 +121,8 @@ def forest() -> Any:
 def linear_yardsticks(
     recordings: Recordings, config: AcceleratorConfig, splits: Sequence[Sequence[str]], folds: int
 ) -> list[Record]:
-    """Accuracy of the linear classifier on the network's own features, a row for each split as of
-    ``yardsticks``; the network's hardware could hold it."""
+    """Accuracy of the linear classifier on the network's own features, a row for each split as in
+    ``yardsticks``; the network's hardware could implement it."""
     screen, rows = Screen(recordings), []
     multiplies = config.windows.steps * config.inputs * config.classes
     for groups in splits:
@@ -183,9 +184,9 @@ def _row(name: str, groups: Sequence[str], correct: np.ndarray, multiplies: int 
 
 
 def neighbours_alike(recordings: Recordings, folds: int) -> tuple[float, float, float]:
-    """Similarity of neighbouring recordings, as of one session: (accuracy on whole recordings leaving out
-    single ones, the same leaving out blocks of neighbours of a class, standard error of the paired
-    difference)."""
+    """Measures of the similarity of neighbouring recordings, such as those of one session: (accuracy on whole
+    recordings when single ones are left out, accuracy when blocks of neighbours of a class are left out,
+    standard error of the paired difference)."""
     labels, classes = recordings.labels, len(recordings.class_names)
     x = raw_features(recordings)
     blocks = np.zeros(len(labels), dtype=int)

@@ -31,7 +31,7 @@ MANY_TAXELS = 24
 """From this number of taxels on, a picture shows a heat map over taxels and time instead of a line per
 taxel."""
 LISTED = 10
-"""Recordings that are listed, at most."""
+"""Highest number of recordings that are listed."""
 CLASSES_SHOWN = 32
 """Classes of images that the picture has room for."""
 
@@ -140,7 +140,7 @@ def held_shares(recordings: Recordings) -> np.ndarray:
     """(taxels) share of each taxel's samples that lie in stretches at its own smallest or largest code,
     HELD_S long at least, in which half of the other taxels move more than they do on the median. That is what
     an amplifier or converter at its end looks like; a taxel that rests at its lowest code (its median) until
-    it is touched is none."""
+    it is touched does not count."""
     samples = recordings.samples
     low, high = samples.min(axis=0), samples.max(axis=0)
     frames = max(HELD_FRAMES, round(HELD_S * recordings.sample_rate_hz))

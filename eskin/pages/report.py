@@ -64,9 +64,10 @@ TRACE_ARRAYS = (
 ).split()
 
 CONFUSED_WITH = 3
-"""Wrong decisions that are named for a class."""
+"""Number of wrong decisions that are listed for a class."""
 MANY_CLASSES = 12
-"""From one more on, a confusion matrix has no figures in it: the table below it has those that matter."""
+"""Highest number of classes for which a confusion matrix has figures in it; with more, the table below it has
+those that matter."""
 LABEL_LETTERS = 8
 """Letters of a class name above a bar."""
 LINE_STYLES = ("-", "--", ":", "-.")
@@ -77,7 +78,7 @@ INTEGER_LINE: Record = {"color": INTEGER_COLOUR, "linewidth": 1.4, "marker": "o"
 
 # ---------------------------------------------------------------------- the files
 def read_json(path: Path) -> Record:
-    """A file of a result folder; what is missing or damaged is refused by its name."""
+    """Read a file of a result folder; a missing or damaged file is refused by its name."""
     try:
         if path.exists() and not path.is_file():
             raise OSError(0, "is not a regular file")  # a pipe without a writer would wait for ever
@@ -95,7 +96,8 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 
 @contextmanager
 def well_formed(folder: Path) -> Iterator[None]:
-    """Errors over missing fields, or of another type or size than a run writes, become one sentence."""
+    """Turn errors about fields that are missing, or have another type or size than a run writes, into one
+    sentence."""
     try:
         yield
     except InputError:
@@ -167,7 +169,7 @@ def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: i
     index:
         The recording in them; it has a touch with a completed step.
     number:
-        What it is called (its index in the whole data set).
+        Number that the page shows for it (its index in the whole data set).
 
     The arrays
     ----------
@@ -201,7 +203,7 @@ def _read_trace(path: Path) -> Arrays:
 
 # ---------------------------------------------------------------------- figures in words
 def _split_name(split: Record, things: str = "recordings") -> str:
-    """Property of a figure's recordings that the network never saw; only "left out" where it was chosen on
+    """Words for the recordings of a figure: "unseen", or only "left out" if the network was chosen on
     them."""
     groups = " + ".join(split["groups"])
     if "nested" in split:
@@ -511,7 +513,8 @@ def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> 
                 )
         axes.margins(x=0.15, y=0.15)
         if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
-            axes.set_ylim(min(stressed) - 0.05, 1.03)  # a gate that always opens leaves by the bottom
+            # a gate that always opens lies below the drawing
+            axes.set_ylim(min(stressed) - 0.05, min(axes.get_ylim()[1], 1.03))
         cost_axis(axes)
         axes.set_xlabel(label)
     axes = panels[0]

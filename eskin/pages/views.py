@@ -2,7 +2,7 @@
 
 A page's template is HTML. That of a terminal is Markdown, ``NAME.txt.j2``: a heading and lines between bars
 are a table, which is left out where it has no row; any other line is a sentence, on standard error where it
-begins with ``! ``. A bar or the end of a line in a value is no bar and no end. None becomes a dash.
+begins with ``! ``. Bars and line ends inside a value are not read as table syntax. None becomes a dash.
 """
 
 import functools
@@ -21,7 +21,7 @@ from eskin.golden.core import Record, replacing
 
 TEMPLATES = Path(__file__).with_name("templates")
 USUAL_NAMES = ("recordings", "train", "training", "test", "data", "dataset")
-"""Names of files that say nothing of what is in them."""
+"""Names of files that do not describe their content."""
 GAP = "\u00a0"
 """Between a number and its unit: no line ends there."""
 
@@ -99,7 +99,7 @@ def verdict(played: Record) -> str:
 
 
 def compared(played: Record, things: str = "recordings") -> str:
-    """The sentence behind `verdict`."""
+    """The sentence that explains `verdict`."""
     things = things.removesuffix("s") if played["recordings"] == 1 else things
     values = f"{count(played['compared_values'])} values of {count(played['recordings'])} {things} compared"
     match verdict(played):

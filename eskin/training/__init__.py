@@ -1,4 +1,5 @@
 """Training of networks: folds, fit, quantisation, evaluation."""
 
 LEARNING = ("golden", "data", "training", "choose", "teach", "study")
-"""Folders whose code decides the content of a trained network: part of the key of every kept result."""
+"""Folders whose code affects the content of a trained network; it is part of the key of every cached
+result."""

@@ -1,4 +1,5 @@
-"""Training batches: touches drawn from the part of each network, augmented as the recipe says."""
+"""Training batches: touches drawn from the training part of each network, augmented as the recipe
+requires."""
 
 from __future__ import annotations
 
@@ -20,9 +21,8 @@ features."""
 
 
 class Batches:
-    """Augmented training batches, one for every part; scales: (mu, sigma) of each part, codes.
-
-    ``scales``, ``pool``: in place of those of the parts and of draws from them.
+    """Augmented training batches, one for every part; scales: (mu, sigma) of each part, codes. ``scales`` and
+    ``pool`` replace the scales of the parts and the draws from them.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Batches:
         return self._augmented(self._pool.draw(self._recipe.batch, in_order=bool(self._recipe.epochs)))
 
     def recorded(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """The same of every touch of the parts, each once; parts must be of one size."""
+        """The same as `draw`, for every touch of the parts once; all parts must have one size."""
         return self._augmented(torch.stack(self._pool.parts))
 
     def _augmented(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -97,7 +97,7 @@ class Batches:
             ).repeat_interleave(kinds, -1)
         if recipe.taxel_failure:
             features = self._failing(features, of_taxel)
-        # last, as in hardware: whatever a masked taxel reads, its features are 0
+        # last, as in hardware: the features of a masked taxel are 0, whatever it reads
         if self._faults is not None:
             masked = self._faults[rows[..., None], lower] | (
                 self._faults[rows[..., None], upper] & (part > 0)
@@ -123,7 +123,7 @@ class Batches:
         if config.features.feature_kinds == ("mean",):
             return share * side * limit
         level = share * side * limit
-        still = config.features.activity_rule == "change"  # what stands still does not change
+        still = config.features.activity_rule == "change"  # a stuck taxel does not change
         activity = torch.zeros_like(level) if still else (level * config.features.activity_block).abs()
         grown = level * config.windows.hop * (since + 1).clamp(min=0)
         kinds = {"mean": level, "activity": activity, "integral": grown}
@@ -156,8 +156,8 @@ class Batches:
         )
 
     def _limit(self) -> torch.Tensor:
-        """Codes from rest at which a taxel stands that is stuck: the clip, or far beyond what the first kind
-        of feature spreads over."""
+        """Codes from rest at which a stuck taxel reads: the clip, or far beyond the spread of the first kind
+        of feature."""
         config = self._config
         if config.rest_level.clip:
             return torch.full_like(self._sigma, float(config.rest_level.clip))
@@ -172,7 +172,7 @@ class Batches:
 
 
 def _log_uniform(limit: float, shape: torch.Size, generator: torch.Generator) -> torch.Tensor:
-    """Factors between 1/limit and limit, as likely below 1 as above."""
+    """Factors between 1/limit and limit, log-uniform: as likely below 1 as above."""
     return limit ** (torch.rand(shape, generator=generator) * 2 - 1)
 
 

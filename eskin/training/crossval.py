@@ -48,8 +48,8 @@ def cross_validate(
     widths:
         Bits, as ``eskin.training.quantise.choose_formats`` takes them.
     quantisation_aware:
-        The integer networks are trained on in integer arithmetic; False: quantised after training. Float
-        figures are the same.
+        True: the training of the integer networks continues in integer arithmetic. False: they are quantised
+        after training. Float figures are the same.
     datasets:
         Touches that were found before.
 
@@ -59,10 +59,10 @@ def cross_validate(
     and integer_spread (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy
     over all folds), per_step (step, time_s since the onset, float_accuracy, integer_accuracy),
     decision_time_s (of the global decision since the onset, mean, integer; None: no decision), logit_error
-    (mean and max of how far integer logits are from float ones over all completed steps; None: no step),
-    per_fold (held_out, recordings, float_accuracy, integer_accuracy,
-    agreement, by_seed), confusion (integer model, summed over seeds: rows
-    = true class, columns = decided, last column = none), per_class (integer accuracy).
+    (mean and max distance of integer logits from float ones over all completed steps; None: no step),
+    per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer
+    model, summed over seeds: rows = true class, columns = decided, last column = none), per_class (integer
+    accuracy).
     """
     recipe, datasets = recipe or choose_recipe(config), datasets or Datasets(recordings)
     tests = [split_folds(recordings, groups, folds, None) for groups in splits]
@@ -85,8 +85,8 @@ def cross_validate(
 class CrossValidationSettings:
     """Shared settings of cross-validation.
 
-    groups: arrays whose values are left out. seeds: of the networks of a fold. stress: disturbances for a
-    second score.
+    groups: arrays whose values are left out. seeds: one for each network of a fold. stress: disturbances for
+    a second score.
     """
 
     recordings: Recordings
@@ -98,15 +98,15 @@ class CrossValidationSettings:
     stress: Any = None
 
     def called(self, name: str) -> Progress | None:
-        """Progress whose task names include ``name``."""
+        """A progress callback that adds ``name`` to the names of tasks."""
         progress = self.progress
         return progress and (lambda task, done, total: progress(f"{task}, {name}", done, total))
 
 
 @dataclass(frozen=True, eq=False)
 class FoldJob:
-    """One network to train on the recordings ``train`` and to test on ``test``; each copy starts from other
-    weights."""
+    """One network to train on the recordings ``train`` and to test on ``test``; each ``copy`` has other
+    initial weights."""
 
     config: AcceleratorConfig
     recipe: Recipe
@@ -134,7 +134,7 @@ def fold_jobs(
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """The network of a job in both forms."""
+    """The network of a job, float and integer."""
 
     job: FoldJob
     real: FloatModel
@@ -155,7 +155,8 @@ def train_folds(
     widths: Record | None = None,
     quantisation_aware: bool = False,
 ) -> list[Trained]:
-    """The network of each job, quantised with ranges of its own training part, or trained on in integers.
+    """The network of each job, quantised with ranges of its own training part, or with its training continued
+    in integers.
 
     Networks of one configuration and recipe train at once. Jobs with the same training part share one
     network.
@@ -202,8 +203,8 @@ def record_of(
     config: AcceleratorConfig,
     data: Dataset,
 ) -> Record:
-    """The record of one split, as ``cross_validate`` returns it, of what networks decided on ``tests``, seed
-    by seed."""
+    """The record of one split, as ``cross_validate`` returns it, from the networks' decisions on ``tests``,
+    seed by seed."""
     names = [held_out(recordings, groups, test) for test in tests]
     by_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]
     times, numbers = step_times(config, data.touches), list(map(int, seeds))
@@ -217,8 +218,8 @@ def named(progress: Progress | None, activity: str) -> Callable[[int, int], None
 @dataclass(frozen=True, eq=False)
 class FoldDecisions:
     """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the
-    step (r) after which the integer global one was given, -1 none; how far integer logits are from float ones
-    (values of completed steps); the configuration with its formats."""
+    step (r) after which the integer global one was given, -1 none; distances of integer logits from float
+    ones (values of completed steps); the configuration with its formats."""
 
     float_global: np.ndarray
     float_local: np.ndarray
@@ -257,7 +258,8 @@ SHARES = ("float_accuracy", "integer_accuracy", "agreement")
 
 
 def fold_records(names, tests, decided, labels: np.ndarray) -> list[Record]:
-    """For each fold what it holds out, its recordings, and SHARES: means over seeds, and by seed."""
+    """For each fold: the groups held out, the number of recordings, and SHARES as means over seeds and by
+    seed."""
     records = []
     for name, test, runs in zip(names, tests, decided, strict=True):
         right = labels[test]
@@ -272,7 +274,7 @@ def fold_records(names, tests, decided, labels: np.ndarray) -> list[Record]:
 
 
 def over_folds(per_fold: Sequence[Record]) -> dict[str, float]:
-    """SHARES of all recordings."""
+    """SHARES over all recordings."""
     weights = [fold["recordings"] for fold in per_fold]
     return {key: float(np.average([fold[key] for fold in per_fold], weights=weights)) for key in SHARES}
 
@@ -288,8 +290,8 @@ def share_right(labels: np.ndarray, tests: Sequence[np.ndarray], runs: Sequence[
 
 
 def split_record(groups, names, tests, decided, recordings, seeds, times) -> Record:
-    """The record of one split, as training.json has it, of what each network (a list a fold, one a seed)
-    decided on the part left out."""
+    """The record of one split for training.json, from the decisions of each network on the part left out: a
+    list for each fold, in it one entry for each seed."""
     classes = len(recordings.class_names)
     confusion = np.zeros((classes, classes + 1), dtype=np.int64)
     steps = np.zeros((2, len(times)))

@@ -17,9 +17,9 @@ class Dataset:
     """First touches of a set of recordings, ready to train on.
 
     touches: first touch of each touched recording. index (R): row in touches of each recording, -1 none.
-    means (n, L, D): what the network learns from before mu and sigma (`real_features`), beyond the last step
-    where warp needs them. faults (n, L, D), bool: masked by the fault detector; None without one. ends (n):
-    windows that the recording holds, up to L.
+    means (n, L, D): features before mu and sigma (`real_features`), also of windows beyond the last step if
+    warp needs them. faults (n, L, D), bool: masked by the fault detector; None without one. ends (n): windows
+    that the recording holds, up to L.
     """
 
     touches: Touches
@@ -45,20 +45,20 @@ def find_dataset(
 
 
 def front_end_key(config: AcceleratorConfig) -> str:
-    """All of a configuration but its network."""
+    """Key of a configuration without its network."""
     return json.dumps({name: value for name, value in config.to_dict().items() if name != "network"})
 
 
 class Datasets:
-    """First touches of one set of recordings under the requested front ends. Each is computed once, whatever
-    the network."""
+    """First touches of one set of recordings under the requested front ends. Each is computed once for all
+    networks."""
 
     def __init__(self, recordings: Recordings) -> None:
         self._recordings = recordings
         self._known: dict[str, Dataset] = {}
 
     def of(self, config: AcceleratorConfig, recipe: Recipe) -> Dataset:
-        """Training data of a recipe of this time warp under the configuration's front end."""
+        """Training data for recipes with this time warp under the configuration's front end."""
         key = f"{front_end_key(config)} {recipe.warp}"
         if key not in self._known:
             self._known[key] = find_dataset(self._recordings, config, recipe)
@@ -66,15 +66,15 @@ class Datasets:
 
 
 def touch_rows(data: Dataset, recordings: np.ndarray) -> np.ndarray:
-    """Rows of the touches that ``recordings`` have, those with a completed step."""
+    """Rows of the touches of ``recordings`` that have a completed step."""
     rows = data.index[recordings]
     rows = rows[rows >= 0]
     return rows[data.touches.completed[rows] > 0]
 
 
 QUIETEST = 1 / 16
-"""With a scale a taxel: the least sigma of a taxel, as a share of the largest of its kind. What moves less is
-noise; and 16-bit scales hold this range (`eskin.training.formats.normaliser_constants`)."""
+"""With one scale per taxel: smallest sigma of a taxel, as a share of the largest of its kind. Smaller
+movements are noise, and 16-bit scales hold this range (`eskin.training.formats.normaliser_constants`)."""
 
 
 def scaling(
@@ -82,13 +82,13 @@ def scaling(
 ) -> tuple[Any, Any]:
     """(mu, sigma) of real features (touches, steps, inputs): live taxels, the first ``completed`` (touches)
     steps only, without what the fault detector masks (``faults``, of the shape of ``means``). Numbers, or
-    arrays (constants) with several kinds of feature or a scale a taxel; a taxel of which nothing is left has
+    arrays (constants) with several kinds of feature or a scale a taxel; a taxel without any value left has mu
     0 and the largest sigma of its kind.
 
     Raises
     ------
     InputError
-        When the fault detector masks all of it.
+        When the fault detector masks every value.
     """
     complete = np.arange(config.windows.steps) < completed[:, None]
     live = ~np.array(config.input_mask)

@@ -1,25 +1,24 @@
 """A first guess at a configuration from an archive, quick and by rules, with the reasons in words.
 
-``inspect`` shows the onsets it finds; ``eskin.choose.choice``, which ``train`` and ``run``
-ask without ``--config``, starts from what is measured here and judges it. A preset is taken when taxels, rate
-and code format are its own and its onset rule and windows suit the recordings. Otherwise, from at most 64
-recordings spread evenly over the classes:
+``inspect`` shows the onsets that it finds. ``train`` and ``run`` without ``--config`` use
+``eskin.choose.choice``, which starts from these measurements and judges them. A preset is taken if it has the
+same taxels, rate and code format, and its onset rule and windows suit the recordings. Otherwise, from at most
+64 recordings spread evenly over the classes:
 
 - *settling*: 64 ms, at least 5 and at most 64 frames; their mean is the rest level of each taxel.
 - *moving mean*: 4 blocks of the power of two nearest to 8 ms.
 - *in contact or not*: the largest moving mean of the lead-in (the first 64 ms after settling, two moving
   means at least), divided by the 99 % quantile over the recording. A median ratio of 0.3 or more means that
   recordings start in contact: the gate opens at once.
-- *threshold*: between the noise (90 % quantile of the lead-in's maxima) and the signal (10 % quantile of the
-  peaks above three times the noise): their geometric mean, a quarter of the signal at least, one code at
-  least.
-- *clip*: 1.5 times the median recording's largest deviation, twice the largest peak of a moving mean at
-  least; none where nothing exceeds it, or where the gate opens at once.
-- *hop*: 48 ms (200 ms where the gate opens at once), 4 frames at least, so short that 20 windows of two hops
-  fit three quarters of the recordings after the median onset (shorter ones are decided on the windows that
-  they hold); with too few frames even for that, fewer steps.
+- *threshold*: the geometric mean of the noise (90 % quantile of the lead-in's maxima) and the signal (10 %
+  quantile of the peaks above three times the noise), at least a quarter of the signal and at least one code.
+- *clip*: 1.5 times the median recording's largest deviation, and at least twice the largest peak of a moving
+  mean; none if no deviation exceeds it, or if the gate opens at once.
+- *hop*: 48 ms (200 ms if the gate opens at once), at least 4 frames, and so short that 20 windows of two hops
+  fit three quarters of the recordings after the median onset (shorter recordings are decided by the windows
+  that they hold). If even 4 frames are too many, there are fewer steps.
 
-Where the rule so made finds a touch in fewer than half of the recordings, the gate opens at once.
+If this rule finds a touch in fewer than half of the recordings, the gate opens at once.
 """
 
 from dataclasses import dataclass
@@ -37,8 +36,8 @@ STEPS = 20
 """Recurrent steps of a touch."""
 
 IN_CONTACT = 0.3
-"""Median ratio of lead-in to peak from which recordings are said to start in contact (0.01 on quiet lead-ins,
-0.5 on sliding)."""
+"""Median ratio of lead-in to peak from which on recordings count as starting in contact (0.01 on quiet
+lead-ins, 0.5 on sliding)."""
 
 CONVERTERS = ("pvdf", "fabric", "synthetic", "thesis")
 """Presets in the order in which they are tried. ``synthetic`` comes before ``thesis``, whose band of fixed
@@ -56,7 +55,7 @@ def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray
 
 
 def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
-    """A configuration that works for ``recordings``, and sentences that say what was chosen and why.
+    """A configuration that works for ``recordings``, and sentences with the choices and their reasons.
 
     Raises
     ------
@@ -89,7 +88,7 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
 
 
 def fits_sensor(preset: AcceleratorConfig, recordings: Recordings) -> bool:
-    """The preset's taxels and code format, and its rate within 2 %."""
+    """True if the recordings have the preset's taxels and code format, and its rate within 2 %."""
     return (
         preset.sensor.taxels == recordings.taxels
         and preset.sample_format == recordings.sample_format
@@ -98,7 +97,7 @@ def fits_sensor(preset: AcceleratorConfig, recordings: Recordings) -> bool:
 
 
 def for_recordings(config: AcceleratorConfig, recordings: Recordings, **changes) -> AcceleratorConfig:
-    """``config`` with the archive's own names, rate and scale; an error names the archive."""
+    """``config`` with the archive's class names, rate and scale; errors name the archive."""
     try:
         return config.replace(
             class_names=recordings.class_names,
@@ -136,8 +135,7 @@ def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
 
 
 def sensor_sizes(recordings: Recordings) -> tuple[Record, list[str]]:
-    """Fields that a configuration has from the sensor alone, all but rest level, gate and windows; and the
-    reasons.
+    """Fields that depend on the sensor alone (all except rest level, gate and windows), and the reasons.
 
     Raises
     ------
@@ -176,7 +174,7 @@ def sensor_sizes(recordings: Recordings) -> tuple[Record, list[str]]:
 
 
 def settling_frames(rate: float) -> int:
-    """Frames whose mean is the rest level."""
+    """Number of frames whose mean is the rest level."""
     return int(np.clip(round(0.064 * rate), 5, 64))
 
 
@@ -227,7 +225,7 @@ def measure_onset(recordings: Recordings, settle: int, mean_frames: int) -> Onse
     if not len(lead):
         return None
     noise = float(np.quantile(lead, 0.9))
-    clear = peak[peak > 3 * noise]  # a recording without a touch must not pass for a weak one
+    clear = peak[peak > 3 * noise]  # a recording without a touch must not count as one with a weak touch
     signal = float(np.quantile(clear if len(clear) else peak, 0.1))
     # the geometric mean is as many times above the noise as below the signal
     threshold = int(np.clip(round(max(np.sqrt(noise * signal), signal / 4)), 1, 65535))
@@ -267,7 +265,7 @@ def _onset_rule(sample: Recordings, recordings: Recordings, base: Record) -> tup
     if rule.clip:
         reasons.append(
             f"single samples are clipped at {rule.clip} codes from rest: some reach {rule.largest.max():.0f} "
-            f"codes where the median recording reaches {np.median(rule.largest):.0f}"
+            f"codes, and the median recording reaches {np.median(rule.largest):.0f}"
         )
     if touched.mean() < 0.9:
         reasons.append(

@@ -32,11 +32,11 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     their recording cut short), confusion (integer model: rows = true class, columns = decided, last column =
     none), class_names, decision (the configuration's rule), decision_time_s (integer model: mean over the
     decided recordings, from the onset to the end of the window decided on; None: none decided), chance (share
-    of the class that most recordings have: what always naming it would reach), logit_error ({mean, max,
-    stage}: how far integer logits are from float ones over all completed steps, and the stage that alone
-    brings about the largest; None without a step), stages (a record for each stage:
-    ``eskin.training.stage_error.FIGURES``), model, source, steps (completed ones), local_agreement (share of
-    steps with the same class; None of images), passed (``passes``).
+    of the most frequent class, which is the accuracy of always naming it), logit_error ({mean, max, stage}:
+    distance of integer logits from float ones over all completed steps, and the stage that alone causes the
+    largest; None without a step), stages (a record for each stage: ``eskin.training.stage_error.FIGURES``),
+    model, source, steps (completed ones), local_agreement (share of steps with the same class; None of
+    images), passed (result of ``passes``).
 
     Raises
     ------

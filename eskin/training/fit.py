@@ -1,4 +1,4 @@
-"""Fitting: many networks (folds x seeds) at once, in float, and in integer arithmetic after that."""
+"""Fitting of many networks (folds x seeds) at once: in float, and then in integer arithmetic."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -18,8 +18,8 @@ from eskin.training.quantise import IntegerNetwork, check_given, profile, quanti
 from eskin.training.recipe import Recipe
 
 FINE_TUNING_TEACHER = 0.9
-"""Share of the float network's class probabilities in the targets of quantisation-aware training; the labels
-are the rest."""
+"""Share of the float network's class probabilities in the targets of quantisation-aware training; the rest
+comes from the labels."""
 
 FINE_TUNING_UPDATES, FINE_TUNING_RATE = 200, 0.005
 """Updates of quantisation-aware training, which starts from the float network, and the largest rate of their
@@ -29,13 +29,13 @@ Loss = Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
 """(networks) loss of features, labels and steps that count, as `Batches.draw` gives them."""
 
 TOGETHER = 256
-"""Networks trained in one batch at most: with more, memory would grow by what was asked for (--folds 200
---seeds 100)."""
+"""Highest number of networks trained in one batch. Without a limit, memory would grow with the request
+(--folds 200 --seeds 100)."""
 
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Torch and the linear algebra of numpy and scipy in one thread.
+    """Run torch and the linear algebra of numpy and scipy in one thread.
 
     The operations are small: a second thread gains a third on an idle machine and loses a factor of ten on a
     busy one.
@@ -62,7 +62,7 @@ def fit_networks(
     """One network for each part (rows of the touches to train on), all trained at once; deterministic by
     ``seed``.
 
-    told: gets the losses on the way. A linear cell is solved, not trained, and has none.
+    told: receives the losses during training. A linear cell is solved, not trained, and has none.
     """
     for rows in parts:
         if not len(rows):
@@ -75,7 +75,7 @@ def fit_networks(
     models: list[FloatModel] = []
     shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
     for number, share in enumerate(shares):
-        # number=number: a lambda would else look at the loop's variable when it is called
+        # number=number: otherwise a lambda would read the loop's variable when it is called
         report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)
         models += _fit_together(data, config, recipe, parts[share], generator, report, told)
     return models
@@ -129,10 +129,10 @@ def _fit_linear(
     generator: torch.Generator,
     progress: Progress,
 ) -> list[FloatModel]:
-    """A logistic regression for each part, on what the recipe draws of it, or on the part as it is where the
-    recipe augments nothing."""
+    """A logistic regression for each part: on touches that the recipe draws from the part, or on the part
+    itself if the recipe augments nothing."""
     models: list[FloatModel] = []
-    fitted: dict[bytes, FloatModel] = {}  # without augmentation every seed gives the same
+    fitted: dict[bytes, FloatModel] = {}  # without augmentation every seed gives the same network
     for number, rows in enumerate(parts):
         model = fitted.get(rows.tobytes()) if not recipe.augments else None
         if model is None:
@@ -181,7 +181,8 @@ def train_integers(
     rate: float,
     progress: Progress,
 ) -> list[tuple[IntegerModel, Arrays]]:
-    """Each integer network trained on in its own arithmetic, from its float one: (the integers, their real weights).
+    """Continue the training of each network in its own integer arithmetic, starting from the float one: (the
+    integers, their real weights).
 
     Networks of the same formats train at once; ``batches_of`` gets their configuration and numbers.
     """
@@ -215,7 +216,7 @@ def fine_tune(
     progress: Progress,
 ) -> list[IntegerModel]:
     """Quantisation-aware training: trains an integer network from each float network, in integer arithmetic.
-    Bits of a feature that no format could use are refused.
+    Feature bits that no format could use are refused.
 
     Formats are chosen once, from the ranges of the network on its own part.
     """

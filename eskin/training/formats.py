@@ -1,5 +1,5 @@
-"""Formats and constants of a configuration before any weights: the normaliser's integers, and what another cell or
-number of steps changes. No torch."""
+"""Formats and constants of a configuration that do not depend on weights: the normaliser's integers, and the
+changes for another cell or number of steps. No torch."""
 
 import numpy as np
 
@@ -17,17 +17,17 @@ def normaliser_constants(
 ) -> tuple[AcceleratorConfig, np.ndarray, np.ndarray]:
     """Integer constants of feature = (d / unit - mu) / sigma, for every distinct window length.
 
-    unit: ``config.feature_unit``; d: what a window gives. mu, sigma:
-    scalars or (constants). The feature code is ``(d - unit mu) * ratio`` with ``ratio = 2**feature_frac /
-    (unit sigma)``. The shift, one for each length and kind, drops as many bits as leave ``scale = ratio
-    2**(shift + gate_frac)`` in 2**(gate_frac-2)..2**(gate_frac-1): centred then resolves one to two bits more
-    than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. With a
-    scale a taxel that holds for the taxel that moves most, and the shift is up to SCALE_ROOM smaller where
-    the quietest one's scale would not fit 16 bits. Half of 2**shift is taken off the mean, which turns the
-    floor of the declared narrowing into a rounding. At shift 0 scale may be larger; only where it would not
-    fit 16 bits even so, a shift goes below 0 (``mean_frac``): sums of few levels, which features must
-    resolve. ``aligned``: the largest window's for all, which hardware need not choose, and means that end in
-    as many zeros (``aligned_means``); only where one pair serves all inputs.
+    unit: ``config.feature_unit``; d: a window's value. mu, sigma: scalars or (constants). The feature code is
+    ``(d - unit mu) * ratio`` with ``ratio = 2**feature_frac / (unit sigma)``. The shift, one for each length
+    and kind, drops as many bits as leave ``scale = ratio 2**(shift + gate_frac)`` in
+    2**(gate_frac-2)..2**(gate_frac-1): centred then resolves one to two bits more than the feature, and a
+    full-scale feature takes at most 2 bits more than the feature's width. With one scale per taxel this is
+    true of the taxel that moves most, and the shift is up to SCALE_ROOM smaller if the scale of the quietest
+    taxel would not fit 16 bits. Half of 2**shift is taken off the mean, which turns the floor of the declared
+    narrowing into a rounding. At shift 0 scale may be larger. Only if it would not fit 16 bits even so does a
+    shift go below 0 (``mean_frac``); this happens for sums of few levels, which features must resolve.
+    ``aligned``: all lengths have the shift of the largest window, so hardware need not choose one, and means
+    end in as many zeros (``aligned_means``); only if one pair serves all inputs.
 
     Returns
     -------
@@ -97,8 +97,8 @@ def with_network(
     to the initial ones of the cell.
 
     A thesis-mode configuration keeps its touch length: hop = floor(touch_frames / steps), window = 2 hop + 1.
-    A linear cell decides by its last step, which has seen every window, where the configuration counted
-    votes.
+    If the configuration counted votes, a linear cell decides by its last step instead, which includes every
+    window.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def with_network(
     changed = config.replace(**changes)
     if not changed.recurrent:
         return changed
-    # an LSTM's cell state and a reset-after row are not held within +-1 as h is
+    # an LSTM's cell state and a reset-after row are not limited to +-1 as h is
     wide = changed.network.cell == "lstm" or changed.network.reset == "after"
     integer_bits = 4 if wide else 2
     if (cell or reset) and changed.formats.state_format.int_bits != integer_bits:
@@ -133,7 +133,7 @@ def with_network(
 
 
 def describe_formats(config: AcceleratorConfig) -> dict[str, str]:
-    """Every number format that the configured cell has, by signal, printed, for reports."""
+    """Every number format of the configured cell as text, by signal, for reports."""
     if config.is_image:
         outputs = (*config.image.map_formats, config.formats.logit_format)
         stages = zip(

@@ -19,7 +19,7 @@ LOGIT_HEADROOM = 2.0
 
 
 def check_weight_bits(bits: int) -> None:
-    """Refuse other weights than hardware has."""
+    """Refuse weight widths that the hardware does not have."""
     if bits not in (4, 8):
         raise InputError(
             f"--weight-bits {bits}: networks for images have weights of 4 or 8 bits; give one of these"
@@ -27,8 +27,8 @@ def check_weight_bits(bits: int) -> None:
 
 
 def profile_images(model: FloatModel, images: np.ndarray) -> dict[str, float]:
-    """The largest value, covering COVERED of them, that each layer with weights gives for images; of the
-    logits twice the largest. Number of the layer, as text -> real value."""
+    """For each layer with weights, the value that a share COVERED of its outputs for images does not exceed;
+    for the logits twice the largest. Number of the layer, as text -> real value."""
     trace = float_images(model, images)
     stages = model.config.weighted_stages
     ranges = {
@@ -38,7 +38,7 @@ def profile_images(model: FloatModel, images: np.ndarray) -> dict[str, float]:
 
 
 def weight_fraction(weights: np.ndarray, bits: int) -> int:
-    """Fraction bits with which weights of ``bits`` bits come closest to ``weights``: least squares, the
+    """Fraction bits with which weights of ``bits`` bits approximate ``weights`` best (least squares); the
     largest may saturate."""
     largest = max(float(np.abs(weights).max()), 2.0**-16)
     fits = bits - 1 - math.ceil(math.log2(largest))
@@ -74,18 +74,19 @@ def choose_image_formats(
 
 # ---------------------------------------------------------------------- the same network, easier to round
 LEAST_SHARE = 1 / 16
-"""A channel's range counts as this share of the largest of its layer at least: what hardly ever speaks is not
-made loud."""
+"""Least range of a channel, as a share of the largest of its layer, so that a channel that is hardly ever
+active is not amplified."""
 
 ALIGNMENTS = (0.0, 0.25, 0.5, 0.75)
-"""Powers of two by which the scale of a whole layer is tried."""
+"""Exponents of two that are tried as factors for the scale of a whole layer."""
 
 ALIGNED_ON = 64
-"""Images on which it is tried."""
+"""Number of images on which these factors are tried."""
 
 
 def equalised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> FloatModel:
-    """The same function with other scales inside, so that one format a layer, a power of two, loses less.
+    """A network that computes the same function with other internal scales, so that one power-of-two format
+    per layer loses less.
 
     A channel of a hidden layer may be multiplied by any s > 0 when the weights that read it are divided by s:
     ReLU and pools keep positive factors. First each channel gets s = (v / (w m))^(1/3), with w the range of
@@ -133,7 +134,7 @@ def _by_channel(weights: np.ndarray, channels: int) -> np.ndarray:
 
 
 def _scale(arrays: dict[str, np.ndarray], stage: Stage, reader: Stage, factor: np.ndarray) -> None:
-    """Multiply the channels of a layer by ``factor`` and divide what reads them."""
+    """Multiply the channels of a layer by ``factor`` and divide the weights that read them by it."""
     weights, reading = arrays[f"W_{stage.number}"], arrays[f"W_{reader.number}"]
     arrays[f"W_{stage.number}"] = (weights.reshape(stage.outputs, -1) * factor[:, None]).reshape(
         weights.shape

@@ -1,5 +1,5 @@
-"""Model folders of networks for images: cross-validated and trained, made integers, judged. `eskin train`,
-`quantise` and `evaluate` for an archive of images.
+"""Model folders of networks for images: cross-validation, training, quantisation and evaluation, for `eskin
+train`, `quantise` and `evaluate` with an archive of images.
 
 ``auto`` trains three networks of NETWORKS on the same folds and takes, of those level with the best
 (`eskin.training.level`), the one with the fewest multiplies.
@@ -35,10 +35,10 @@ CANDIDATES = ("tactnet", "four", "tactnet-half")
 """Networks among which ``auto`` chooses."""
 
 CHOOSING_EPOCHS = 60
-"""Epochs of a candidate's training; the one taken is trained with the recipe's."""
+"""Epochs for training a candidate; the one taken is trained with the recipe's number of epochs."""
 
 KEPT = Path("build/image_networks")
-"""Networks of cross-validations that were judged, by content; shared by all verbs, safe to delete."""
+"""Cache of judged networks of cross-validations, by content; shared by all verbs, safe to delete."""
 
 
 def image_config(recordings: Recordings, name: str) -> AcceleratorConfig:
@@ -62,7 +62,7 @@ def image_config(recordings: Recordings, name: str) -> AcceleratorConfig:
 def chosen_config(
     recordings: Recordings, requested: AcceleratorConfig | None, cell: str | None
 ) -> AcceleratorConfig | None:
-    """The configuration that was asked for, checked against the images; None: it is to be chosen."""
+    """The requested configuration, checked against the images; None: the network is to be chosen."""
     if cell in NETWORKS:
         return image_config(recordings, cell)
     if cell not in (None, AUTO):
@@ -92,17 +92,17 @@ def train_image_model(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> Record:
-    """Cross-validate (choosing the network where none was asked for), fit it to all images, and write the
+    """Cross-validate (and choose the network if none was requested), fit it to all images, and write the
     model folder.
 
     Parameters
     ----------
     asked, cell:
-        The configuration that was asked for, or a name of NETWORKS, or ``auto``; neither: ``auto``.
+        The requested configuration, or a name of NETWORKS, or ``auto``; neither: ``auto``.
     seeds:
         Networks of each fold, from ``seed`` on.
     keep:
-        Where networks that were trained and judged are kept; None: nowhere.
+        Folder in which trained and judged networks are cached; None: no cache.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def train_image_model(
     Raises
     ------
     InputError
-        Images and configuration do not fit each other; before any long work.
+        Images and configuration do not fit each other; raised before any long work.
     """
     begin = time.perf_counter()
     check_model_target(out)
@@ -173,8 +173,8 @@ def fold_jobs(
     recipe: ImageRecipe,
     bits: int,
 ) -> list[list[ImageFold]]:
-    """A list for each seed, a piece for each fold; ``bits``: also train on with weights of this width, 0:
-    not."""
+    """A list for each seed, with a piece for each fold; ``bits``: the training is also continued with weights
+    of this width, 0: not."""
     pieces = []
     for seed in seeds:
         parts = split_folds(recordings, groups, folds, seed if not groups else None)
@@ -191,18 +191,17 @@ def judged_pieces(
     what: str,
     judging: Callable[[Any, ImageFold], Record],
 ) -> list[list[list[Record]]]:
-    """The result of each piece of several networks, of `eskin.training.train_images.judge` or what
-    stands in for it, in their order.
+    """The result of each piece of several networks, in their order, from `eskin.training.train_images.judge`
+    or a function that replaces it.
 
     Parameters
     ----------
     images, labels:
         Images by their size (`eskin.training.train_images.size_of`), all of the same labels.
     pieces:
-        Of each network a list for each seed, in it a piece for each fold.
+        For each network a list for each seed, in it a piece for each fold.
     jobs, keep, what:
-        As for `eskin.jobs.Jobs.results`. A result is named by all that it depends on, the code
-        with it.
+        As for `eskin.jobs.Jobs.results`. A result is named by everything that it depends on, code included.
     """
     code = CODE()
     of_images = {size: content_key(pixels, labels, code) for size, pixels in images.items()}
@@ -211,8 +210,8 @@ def judged_pieces(
         options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
         return content_key(of_images[size_of(piece.config)], piece.config.to_dict(), *options)
 
-    # a fold of every network before the next fold: what an interrupted sweep has kept says something of all
-    # of them
+    # a fold of every network before the next fold: then an interrupted sweep has cached results of all
+    # networks
     turns = itertools.zip_longest(*(of_seed for of_network in pieces for of_seed in of_network))
     keyed = {key(piece): piece for turn in turns for piece in turn if piece is not None}
     results = jobs.results(judging, keyed, (dict(images), labels), keep=keep, what=what)
@@ -258,7 +257,7 @@ def _candidate_rows(
     """Rows of each network for training.json; of those tied with the best the one with the fewest multiplies
     is chosen.
 
-    correct: of each network the share of seeds that were right, for each image.
+    correct: for each network the share of seeds that were right, for each image.
     """
     accuracies = [float(shares.mean()) for shares in correct]
     best = correct[int(np.argmax(accuracies))]

@@ -1,4 +1,5 @@
-"""The integer half of a model folder: the float network rounded, or trained on as integers."""
+"""The integer half of a model folder: the float network, rounded or with its training continued in
+integers."""
 
 import math
 from collections.abc import Mapping
@@ -66,27 +67,28 @@ def quantise(
     **widths: Any,
 ) -> IntegerModel:
     """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go
-    into training.json. What config.json says beside formats stays.
+    into training.json. All other fields of config.json stay.
 
     Parameters
     ----------
     recordings:
-        Recordings to profile ranges on (the training data). Without them the ranges noted at training are
+        Recordings to profile ranges on (the training data). Without them the ranges noted during training are
         used.
     readout:
-        ``dense``: logits decide. A mapping: prototypes do, made of ``recordings``: groups (None: those of the
-        training) and what else `eskin.training.prototypes.with_prototypes` takes. None: as config.json says.
+        ``dense``: logits decide. A mapping: prototypes decide, made from ``recordings``; it holds groups
+        (None: those of the training) and further parameters of `eskin.training.prototypes.with_prototypes`.
+        None: as in config.json.
     aware:
-        Quantisation-aware: the network is trained on with the integers of these widths, by the seed and the recipe
-        of its training; called with the updates done. It takes recordings.
+        Quantisation-aware: the training continues with integers of these widths, with the seed and the recipe
+        of the training. The callback gets the updates done. This requires recordings.
     widths:
         weight_bits, state_bits, feature_bits, gate_bits, table_entries: see ``choose_formats``.
 
     Raises
     ------
     InputError
-        When the folder is not a model folder, or no format of the asked widths works; naming a field of
-        config.json that cannot be kept.
+        When the folder is not a model folder, no format of the requested widths works, or a field of
+        config.json cannot be kept (the sentence names it).
     """
     if aware and recordings is None:
         raise InputError("quantise, aware: needs the recordings of the training; give recordings")
@@ -98,7 +100,7 @@ def quantise(
     prototypes = readout != "dense" and (readout is not None or model.config.has_prototypes)
     if prototypes and aware:
         raise InputError(
-            f"model '{model_dir}', field readout: is 'prototypes', which weights trained on would not fit; quantise "
+            f"model '{model_dir}', field readout: is 'prototypes', which would not fit the new weights; quantise "
             "it with --readout dense first"
         )
     if prototypes:
@@ -132,7 +134,7 @@ def quantise(
 def _trained_on(
     model: FloatModel, record: Record, recordings: Recordings, progress: Progress, widths: Record
 ) -> tuple[IntegerModel, dict[str, Range]]:
-    """The integers of the network trained on, and its ranges before."""
+    """The integers of the network after further training, and its ranges before that."""
     check_widths(model.config, **widths)
     check_fit(recordings, model.config)
     recipe = noted_recipe(record, model.config)
@@ -143,11 +145,11 @@ def _trained_on(
 
 
 KEPT_OF_READOUT = ("prototypes", "taught", "state_code_bits", "spare_classes", "unknown_above")
-"""Fields that prototypes are made anew with, where no option says otherwise."""
+"""Fields with which prototypes are made again, unless an option changes them."""
 
 
 IN_LOGITS = ("margin_threshold", "early_margin")
-"""Fields of a margin, of logits or of distances."""
+"""Fields with a margin, which is one of logits or of distances."""
 
 
 def _of_prototypes(trained: Trained, asked: Record, recordings: Recordings | None) -> Record:
@@ -156,7 +158,7 @@ def _of_prototypes(trained: Trained, asked: Record, recordings: Recordings | Non
     Raises
     ------
     InputError
-        There are no recordings to make them of; a margin is of logits.
+        There are no recordings to make prototypes from, or a margin is one of logits.
     """
     config = trained.current
     if recordings is None:
@@ -169,7 +171,7 @@ def _of_prototypes(trained: Trained, asked: Record, recordings: Recordings | Non
         if asked.get("unknown") is not None:
             del kept["unknown_above"]
         return {**kept, **asked}
-    if config.network.decision != "vote":  # which counts steps, whatever decides them
+    if config.network.decision != "vote":  # which counts steps, for logits and prototypes alike
         for field in IN_LOGITS:
             if config.value(field):
                 raise InputError(
@@ -187,9 +189,9 @@ def _quantise_images(
     weight_bits: int | None = None,
     **other: Any,
 ) -> IntegerModel:
-    """As `quantise`, of a model for images: weights of 8 or 4 bits, a format
-    for each layer, profiled on ``recordings``, for which the network is brought to scales that suit them
-    (``equalised``), or of the ranges noted at training.
+    """As `quantise`, for a model for images: weights of 8 or 4 bits and a format for each layer. The formats
+    come from ranges profiled on ``recordings``, after the network's internal scales were adapted to them
+    (``equalised``), or from the ranges noted during training.
 
     Raises
     ------
@@ -228,7 +230,8 @@ def _quantise_images(
         "ranges": ranges,
         **written_by(trained.model.config, integer),
     }
-    # the float network too: the same function at other scales, beside which the integers are judged layer by layer
+    # the float network too: it is the same function at other scales, with which the integers are compared
+    # layer by layer
     model.save(model_dir, record, integer, trained.check_unchanged)
     return integer
 

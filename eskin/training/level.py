@@ -6,14 +6,14 @@
 import numpy as np
 
 TIE = 1.0
-"""Standard errors of the paired difference up to which two candidates are level."""
+"""Standard errors of the paired difference up to which two candidates are tied."""
 
 
 def least_error(count: int) -> float:
     """Standard error of an accuracy of 100 % over ``count`` recordings.
 
-    It is that of (count + 1) / (count + 2), Laplace's rule of succession: recordings without an error do not
-    show that the next one will have none.
+    It is the standard error of (count + 1) / (count + 2), by Laplace's rule of succession: recordings without
+    an error do not prove that the next one will have none.
     """
     return float(np.sqrt((count + 1) / (count + 2) ** 2 / count))
 
@@ -25,6 +25,6 @@ def paired_shortfall(best: np.ndarray, other: np.ndarray) -> tuple[float, float]
 
 
 def is_level(best: np.ndarray, other: np.ndarray, errors: float = TIE) -> bool:
-    """The shortfall is 0, or at most ``errors`` standard errors of the paired difference."""
+    """True if the shortfall is 0 or at most ``errors`` standard errors of the paired difference."""
     shortfall, error = paired_shortfall(best, other)
-    return shortfall <= errors * error * (1 + 1e-9)  # one recording lost, none won: exactly one
+    return shortfall <= errors * error * (1 + 1e-9)  # one recording lost and none won: one error

@@ -10,7 +10,8 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import real_by_input
 
 MOST_ITERATIONS = 300
-"""Iterations of the solver at most. Where it has not converged by then it is a hair from the best weights."""
+"""Highest number of iterations of the solver. If it has not converged by then, it is very close to the best
+weights."""
 
 QUIETEST = 1 / 32
 """Least spread of an input, as a share of the largest: the largest share that lost nothing on biotac_slide
@@ -22,9 +23,9 @@ def fit_linear(
 ) -> dict[str, np.ndarray]:
     """Weights and bias of the linear cell that is a logistic regression on ``features``.
 
-    Every input is standardised for the fit, so that the penalty meets all alike, the quietest as if they
-    moved QUIETEST of the loudest; the weights that come out are those of the features as they are. With one
-    set of weights for all windows the inputs are the features' sums over the windows. The solver is
+    Every input is standardised for the fit, so that the penalty affects all inputs alike; the spread of the
+    quietest counts as QUIETEST of the largest. The weights returned are those for the features as given. With
+    one set of weights for all windows the inputs are the features' sums over the windows. The solver is
     scikit-learn's.
 
     Parameters
@@ -66,12 +67,13 @@ def fit_linear(
 
 
 COPIES = 3
-"""Touches cut short that are added for each that a recording cut short, as long as there are others."""
+"""Number of shortened touches that are added for each touch that its recording cut short, as long as there
+are others."""
 
 
 def cut_short(completed: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Touches to learn from once more, cut short: (their rows, steps of each), for those that hold
-    ``completed`` (n) of ``steps``.
+    """Touches that the fit also uses in a shortened copy: (their rows, steps of each copy). ``completed``
+    (n): steps of each touch, out of ``steps``.
 
     A linear cell sees all windows at once. If few touches end early, the fit would not learn to classify by
     the first windows alone. So other touches are cut to the lengths of these.
@@ -86,7 +88,7 @@ def discriminants(fitted: np.ndarray, indicators: np.ndarray) -> tuple[np.ndarra
     """(turn (C, C), bias (C)): ``fitted @ turn + bias`` is largest for the class of the nearest mean among
     the linear discriminants of ``fitted`` (n, C), the values of a ridge regression of ``indicators`` (n, C).
 
-    The regression's own largest value passes over a class that lies between others (T. Hastie, R.
+    The largest value of the regression itself misses a class that lies between others (T. Hastie, R.
     Tibshirani, A. Buja 1994, Flexible discriminant analysis by optimal scoring, whose scores these are): of
     sign_glove's 24 classes it finds 53 % where the discriminants find 86 %. Classes without a touch lose.
     """
@@ -100,7 +102,7 @@ def discriminants_of(both: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, n
     root = np.sqrt(share)
     between = (both + both.T) / 2 / root[:, None] / root
     unit = root / np.linalg.norm(root)
-    apart = np.eye(len(share)) - np.outer(unit, unit)  # without what all classes have in common
+    apart = np.eye(len(share)) - np.outer(unit, unit)  # without the part that all classes have in common
     explained, vectors = np.linalg.eigh(apart @ between @ apart)
     useful = explained > 1e-6
     weight = useful / np.where(useful, explained * np.maximum(1 - explained, 1e-6), 1.0)
@@ -123,19 +125,20 @@ def fit_least_squares(
     """Weights and bias of the linear cell that is the `discriminants` of a ridge regression of the classes'
     indicators on ``features``.
 
-    Where touches are few for their inputs it decides unseen ones better than the logistic regression: the fit
-    is that of classes with one common covariance (T. Hastie, A. Buja, R. Tibshirani 1995), and the penalty is
-    the one of PENALTIES with the most touches decided rightly when each is left out in turn (closed form; of
-    equals the largest).
+    With few touches for the number of inputs it decides unseen ones better than the logistic regression: it
+    is the fit for classes with one common covariance (T. Hastie, A. Buja, R. Tibshirani 1995). The penalty is
+    the one of PENALTIES with the most touches classified correctly when each is left out in turn (closed
+    form; of equals the largest).
 
     Parameters
     ----------
     features, labels:
-        As for ``fit_linear``; features on scales of their own, as the normaliser gives them.
+        As for ``fit_linear``; features at their own scales, as the normaliser gives them.
     copies:
-        So many of the last touches are copies of others (``cut_short``), so they do not choose the penalty.
+        Number of touches at the end that are copies of others (``cut_short``); they do not choose the
+        penalty.
     penalty:
-        In place of the one that is chosen; 0: none.
+        Penalty to use in place of the chosen one; 0: none.
 
     Returns
     -------
@@ -168,10 +171,11 @@ def fit_average(
     ridge: float,
 ) -> dict[str, np.ndarray]:
     """The mean of ``fit_linear`` with ``penalty`` and ``fit_least_squares`` with ``ridge``, whose logits are
-    scaled to deviate between the classes as much as those of the first: one linear cell, at the price of one.
+    scaled to the same deviation between classes as those of the first. The mean is one linear cell and costs
+    no more.
 
-    The logistic regression is drawn by touches near other classes, least squares by the means and covariance
-    of all, so on a new session they are wrong about different touches.
+    The logistic regression depends on touches near other classes, least squares on the means and covariance
+    of all, so they misclassify different touches of a new session.
     """
     inputs, present = _inputs(config, features), np.unique(labels)
     odds = fit_linear(config, features, labels, penalty)
@@ -179,7 +183,7 @@ def fit_average(
 
     def deviation(fit: dict[str, np.ndarray]) -> float:
         logits = inputs @ fit["V"].swapaxes(0, 1).reshape(config.classes, -1).T + fit["b_y"]
-        logits = logits[:, present]  # the others only have to lose
+        logits = logits[:, present]  # the other classes only have to lose
         return float((logits - logits.mean(axis=1, keepdims=True)).std())
 
     scale = deviation(odds) / max(deviation(squares), 1e-12)
@@ -187,9 +191,9 @@ def fit_average(
 
 
 LOST, CUT = 0.5, 0.5
-"""Shares of the touches that are fitted with a taxel lost, and cut short to each of CUT_AFTER."""
+"""Shares of the touches that the fit assumes with a lost taxel, and cut short to each of CUT_AFTER."""
 CUT_AFTER = (0.4, 0.6, 0.8)
-"""Shares of the windows that are left of a touch that is cut short."""
+"""Shares of the windows that remain of a touch that is cut short."""
 RATE, RATES = 0.25, (0.94, 1.07)
 """Share of the touches that are fitted as sampled at each of RATES."""
 OFFSET, COMMON, DRIFT = 0.7, 0.3, 0.3
@@ -232,7 +236,7 @@ def fit_sturdy(
     scales:
         (mu, sigma) of the normaliser.
     strength:
-        Of all disturbances: what their shares, squared deviations and SMOOTH are times.
+        Factor for the shares and squared deviations of all disturbances and for SMOOTH.
     """
     (touches, steps, width), kinds = features.shape, config.kinds
     mu, sigma = (real_by_input(config, np.asarray(scale)) + np.zeros(width) for scale in scales)
@@ -252,7 +256,7 @@ def fit_sturdy(
     gram, sums = x.T @ x / touches, x.mean(axis=0)
     cross, share = x.T @ indicators / touches, indicators.mean(axis=0)
     live = (~np.array(config.input_mask)).astype(float)
-    # a level that is not taken off stays what it is when nothing moves
+    # a level that is not subtracted remains when nothing moves
     at_rest = features.mean(axis=0) if config.rest_level.rest == "none" else -mu / sigma * live
     rest = shaped(np.broadcast_to(at_rest, features.shape)).mean(axis=0)
     number = max(len(config.sensor.live), 1)
@@ -326,7 +330,7 @@ def fit_sturdy(
 
 
 def _at_rate(features: np.ndarray, factor: float) -> np.ndarray:
-    """(touches, K, D) as windows ``factor`` times as far apart would have it, between two windows."""
+    """(touches, K, D) for windows ``factor`` times as far apart, interpolated between two windows."""
     position = np.minimum(np.arange(features.shape[1]) * factor, features.shape[1] - 1)
     lower = position.astype(int)
     upper, part = np.minimum(lower + 1, features.shape[1] - 1), (position - lower)[:, None]
@@ -340,7 +344,7 @@ def _inputs(config: AcceleratorConfig, features: np.ndarray) -> np.ndarray:
 
 
 def _arrays(config: AcceleratorConfig, weights: np.ndarray, bias: np.ndarray) -> dict[str, np.ndarray]:
-    """The cell's, of weights (classes, inputs)."""
+    """The cell's arrays from weights (classes, inputs)."""
     return {
         "V": weights.reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1).copy(),
         "b_y": bias,

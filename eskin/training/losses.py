@@ -1,4 +1,4 @@
-"""Losses of networks, and their descent."""
+"""Losses of networks, and gradient descent on them."""
 
 from collections.abc import Callable, Iterable
 
@@ -7,7 +7,7 @@ import torch
 from eskin.training.recipe import Recipe
 
 EPOCHS = 20
-"""Calls of a callback in a training."""
+"""Number of calls of a callback during a training."""
 
 
 Progress = Callable[[int, int], None]
@@ -23,8 +23,8 @@ def descend(
     one_cycle: bool = True,
     after: Callable[[int, torch.Tensor], None] = lambda done, loss: None,
 ) -> None:
-    """Minimise the sum of ``loss_of()``, drawn anew for each of the ``updates``: networks that share nothing
-    are each trained by their own loss.
+    """Minimise the sum of ``loss_of()``, which is drawn again for each of the ``updates``. Networks share no
+    parameters, so each is trained by its own loss.
 
     rate: the largest of the schedule, or constant. after: called with (updates done, the loss) after each.
     """
@@ -45,8 +45,8 @@ def descend(
 def class_loss(
     recipe: Recipe, logits: torch.Tensor, labels: torch.Tensor, counts: torch.Tensor
 ) -> torch.Tensor:
-    """(models) loss of logits (models, batch, steps, C), over the steps that count: cross-entropy, or, of least
-    squares, the distance from the classes' indicators."""
+    """(models) loss of logits (models, batch, steps, C), over the steps that count: cross-entropy, or with
+    least squares the distance from the classes' indicators."""
     wanted = labels[..., None].expand(counts.shape)
     if recipe.squares:
         losses = ((logits - torch.nn.functional.one_hot(wanted, logits.shape[-1])) ** 2).sum(-1)
@@ -69,7 +69,7 @@ Callback = Callable[[int, dict[str, float]], None]
 
 
 class EpochReporter:
-    """Tells ``callback`` the mean ``loss`` since the epoch before, EPOCHS times in a training."""
+    """Calls ``callback`` with the mean ``loss`` since the epoch before, EPOCHS times in a training."""
 
     def __init__(self, callback: Callback) -> None:
         self._callback, self._trained = callback, list[float]()
@@ -83,6 +83,6 @@ class EpochReporter:
             self._trained = []
 
     def tell(self, **figures: float) -> None:
-        """The next epoch, with ``figures``."""
+        """Report the next epoch, with ``figures``."""
         self.epoch += 1
         self._callback(self.epoch, figures)

@@ -12,13 +12,13 @@ from eskin.golden.model import IntegerModel, Trace, run
 
 def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: int) -> Recordings:
     """Recordings that exercise a configuration rather than resemble an array: rest, touches now and then,
-    some at full scale; with a fault detector a taxel of most recordings fails at some time, where it is or at
-    an end of the range.
+    some at full scale; with a fault detector, a taxel of most recordings fails at some time and sticks at its
+    value or at an end of the range.
 
     Parameters
     ----------
     lengths:
-        Frames of each recording that the chain takes; those between are random codes.
+        Frames of each recording that the chain takes; the source's frames between them are random codes.
     seed:
         Seed of every random draw.
     """
@@ -61,8 +61,8 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
 
 
 def decided_recordings(model: IntegerModel, lengths: Sequence[int]) -> tuple[Recordings, Trace]:
-    """`random_recordings` of the first seed with a decision, without which they would check nothing, and their
-    trace."""
+    """`random_recordings` of the first seed that leads to a decision (without one they would check nothing),
+    and their trace."""
     for seed in range(1, 51):
         recordings = random_recordings(model.config, lengths, seed)
         trace = run(model, recordings)

@@ -34,7 +34,7 @@ class RecurrentClassifier(torch.nn.Module):
                 for name, shape in network_shapes(config, real=True).items()
             }
         )
-        # written out for the cell that most trainings use; run_cell serves the others
+        # written out for the cell that most trainings use; run_cell computes the others
         cell = config.network
         plain = (cell.cell, cell.reset, cell.gate_activation) == ("gru", "before", "sigmoid")
         self._by_hand = plain and len(batch) == 1
@@ -65,9 +65,9 @@ def _gru_logits(p: dict[str, torch.Tensor], features: torch.Tensor) -> torch.Ten
 
 
 class _Steps(torch.autograd.Function):
-    """h' (steps, networks, H, touches) after every step of a GRU, of the input's part of its rows z, r, n
-    (steps, networks, 3 H, touches) and of what they multiply the state by, (networks, 2 H, H) and (networks,
-    H, H). The gradient is that of z, r = sig(row + u h), n = tanh(row + u_n (r h)), h' = z h + (1 - z) n."""
+    """h' (steps, networks, H, touches) after every step of a GRU, from the input's part of its rows z, r, n
+    (steps, networks, 3 H, touches) and the matrices for the state, (networks, 2 H, H) and (networks, H, H).
+    The gradient is that of z, r = sig(row + u h), n = tanh(row + u_n (r h)), h' = z h + (1 - z) n."""
 
     @staticmethod
     def forward(ctx: Any, rows: torch.Tensor, u: torch.Tensor, u_n: torch.Tensor) -> torch.Tensor:
@@ -88,8 +88,8 @@ class _Steps(torch.autograd.Function):
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, ...]:
         h, gates, n, u, u_n = ctx.saved_tensors
         before, (z, r) = h[:-1], gates.chunk(2, 2)
-        # of_n, of_z, of_r: what a change of h' is worth to each row, all steps at once; of_state comes back
-        # from the step behind
+        # of_n, of_z, of_r: local derivatives of the rows, all steps at once; of_state, the gradient of the
+        # state, comes back from the following step
         of_n, of_z, of_r = (1 - z) * (1 - n * n), (before - n) * z * (1 - z), before * r * (1 - r)
         rows = n.new_empty(*n.shape[:2], 3 * n.shape[2], n.shape[3])
         row, row_n = rows.split([u.shape[1], u_n.shape[1]], 2)
