@@ -421,7 +421,8 @@ class Microcode:
                 # A row's constants end with their word: counting on would reach addresses that hold nothing.
                 counts &= not (
                     self.layout.holds_dense
-                    and free.get("gate", 0) >= self.layout.constants
+                    and free.get("gate", 0) + count * self.plan.config.hardware.checksum
+                    >= self.layout.constants
                     and "gate" not in addresses
                 )
                 if counts and all(free.get(name, value) == value for name, value in relative.items()):

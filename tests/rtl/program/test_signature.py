@@ -38,3 +38,10 @@ def test_check_words_bring_the_signature_to_zero_wherever_they_are_read():
             residue(code, [images[0], images[1]], images[Memory.ADDENDS], images[Memory.CONSTANTS], length)
             == 0
         )
+
+
+def test_an_idle_port_does_not_count_into_the_check_words():
+    """One lane, 256 taxels: the constants' address counts on in long words, past where the constants begin."""
+    config = PRESETS["thesis"].replace(taxels=256, lanes=1, hidden=9, checksum=True, feature_shift=())
+    model = random_integer_model(config, 1)
+    assert memory_images(model.config, model.arrays)
