@@ -251,7 +251,7 @@ def enrol(
     check_model_target(out)
     if load_config(model_dir).has_prototypes:
         raise InputError(
-            f"model '{model_dir}', field readout: is 'prototypes', which weights trained on would not fit; "
+            f"model '{model_dir}', field readout: is 'prototypes', which would not fit the new weights; "
             "give --teach in place of --data, or quantise it without --readout first"
         )
     pair, record = load_pair(model_dir), load_training(model_dir)
