@@ -134,7 +134,7 @@ def test_groups_never_replace_arrays_of_an_archive(tmp_path, stem):
     by_class(tmp_path, save, f"{stem.replace('_', '')}{{}}_t1.csv")
     groups = {stem: [1, 0], f"group_{stem}": [2, 3]}
     made = Recordings.of(list(CODES[:2]), [0, 1], sample_rate_hz=100, groups=groups)
-    assert any(f"group {stem} is called group_{stem}_, since an archive" in note for note in made.notes)
+    assert any(f"group {stem} is called group_{stem}_, because {stem} has" in note for note in made.notes)
     for recordings in (load_recordings(tmp_path, reading=AT), made):
         save_archive(recordings, tmp_path / "x.npz")
         again = load_archive(tmp_path / "x.npz")
