@@ -36,7 +36,7 @@ OTHER_ORDER = dict(bits=16, first=3, ascending=True, code_offset=3000, code_shif
 MATRIX = behind("matrix", taxels=20, rows=4, columns=5, sample_rate_hz=500.0)
 RANDOM = {
     "ads7953": QUICK,
-    "ads7953, one frame in eight": QUICK | {"scan_every": 8, "sample_rate_hz": 1000.0},
+    "ads7953, one frame in eight": QUICK | {"scan_every": 8, "sample_rate_hz": 2000.0},
     "mcp3208x2": behind("mcp3208x2"),
     "mcp3208 in series": behind("mcp3208x2", data_lines=1, taxels=16, sample_rate_hz=500.0),
     "ad7476": behind("ad7476"),
