@@ -56,7 +56,7 @@ def fitted(
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     for have, unit, field, sizes in (
-        (network.columns, "inputs", "taxels" if config.kinds == 1 else "feature_kinds", [*sets][recurrent:]),
+        (network.columns, "inputs", "taxels" if config.kinds == 1 else "feature_kinds", [*sets][-recurrent:]),
         (network.classes, "classes", "class_names", [config.classes]),
     ):
         if have not in sizes:

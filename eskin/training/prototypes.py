@@ -37,7 +37,8 @@ def training_groups(recordings: Recordings, record: Record, groups: Sequence[str
 
     Raises
     ------
-    InputError A requested group array is missing.
+    InputError
+        A requested group array is missing.
     """
     splits = [split["groups"] for split in record.get("cross_validation", [])]
     validated = [split for split in splits if split and recordings.groups.keys() >= set(split)]

@@ -166,7 +166,8 @@ def check_unpacked(archive: zipfile.ZipFile) -> None:
 
     Raises
     ------
-    ArchiveError The archive unpacks to more.
+    ArchiveError
+        The archive unpacks to more.
     """
     unpacked = sum(entry.file_size for entry in archive.infolist())
     if unpacked > MOST_UNPACKED_BYTES:

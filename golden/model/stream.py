@@ -84,11 +84,12 @@ class Stream:
 
     Examples
     --------
-    >>> stream = Stream(model)                                  # doctest: +SKIP >>> for frame in frames: #
-    (taxels) each ...     for decision in stream.push(frame): ...         print(decision.frame,
-    decision.label) >>> stream.finish()                                         # decides a touch that the end
-    cuts short >>> stream.decision                                         # as `predict` decides this
-    recording
+    >>> stream = Stream(model)                                  # doctest: +SKIP
+    >>> for frame in frames:                                    # (taxels) each
+    ...     for decision in stream.push(frame):
+    ...         print(decision.frame, decision.label)
+    >>> stream.finish()                                         # decides a touch that the end cuts short
+    >>> stream.decision                                         # as `predict` decides this recording
     """
 
     def __init__(self, model: IntegerModel | FloatModel, *, scanned: bool = False) -> None:

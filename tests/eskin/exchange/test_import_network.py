@@ -49,15 +49,16 @@ def saved(path: Path, state: dict) -> Path:
     return path
 
 
-@each_row("prefix", ["", "module.net."])
+@each_row(("prefix", "steps"), [("", 20), ("module.net.", 1)])
 @each_row("name", ["GRU", "LSTM", "GRUCell", "LSTMCell"])
-def test_torch_network_computes_the_same(tmp_path, name, prefix):
+def test_torch_network_computes_the_same(tmp_path, name, prefix, steps):
     network = Network(getattr(torch.nn, name)).double()
     file = saved(tmp_path / "net.pt", {prefix + key: value for key, value in network.state_dict().items()})
     cell, reset = ("gru", "after") if "GRU" in name else ("lstm", None)
-    record = import_network(file, SYNTHETIC, out=tmp_path / "model", cell=cell, reset=reset, **SCALE)
+    config = SYNTHETIC.replace(steps=steps)
+    record = import_network(file, config, out=tmp_path / "model", cell=cell, reset=reset, **SCALE)
     model = FloatModel.load(tmp_path / "model")
-    features = np.random.default_rng(3).normal(0, 1.5, (20, 20, 16))
+    features = np.random.default_rng(3).normal(0, 1.5, (20, steps, 16))
     with torch.no_grad():
         expected = network(torch.from_numpy(features)).numpy()
     assert np.abs(expected).max() > 0.3 and np.abs(model.forward(features)[1] - expected).max() < 1e-12
