@@ -114,10 +114,12 @@ def build(
     Raises
     ------
     InputError
-        A tool is missing.
+        A tool is missing; another simulator.
     SimulationError
         The build fails.
     """
+    if simulator not in ("verilator", "icarus"):
+        raise InputError(f"--simulator {simulator}: is unknown; use verilator or icarus")
     verilator = simulator == "verilator"
     tools = ("perl", "g++", "make") if verilator else ("iverilog", "vvp")
     need_tools(tools, f"co-simulation with {simulator}")

@@ -77,7 +77,11 @@ class Normaliser(wiring.Component):
                 "lengths: quantise first"
             )
         self.config = config
+        if means is None and not config.hardware.loadable:
+            raise ValueError("means are needed where constants are in ROM")
         self.means = [0] * mean_count(config) if means is None else list(map(int, means))
+        if len(self.means) != mean_count(config):
+            raise ValueError(f"means {self.means}: {mean_count(config)} numbers are needed")
         ports = {
             "i": In(stream.Signature(sum_layout(config))),
             "mask": In(config.sensor.taxels),
