@@ -68,6 +68,8 @@ class Run:
             raise InputError(
                 f"{vectors}: has {given} taxels and the accelerator has {taxels}; use one array for both"
             )
+        if pace not in ("full", "declared"):
+            raise InputError(f"--pace {pace}: is unknown; use full or declared")
         if pace == "declared" and clock_hz < taxels * rate:
             raise InputError(
                 f"--clock {clock_hz:.0f}: is too slow for {taxels} taxels at {rate:g} Hz, one a cycle; "
