@@ -26,8 +26,8 @@ def no_group(values: np.ndarray, labels: np.ndarray) -> str:
 
 
 def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
-    """(recordings) the number of each one's group: those that share all values of ``groups`` are one; without
-    groups each is its own.
+    """(recordings) the number of each one's group: those that share all values of ``groups`` are one, so without
+    groups all are.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
         _, codes = np.unique(recordings.groups[name], return_inverse=True)
         # made dense after each array, so that the product never grows beyond an integer
         _, keys = np.unique(keys * (codes.max() + 1) + codes, return_inverse=True)
-    return keys if groups else np.arange(len(recordings))
+    return keys
 
 
 def grouped_folds(
@@ -73,7 +73,7 @@ def grouped_folds(
     """
     if folds < 2:
         raise InputError(f"{folds} folds are too few; cross-validation needs at least 2")
-    keys = group_numbers(recordings, groups)
+    keys = group_numbers(recordings, groups) if groups else np.arange(len(recordings))
     count = int(keys.max()) + 1
     if count < 2:
         reason = f"group {' and '.join(groups)} has one value" if groups else "there is one recording"

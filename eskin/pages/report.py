@@ -460,6 +460,7 @@ def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> 
     costs = {
         key: words for key, words in COSTS.items() if len({f"{row[key]:.4}" for row in rows if row[key]}) > 1
     } or COSTS
+    scans = fewer_scans(front_end) if front_end and "energy_touch_j" in costs else []
     figure, panels = panel_row(len(costs), 10.4, 3.6)
     for axes, (key, (label, factor)) in zip(panels, costs.items(), strict=True):
         # rounded, so that costs that are equal but for their last bits are one
@@ -498,8 +499,7 @@ def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> 
                     "ha": "center",
                 }
                 axes.annotate(text, place, (0, 9), zorder=4, **style)
-        scans = fewer_scans(front_end) if front_end and key == "energy_touch_j" else []
-        if len(scans) > 1:
+        if len(scans) > 1 and key == "energy_touch_j":
             places = [(factor * row[key], row["accuracy"]) for row in scans]
             axes.plot(*zip(*places, strict=True), ":x", color=SCAN_COLOUR, linewidth=0.8, zorder=1)
             for row, place in zip(scans, places, strict=True):
@@ -519,9 +519,7 @@ def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> 
         axes.set_xlabel(label)
     axes = panels[0]
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
-    crosses = "\ncrosses: front ends alone, one frame in k scanned" * bool(
-        front_end and len(fewer_scans(front_end)) > 1
-    )
+    crosses = "\ncrosses: front ends alone, one frame in k scanned" * (len(scans) > 1)
     axes.set(
         title=f"grey: the best at each cost; {filled}{'; lines down: under disturbance' * bool(stressed)}{crosses}",
         ylabel="accuracy, integer, cross-validated",

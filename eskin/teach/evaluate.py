@@ -10,14 +10,14 @@ import numpy as np
 from eskin.choose.choice import search_inside
 from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import FrontEnds
-from eskin.data.folds import grouped_folds
+from eskin.data.folds import group_numbers, grouped_folds
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.teach.enrol import Pair, fit, right
 from eskin.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.training.fit import fit_networks, post_training
-from eskin.training.prototypes import by_last_step, group_numbers, teach_touches, with_prototypes
+from eskin.training.prototypes import by_last_step, teach_touches, with_prototypes
 from eskin.training.recipe import choose_recipe
 
 DRAWS = {"dense": 1, "prototypes": 10}

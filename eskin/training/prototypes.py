@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
+from eskin.data.folds import group_numbers
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
@@ -48,13 +49,6 @@ def training_groups(recordings: Recordings, record: Record, groups: Sequence[str
             names = ", ".join(recordings.groups) or "none"
             raise InputError(f"--group: recordings '{recordings.source}' have no {name}; they have {names}")
     return chosen[0]
-
-
-def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
-    """(R) a number for each combination of values of ``groups``."""
-    columns = [np.unique(recordings.groups[name], return_inverse=True)[1] for name in groups]
-    stacked = np.stack([np.zeros(len(recordings), dtype=np.int64), *columns])
-    return np.unique(stacked, axis=1, return_inverse=True)[1].ravel()
 
 
 def _centres(

@@ -46,7 +46,8 @@ def error_over_groups(recordings: Recordings, groups: Sequence[str], correct: np
     """Standard error of the mean of ``correct`` (recordings): recordings of one group share its mounting or its
     person, so a group counts as one draw (A. C. Cameron, D. L. Miller 2015, A practitioner's guide to
     cluster-robust inference, of a mean). Without groups each recording counts as one."""
-    numbers = group_numbers(_with_label(recordings, groups), groups)
+    grouped = group_numbers(_with_label(recordings, groups), groups)
+    numbers = grouped if groups else np.arange(len(recordings))
     sums = np.bincount(numbers, correct - correct.mean())
     return float(np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(correct))
 
