@@ -12,6 +12,7 @@ from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import biased_magnitude, logarithm, wrapping_increment
 from eskin.rtl.common.frame_gap import frame_gap
 from eskin.rtl.common.layouts import beat_layout, comes, window_layout
+from eskin.rtl.common.ports import outputs
 from eskin.rtl.program.timing import STATE_BEATS
 
 SLOTS = {"mean": 0, "activity": 1, "integral": 2}
@@ -51,6 +52,8 @@ class FeatureExpander(wiring.Component):
         Complements; marks are those of the deviation, on each of its beats.
     frame_last : Out(1)
         The deviation at ``i`` is its frame's last.
+    holds : Out(1)
+        A beat is offered, or state is not yet written.
 
     Timing
     ------
@@ -66,7 +69,7 @@ class FeatureExpander(wiring.Component):
             {
                 "i": In(stream.Signature(window_layout(config))),
                 "o": Out(stream.Signature(beat_layout(config))),
-                "frame_last": Out(1),
+                **outputs("frame_last", "holds"),
             }
         )
 
@@ -180,6 +183,9 @@ class FeatureExpander(wiring.Component):
             ]
             with m.If(step & (slot == 0)):
                 m.d.sync += taxel_of_fresh.eq(taxel)
+        m.d.comb += self.holds.eq(
+            Cat(self.o.valid, written if fields else 0, 0 if gap is None else gap).any()
+        )
 
         # --- beats: each in its slot
         complement = {"mean": self.i.p.complement}
@@ -215,8 +221,7 @@ class FeatureExpander(wiring.Component):
                 m.d.comb += beat.complement.eq(complement[kind])
         m.d.comb += last_slot.eq(slot == slots)
         with m.If(advance):
-            m.d.sync += [
-                self.o.valid.eq((self.i.valid if gap is None else step) & made_now),
-                self.o.p.eq(beat),
-            ]
+            m.d.sync += self.o.valid.eq(step & made_now)
+        with m.If(step):
+            m.d.sync += self.o.p.eq(beat)
         return m

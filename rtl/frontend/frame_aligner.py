@@ -24,6 +24,8 @@ class FrameAligner(wiring.Component):
         There is a beat; known before ``advance``, which comes late.
     fresh : Out(1)
         It is the sender's own; otherwise the missing taxels of a frame repeat its last sample.
+    filling : Out(1)
+        A frame is completed by itself.
     index, last : Out
         Its taxel, and whether that is the frame's last.
     frame_taken : Out(1)
@@ -39,16 +41,15 @@ class FrameAligner(wiring.Component):
                 "i": In(stream.Signature(sample_layout(config))),
                 "advance": In(1),
                 "index": Out(range(self._taxels)),
-                **outputs("offered", "fresh", "last", "frame_taken", "framing_fault"),
+                **outputs("offered", "fresh", "filling", "last", "frame_taken", "framing_fault"),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
         index, advance = self.index, self.advance
-        # a frame is completed by itself; a frame has begun: the index is not 0
-        filling = self.filling = Signal()
-        inside = self.inside = Signal()
+        filling = self.filling
+        inside = self.inside = Signal()  # a frame has begun: the index is not 0
         at_last = reaches(index, self._taxels - 1)
         early = self.i.valid & self.i.p.first & inside
         stray = ~self.i.p.first & ~inside

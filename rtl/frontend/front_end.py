@@ -3,7 +3,7 @@
 
 from collections.abc import Sequence
 
-from amaranth.hdl import Module
+from amaranth.hdl import Cat, Const, Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
@@ -41,6 +41,8 @@ class FrontEnd(wiring.Component):
     o : Out(stream of ``centred_layout``)
     status : Out(detector_status)
         The onset detector's.
+    passing, moving : Out(1)
+        As of `eskin.rtl.host.recording_state.RecordingState`, without what is offered at ``i``.
     wrong, blank : Out(1)
         As of ``Normaliser``.
 
@@ -70,7 +72,7 @@ class FrontEnd(wiring.Component):
                 "o": Out(stream.Signature(centred_layout(config))),
                 "load": In(load_signature(config)),
                 "status": Out(detector_status(config)),
-                **outputs("wrong", "blank"),
+                **outputs("passing", "moving", "wrong", "blank"),
             }
         )
 
@@ -83,10 +85,13 @@ class FrontEnd(wiring.Component):
         if self.expander is not None:
             windows = m.submodules.feature_expander = self.expander
             connect(m, self.expander.o, self.averager.i)
+        ringing = Const(0, 1)
         if self.ring is None:
             connect(m, self.detector.o, windows.i)
         else:
             m.submodules.pretrigger_ring = self.ring
+            if not self.config.opens_at_once:
+                ringing = self.detector.o.valid | self.ring.o.valid | self.ring.dropping
             connect(m, self.detector.o, self.ring.i)
             m.submodules.touch_marks = marks = TouchMarks(self.config)
             m.d.comb += [
@@ -98,6 +103,11 @@ class FrontEnd(wiring.Component):
                 self.ring.touch_last.eq(marks.end & windows.frame_last),
             ]
         connect(m, self.averager.o, self.normaliser.i)
+        expanding = 0 if self.expander is None else self.expander.holds
+        m.d.comb += [
+            self.passing.eq(Cat(self.detector.holds, expanding, self.averager.holds).any()),
+            self.moving.eq(Cat(self.averager.o.valid, self.normaliser.o.valid, ringing).any()),
+        ]
         forward(m, self, self.normaliser, "o", "load", "mask", "wrong", "blank")
         forward(m, self, self.detector, "i", "mask", "status")
         return m

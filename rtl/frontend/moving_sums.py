@@ -36,6 +36,8 @@ class MovingSums(wiring.Component):
         One cycle: a taxel that counts exceeds the threshold.
     decided : Out(1)
         The last taxel of a block has been compared.
+    holds : Out(1)
+        A beat that has left is still added or compared.
     """
 
     def __init__(self, config: AcceleratorConfig, complement: Shape) -> None:
@@ -47,7 +49,7 @@ class MovingSums(wiring.Component):
                 "coming_index": In(index),
                 "index": In(index),
                 "complement": In(complement),
-                **outputs("over", "decided"),
+                **outputs("over", "decided", "holds"),
             }
         )
 
@@ -92,6 +94,7 @@ class MovingSums(wiring.Component):
             moved_valid.eq(added & held["block_end"] & ~held["masked"]),
             moved_last.eq(added & held["block_end"] & held["last"]),
         ]
+        m.d.comb += self.holds.eq(fresh | added | moved_valid | moved_last | decided)
         drive(m, total_write, addr=held["index"], data=total, en=added)
         drive(
             m,

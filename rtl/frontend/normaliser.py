@@ -123,9 +123,8 @@ class Normaliser(wiring.Component):
         # combinational. A masked taxel is forced, too, to 0.
         several = config.constants > 1
         kind: Any = self.i.p.kind if config.kinds > 1 else None
-        m.d.comb += read.addr.eq(
-            mean_address(config, self.i.p.length, kind, self.i.p.taxel) if several else self.i.p.length
-        )
+        mean_of = mean_address(config, self.i.p.length, kind, self.i.p.taxel) if several else self.i.p.length
+        drive(m, read, addr=mean_of, en=self.i.valid)
         mean_read = Signal()
         added = Signal()
         if config.hardware.checksum:
@@ -145,11 +144,17 @@ class Normaliser(wiring.Component):
         masked = Signal()
         m.d.sync += [begun.eq(1), blanked.eq(begun)]
         m.d.comb += self.blank.eq(begun & ~blanked)
-        drive(m, adder, step=~added, word=read.data[low:sum_bits].as_signed(), addend=complement >> low)
+        drive(
+            m,
+            adder,
+            step=~added & (self.i.valid | ~begun),
+            word=read.data[low:sum_bits].as_signed(),
+            addend=complement >> low,
+        )
         out_of_use = (
             self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)
         )
-        with m.If(~added):
+        with m.If(~added & (self.i.valid | ~begun)):
             m.d.sync += masked.eq(out_of_use | ~begun)
         used = taken if several else taken & at_last  # the mean is read again
         m.d.sync += [

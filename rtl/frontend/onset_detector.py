@@ -46,8 +46,8 @@ class OnsetDetector(wiring.Component):
         A touch starts when the frame of its onset has left (opens at once: the first frame). After a framing fault
         missing taxels repeat the frame's last sample, so the frame count and every later stage stay aligned; beats
         outside a frame are dropped until the next ``first``.
-    holds : Out(1), only with ``clock_gate``
-        A beat is on its way through the detector.
+    holds : Out(1)
+        A beat is on its way through the detector, or what it changes is not yet written.
 
     Timing
     ------
@@ -66,8 +66,8 @@ class OnsetDetector(wiring.Component):
                 "mask": In(config.sensor.taxels),
                 "o": Out(stream.Signature(frame_layout(config))),
                 "status": Out(detector_status(config)),
+                "holds": Out(1),
             }
-            | ({"holds": Out(1)} if config.hardware.clock_gate else {})
         )
 
     def elaborate(self, platform):
@@ -181,11 +181,13 @@ class OnsetDetector(wiring.Component):
         ]
 
         held = Cat(stage.valid for stage in self.stages.values())
+        unwritten = [aligner.filling]
         if small:
             m.d.comb += empty[0].eq(~held.any())
             m.d.sync += empty[1].eq(empty[0])
-        if config.hardware.clock_gate:
-            m.d.comb += self.holds.eq(held.any())
+            unwritten.append(empty[0] ^ empty[1])
+        if config.onset_rule.onset == "baseline":
+            unwritten.append(self.sums.holds)
 
         armed = self._touches(m, now, frame_left, judged, met)
         if has_rest:
@@ -202,6 +204,8 @@ class OnsetDetector(wiring.Component):
                     register = Signal(port.shape(), name="level_written")
                     m.d.sync += register.eq(source)
                     m.d.comb += port.eq(register)
+            unwritten.append(rest_level.w_enable)
+        m.d.comb += self.holds.eq(Cat(held, *unwritten).any())
         return m
 
     def _rule(

@@ -11,7 +11,7 @@ from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.frame_gap import frame_gap
 from eskin.rtl.common.layouts import beat_layout, comes, expands, sum_layout
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common.ports import drive, outputs
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from eskin.rtl.program.timing import STATE_BEATS
 
@@ -61,6 +61,8 @@ class WindowAverager(wiring.Component):
         its beats.
     frame_last : Out(1)
         The beat at ``i`` is its frame's last.
+    holds : Out(1)
+        A sum is offered or not yet written, or passes take no beat.
 
     Timing
     ------
@@ -76,7 +78,7 @@ class WindowAverager(wiring.Component):
             {
                 "i": In(stream.Signature(beat_layout(config))),
                 "o": Out(stream.Signature(sum_layout(config))),
-                "frame_last": Out(1),
+                **outputs("frame_last", "holds"),
             }
         )
 
@@ -185,6 +187,7 @@ class WindowAverager(wiring.Component):
         m.d.comb += self.o.p.complement.eq(total)
         newest = ~operation.as_value()[0]
         m.d.sync += fresh.eq(step & newest & ~draining)
+        m.d.comb += self.holds.eq(Cat(fresh, self.o.valid, draining, gap if small else 0).any())
         addend = Signal(signed(bits))
         nothing = draining.replicate(len(self.i.p.complement)).as_signed()
         m.d.comb += addend.eq(Mux(newest, self.i.p.complement | nothing, total))

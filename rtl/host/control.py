@@ -71,8 +71,8 @@ class HostControl(wiring.Component):
     teaching : Out(TEACHING), only with taught places
         Register TAUGHT shows its ``in_use``; its ``place`` is a word of PLACES, read from 2 cycles after the access to
         it before.
-    moving : In(1)
-        Anything between input and engine offers a beat.
+    passing, moving : In(1)
+        As of `RecordingState`.
     global_taken, decider_idle : In(1)
         A touch's last decision is taken; the classifier is idle.
     check_failed : In(1)
@@ -83,7 +83,7 @@ class HostControl(wiring.Component):
         The recording is being finished, or the detector's touch and the one whose decision is due are not the
         same (``watchdog``).
     busy : Out(1)
-        A frame, sum, step, decision or command is in flight.
+        A frame, sum, step, decision or command is in flight; otherwise no register of the chain changes.
     awake : Out(1)
         Work, an access or a count is under way; otherwise the clock may stop (``clock_gate``).
 
@@ -102,7 +102,7 @@ class HostControl(wiring.Component):
                 "frames": In(FRAMES),
                 "detector": In(detector_status(config)),
                 "engine": In(ENGINE),
-                **inputs("moving", "global_taken", "decider_idle", "check_failed", "hung"),
+                **inputs("passing", "moving", "global_taken", "decider_idle", "check_failed", "hung"),
                 **({"any_fault": Out(1)} if fed_by else {}),
                 **({"every": Out(1)} if has_door(config) else {}),
                 **({"teaching": Out(TEACHING)} if config.readout_rule.taught else {}),
@@ -117,7 +117,7 @@ class HostControl(wiring.Component):
         m.submodules.cycles = cycles = CycleCounter()
         forward(m, self, loader, "load")
         forward(m, self, cycles, "clear", "frames", "engine")
-        forward(m, self, state, "clear", "detector", "engine", "global_taken", "decider_idle")
+        forward(m, self, state, "clear", "detector", "engine", "passing", "global_taken", "decider_idle")
         forward(m, self, state, "finish", "busy", "due")
         # (Registered, as both reach every block.)
         arm = Signal()
@@ -126,15 +126,10 @@ class HostControl(wiring.Component):
         m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
         touch = state.touch
         measure = Signal(2)
-        # The clock must not stop before the effects of a command or of a decision's end have reached every
-        # block.
         begun = bus.w_stb | self.clear | self.restart | ~self.decider_idle
-        lingers = Signal()  # the edge after busy fell, at which what depends on it settles
-        if config.hardware.clock_gate:
-            m.d.sync += lingers.eq(state.busy)
-        awake = bus.w_stb | bus.r_stb | state.busy | lingers | cycles.counts
+        awake = bus.w_stb | bus.r_stb | state.busy | cycles.awake
         m.d.comb += [
-            state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
+            state.moving.eq(self.moving | begun),
             self.awake.eq(awake | self.teaching.look if config.readout_rule.taught else awake),
         ]
         drive(

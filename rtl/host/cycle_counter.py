@@ -25,8 +25,8 @@ class CycleCounter(wiring.Component):
         The longest is 0 again.
     frames : In(FRAMES), engine : In(ENGINE)
     longest : Out(16)
-    counts : Out(1)
-        The next edge is counted.
+    awake : Out(1)
+        The next edge is counted, or ends a count.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class CycleCounter(wiring.Component):
                 **inputs("clear", "anew", "forget"),
                 **status,
                 "longest": Out(COUNTER_BITS),
-                "counts": Out(1),
+                "awake": Out(1),
             }
         )
 
@@ -49,9 +49,10 @@ class CycleCounter(wiring.Component):
         m.d.sync += in_frame.eq(frame_open & ~frame_taken)
         counting = Signal()
         ending = Signal()
-        counts = self.counts
+        counts = self.counts = Signal()
         ends = self.ends = Signal()
         m.d.sync += [counts.eq(counting), ends.eq(ending)]
+        m.d.comb += self.awake.eq(counts | (ends ^ ending))
         with m.Switch(self.measure):
             with m.Case(Measure.FRAME):
                 m.d.comb += [counting.eq(frame_open), ending.eq(frame_taken)]

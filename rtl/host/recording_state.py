@@ -8,9 +8,8 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.ports import drive, inputs, outputs
 from eskin.rtl.common.status import ENGINE, detector_status
 
-QUIET_BITS = {False: 4, True: 2}
-"""Bits of the counter of quiet cycles, without and with ``clock_gate``: the shorter it is, the sooner the
-clock stops."""
+QUIET_BITS = 2
+"""Bits of the counter of quiet cycles: what follows a beat that ``moving`` sees is over when it is full."""
 
 
 class RecordingState(wiring.Component):
@@ -23,14 +22,16 @@ class RecordingState(wiring.Component):
     finish_asked : In(1)
         The host has sent all frames; wins over ``clear`` in the same cycle.
     detector : In(detector_status), engine : In(ENGINE)
+    passing : In(1)
+        A beat is offered at the input, or is on its way to the windows; nothing changes after it.
     moving : In(1)
-        A beat is offered between input and engine (with ``clock_gate``: or is in the detector).
+        A sum is on its way to the engine, or a command to its block; what it changes is settled 3 cycles later.
     global_taken, decider_idle : In(1)
         A touch's last decision is taken; the classifier is idle.
     finish : Out(1)
         Pulse once everything in flight has been decided after ``finish_asked``.
     busy : Out(1)
-        A frame, sum, step, decision or command is in flight.
+        A frame, sum, step, decision or command is in flight; otherwise no register changes.
     touch : Out(1)
         A touch is undecided; known a cycle late.
     touched, touches : Out
@@ -44,7 +45,7 @@ class RecordingState(wiring.Component):
         self._config = config
         status = {"detector": In(detector_status(config)), "engine": In(ENGINE)}
         super().__init__(
-            inputs("clear", "finish_asked", "moving", "global_taken", "decider_idle")
+            inputs("clear", "finish_asked", "passing", "moving", "global_taken", "decider_idle")
             | outputs("finish", "busy", "touch", "touched", "due")
             | status
             | {"touches": Out(8)}
@@ -58,18 +59,17 @@ class RecordingState(wiring.Component):
         undecided = self.undecided = Signal(3)
         finishing = self.finishing = Signal()
         finished = self.finished = Signal()
-        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means
-        # nothing is under way. With a clock gate `moving` sees the detector's pipeline too, and 3 are enough.
-        gated = self._config.hardware.clock_gate
-        quiet = Signal(QUIET_BITS[gated], init=0 if gated else (1 << QUIET_BITS[gated]) - 1)
+        quiet = Signal(QUIET_BITS)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving = Signal()
         idle = Signal()
         m.d.sync += [moving.eq(self.moving | self.engine.working), quiet.eq(quiet + ~quiet.all())]
-        with m.If(moving):
+        # (What a command changes follows the beats that are on their way.)
+        with m.If(moving | (self.passing & ~quiet.all())):
             m.d.sync += quiet.eq(0)
-        m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
-        drive(m, self, finish=finishing & ~finished & idle, busy=~idle | finishing | self.clear)
+        m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle & ~self.passing)
+        telling = undecided.any() ^ self.touch
+        drive(m, self, finish=finishing & ~finished & idle, busy=~idle | finishing | self.clear | telling)
         decided = self.global_taken & undecided.any()
         # (`touch` is registered, as it decides on writes.)
         m.d.sync += [

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import reduce
 from operator import or_
 
-from amaranth.hdl import Cat, Const, Module, ResetInserter, ResetSignal, Signal, Value
+from amaranth.hdl import Module, ResetInserter, ResetSignal, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -151,7 +151,7 @@ class Accelerator(HostedChain):
         m, config = Module(), self._config
         if not config.hardware.loadable and self._images is None:
             raise ValueError("a ROM design (loadable false) needs its memory images")
-        front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
+        self.front_end = front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
         engine, classifier = Engine(config, self._images), Classifier(config)
         control = self.hosted(m, classifier)
         self.classifier, self.control = classifier, control
@@ -183,29 +183,14 @@ class Accelerator(HostedChain):
         drive(m, engine, decider_idle=decider_idle, blank=front_end.blank)
         if config.faults.fault_frames:
             drive(m, self.probe.fault, valid=self.probe.sum.valid, value=front_end.averager.o.p.masked)
-        every = (
-            front_end.detector,
-            front_end.ring,
-            front_end.expander,
-            front_end.averager,
-            front_end.normaliser,
-        )
-        parts = [part for part in every if part is not None]
-        # (Where the clock stops, ring and detector have to be done first.)
-        dropping = (
-            front_end.ring.dropping
-            if config.hardware.clock_gate and front_end.ring is not None
-            else Const(0, 1)
-        )
-        holds = (front_end.detector.holds,) if config.hardware.clock_gate else ()
-
         check_failed = engine.check_failed | front_end.wrong
         if readout is not None and config.hardware.checksum:
             check_failed |= readout.wrong
         drive(
             m,
             control,
-            moving=Cat(self.i.valid, *(part.o.valid for part in parts), dropping, *holds).any(),
+            passing=self.i.valid | front_end.passing,
+            moving=front_end.moving,
             decider_idle=decider_idle,
             check_failed=check_failed,
         )
