@@ -176,7 +176,7 @@ class Scoreboard:
         wanted = self._wanted[stage][low : low + len(values)]
         if wanted.size:
             self.compared[stage] += each * wanted.size
-        index = next(iter(np.flatnonzero(values[: len(wanted)] != wanted)), len(wanted))
+        index = next(iter(np.flatnonzero(values[: len(wanted)] != wanted).tolist()), len(wanted))
         if index < len(values):
             want = int(wanted[index]) if index < len(wanted) else None
             raise self.mismatch(stage, low + index, want, int(values[index]), cycles[index])
@@ -247,8 +247,8 @@ class Scoreboard:
         if want is None:
             place = "one too many"
         elif not place:
-            frame, place, want, got = self._told(stage, int(index), want, got)
-        where = self.recording.number, stage, int(index), place, int(frame)
+            frame, place, want, got = self._told(stage, index, want, got)
+        where = self.recording.number, stage, index, place, int(frame)
         return Mismatch(*where, want, got, int(cycle), int(cycle) - self.armed)
 
     def _told(self, stage: str, index: int, want: int, got: Any) -> tuple[int, str, int, Any]:
