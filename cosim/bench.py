@@ -15,15 +15,7 @@ import numpy as np
 from cocotb.queue import Queue
 from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 
-from eskin.cosim.scoreboard import (
-    REGISTERS,
-    Mismatch,
-    Recording,
-    Scoreboard,
-    flat_stages,
-    loading,
-    recordings_of,
-)
+from eskin.cosim.scoreboard import REGISTERS, Mismatch, Recording, Scoreboard, flat_stages, loading
 from eskin.golden.core import AcceleratorConfig
 
 CYCLE_NS = 10
@@ -222,14 +214,14 @@ class Bench:
         self.config = AcceleratorConfig.load(design / "config.json")
         self.map, self.boot = loading(design)
         with np.load("vectors.npz") as archive:
-            everything = recordings_of(dict(archive))
-        self.recordings = [everything[position] for position in self.settings["positions"]]
+            expected = dict(archive)
+        self.recordings = [Recording(expected, position) for position in self.settings["positions"]]
         self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])
         self.events = EventReader(dut)
         self.source = FrameSource(
             dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
         )
-        self.scoreboard = Scoreboard(self.config, self.recordings[0].arrays, probes=self.settings["probes"])
+        self.scoreboard = Scoreboard(self.config, probes=self.settings["probes"])
         self.jitter = 0.0
         self.result: dict[str, Any] = {"probe": None, "mismatch": None, "registers": dict.fromkeys(REGISTERS)}
 
@@ -355,7 +347,7 @@ class Bench:
 
     def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1, frame: int = 0) -> None:
         frame = frame or len(self.source.taken) + 1
-        raise self.scoreboard.mismatch(stage, 0, place, 0, got, cycle, frame)
+        raise self.scoreboard.mismatch(stage, 0, 0, got, cycle, place, frame)
 
     def _unknown(self, values: Values) -> None:
         kind, cycle = int(values.codes[0]), int(values.cycles[0])

@@ -1,19 +1,21 @@
 """A device in this process: bus accesses, frames, waiting, a record of every stage. The cycles themselves run
 in C++.
 
-`eskin.cosim.live` and `eskin.cosim.bulk` play scenarios into it.
+`eskin.cosim.bulk` plays recordings into it, `eskin.live.sources` single frames.
 """
 
 import ctypes
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eskin.cosim.latency import standstill_cycles
 from eskin.cosim.runner import build_library
-from eskin.golden.core import SimulationError
+from eskin.cosim.scoreboard import flat_stages
+from eskin.golden.core import AcceleratorConfig, SimulationError
 
 KERNEL = Path(__file__).with_suffix(".cpp")
 ROLES = (
@@ -24,8 +26,8 @@ ROLES = (
 FOREVER = 1 << 62  # no cycle reaches it, and it fits the C program's int64
 STUCK = 100_000
 """Cycles after which a chain that is waited for has certainly failed."""
-QUIET = 4
-"""Cycles a bus command may need before busy shows it."""
+QUIET, SETTLE = 4, 6
+"""Cycles a bus command may need before busy shows it; those that `Accelerator` waits for one."""
 FRAME_END, HUNG = -1, -2
 """Events of `Device.seen` that are no stage's: a frame's last taxel is taken; the watchdog acts (``value``
 frames and ``also`` taxels taken)."""
@@ -220,3 +222,67 @@ class Device:
     def forget(self) -> None:
         """Drop the events so far."""
         self._call("forget")
+
+
+class Accelerator(Device):
+    """A device behind its register map.
+
+    Parameters
+    ----------
+    registers:
+        Register map (eskin.rtl.fpga.generate.register_map).
+    boot:
+        (register, word) writes that load the model.
+    probes:
+        False: decisions alone are taken down.
+
+    Attributes
+    ----------
+    limit: cycles without progress after which it stands still.
+    """
+
+    def __init__(
+        self,
+        design: Design,
+        config: AcceleratorConfig,
+        registers: Mapping[str, Any],
+        boot: Iterable[Write],
+        *,
+        probes: bool = True,
+        seed: int = 1,
+    ) -> None:
+        stages = (*flat_stages(config), "step") if probes else ()
+        super().__init__(design, config.sensor.sample_bits, stages, seed)
+        self._addresses, self._commands = registers["registers"], registers["bits"]["CONTROL"]
+        self.limit = standstill_cycles(config)
+        self.reset(boot)
+
+    def command(self, *names: str) -> None:
+        """Commands of register CONTROL, until they are carried out.
+
+        Raises
+        ------
+        SimulationError
+            The device stands still.
+        """
+        self.write(self._addresses["CONTROL"], sum(self._commands[name] for name in names))
+        self.settle(self.limit, SETTLE)
+
+    def register(self, name: str, offset: int = 0) -> int:
+        """A register, or the one ``offset`` behind it."""
+        return self.read(self._addresses[name] + offset)
+
+    def brought(self, frames: np.ndarray | None = None) -> dict[str, list[int]]:
+        """Values of each stage since the last time, once ``frames`` are taken and the device is idle.
+
+        Raises
+        ------
+        SimulationError
+            The device stands still.
+        """
+        if frames is not None:
+            self.frames(frames, limit=self.limit)
+        self.settle(self.limit)
+        came = {stage: values.tolist() for stage, (values, _) in self.streams().items() if values.size}
+        self.forget()
+        return came
