@@ -213,7 +213,7 @@ class Bench:
         design = Path(self.settings["design"])
         self.config = AcceleratorConfig.load(design / "config.json")
         self.map, self.boot = loading(design)
-        with np.load("vectors.npz") as archive:
+        with np.load(self.settings["vectors"]) as archive:
             expected = dict(archive)
         self.recordings = [Recording(expected, position) for position in self.settings["positions"]]
         self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])
