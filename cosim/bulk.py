@@ -76,6 +76,6 @@ def play(run: "Run", positions: Sequence[int], *, seed: int = 1, threads: int = 
         mismatch = vars(found)
     finally:
         pool.shutdown(cancel_futures=True)
-    said = {"probe": None, "mismatch": mismatch, "wall_s": time.monotonic() - begun}
+    said = {"probe": False, "mismatch": mismatch, "wall_s": time.monotonic() - begun}
     said["registers"] = {name: status.get(name) for name in REGISTERS}
     return said | counts | scoreboard.result(longest)
