@@ -98,10 +98,9 @@ class Run:
                 f"--clock {clock_hz:.0f}: is too slow for {taxels} taxels at {rate:g} Hz, one a cycle; "
                 f"give at least {taxels * rate:.0f} Hz"
             )
-        top, frames, bits, models, options = "accelerator.sv", "samples", 16, (), ()
-        if config.interface.converter.name != "none":
-            top, frames, bits = "sensing.sv", "codes", 32
-            models, options = converter_model(config)
+        converting = config.interface.converter.name != "none"
+        top, frames, bits = ("sensing.sv", "codes", 32) if converting else ("accelerator.sv", "samples", 16)
+        models, options = converter_model(config) if converting else ((), ())
         hop = 32 if config.is_image else config.windows.hop
         beats = expected[frames].shape[1]
         hardware = hardware or Hardware((design / top, *models), options)
