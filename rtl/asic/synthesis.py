@@ -15,8 +15,7 @@ from amaranth.back import rtlil
 from eskin.golden.core import InputError, Record, template
 from eskin.rtl.asic.buffers import insert
 from eskin.rtl.asic.liberty import Cell, Library, text_of
-from eskin.rtl.common.collisions import open_collisions
-from eskin.rtl.common.memory_style import CHIP
+from eskin.rtl.common import CHIP, open_collisions
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.top.clock_gate import CELL
 

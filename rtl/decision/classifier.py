@@ -6,9 +6,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import exceeds
-from eskin.rtl.common.layouts import decision_layout, margin_units
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import decision_layout, drive, exceeds, margin_units, outputs
 from eskin.rtl.decision.early_rule import EarlyRule
 from eskin.rtl.decision.score_search import make_search
 

@@ -9,14 +9,23 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION, working_memory
-from eskin.rtl.common.compare import exceeds, greater, reaches
-from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment
-from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import prototypes_memory
-from eskin.rtl.common.ports import drive, inputs
-from eskin.rtl.common.register_check import parity_wrong
-from eskin.rtl.common.status import TEACHING
+from eskin.rtl.common import (
+    NO_COLLISION,
+    TEACHING,
+    drive,
+    exceeds,
+    greater,
+    inputs,
+    load_lines,
+    load_signature,
+    narrow,
+    parity_wrong,
+    prototypes_memory,
+    reaches,
+    shape_of,
+    working_memory,
+    wrapping_increment,
+)
 from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import prototype_words
 

@@ -7,8 +7,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.memory_style import before_an_adder
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import before_an_adder, drive
 from eskin.rtl.program.timing import holds_two_largest
 
 

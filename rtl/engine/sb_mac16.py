@@ -3,7 +3,7 @@
 from amaranth.hdl import Const, Module, Signal
 from amaranth.lib import wiring
 
-from eskin.rtl.common.mac16 import sb_mac16
+from eskin.rtl.common import sb_mac16
 
 ICE40 = "ice40"
 """Platform name for which the lane becomes an SB_MAC16; for any other it is described by its behaviour."""

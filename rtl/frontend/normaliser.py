@@ -10,11 +10,16 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.layouts import centred_layout, sum_layout
-from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import means_memory
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import (
+    centred_layout,
+    drive,
+    load_lines,
+    load_signature,
+    means_memory,
+    outputs,
+    reaches,
+    sum_layout,
+)
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import mean_count

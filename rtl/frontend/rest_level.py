@@ -6,8 +6,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import working_memory
-from eskin.rtl.common.ports import drive, inputs
+from eskin.rtl.common import drive, inputs, working_memory
 
 
 class RestLevel(wiring.Component):

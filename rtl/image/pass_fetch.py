@@ -5,8 +5,7 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.collisions import working_memory
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive, working_memory
 from eskin.rtl.image.layouts import pass_layout
 from eskin.rtl.program.image_passes import PASS_WORDS, ImagePlan, Word
 

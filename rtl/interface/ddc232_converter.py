@@ -17,7 +17,7 @@ from eskin.golden.core.converters.ddc232 import (
     WARM_UP,
     DdcPlan,
 )
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 
 EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS

@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import SpiPlan
 from eskin.golden.core.converters.base import HALF_MIN
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 
 
 def spi_pins(lines: int, selects: int) -> wiring.Signature:
