@@ -92,32 +92,22 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
             )
         return chosen
 
-    def inputs(cell: Cell) -> int:
-        return sum(pin.direction == "input" for pin in cell.pins.values())
-
-    named = {
-        role: [library.cells[name] for name in (HINTS[pdk][role][0],) if name in library.cells]
-        for role in ("high", "low")
-    }
-    plain = [
-        c
-        for c in cells
-        if c.kind == "latch"
-        and not {"clear", "preset"} & set(c.state)
-        and c.state.get("enable", "") in c.pins
-    ]
-    gates = [c for c in cells if c.kind == "gate" and inputs(c) == 2]  # no pin for a test
+    of_kind = lambda kind: (cell for cell in cells if cell.kind == kind)
+    named = lambda ending: (cell for cell in cells if cell.name.endswith(ending))
+    plain = (
+        c for c in of_kind("latch") if not {"clear", "preset"} & set(c.state) and c.state["enable"] in c.pins
+    )
+    ways = lambda cell: [pin.direction for pin in cell.pins.values()]
     return Process(
         pdk=pdk,
         library=library,
-        flip_flop=need(
-            "flip-flop", (c for c in cells if c.kind == "flip-flop" and c.state["next_state"] in c.pins)
-        ),
+        flip_flop=need("flip-flop", (c for c in of_kind("flip-flop") if c.state["next_state"] in c.pins)),
         latch=min(plain, key=lambda cell: cell.area, default=None),
-        gate=need("clock gate", gates),
-        nand=need("NAND of two inputs", (c for c in cells if c.name.endswith("nand2_1"))),
-        high=need("cell for a constant 1", named["high"]),
-        low=need("cell for a constant 0", named["low"]),
+        # two inputs: no pin for a test
+        gate=need("clock gate", (c for c in of_kind("gate") if ways(c).count("input") == 2)),
+        nand=need("NAND of two inputs", named("nand2_1")),
+        high=need("cell for a constant 1", named(HINTS[pdk]["high"][0])),
+        low=need("cell for a constant 0", named(HINTS[pdk]["low"][0])),
         macros=tuple(
             macro for file in libraries for macro in file.macros if {"read", "write"} <= set(macro.access_j)
         ),

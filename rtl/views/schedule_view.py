@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from eskin.golden.core import Record, write_json
-from eskin.rtl.program.cells import ElementOp, RowBlock
+from eskin.rtl.program.cells import RowBlock
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.program.scheduler import Schedule
@@ -101,7 +101,7 @@ def _single(plan: Schedule) -> Iterator[Span]:
                 yield Span(unit, name, before, slot + timing.row + row, 1, 1, label, number, number)
     for issue in plan.elements:
         work, slot, index = issue.op, plan.slots_before + issue.cycle, issue.index
-        uses = [(ELEMENTS, 0, _formula(work))]
+        uses = [(ELEMENTS, 0, work.name)]
         if issue.term == len(work.terms) - 1:
             uses += [(TABLE, timing.element_to_table, f"tanh of {work.name}")] * bool(work.activated)
             uses += [(STATE, timing.element_to_state - 1, work.state)] * bool(work.state)
@@ -120,14 +120,6 @@ TARGETS = {
 
 def _gate(block: RowBlock) -> str:
     return block.region if block.dest == "partial" else block.name
-
-
-def _formula(op: ElementOp) -> str:
-    operands = [(a.replace("S.", "").replace("T.", ""), b) for a, b in op.terms]
-    terms = " + ".join(f"{f'({a})' if '-' in a else a} {b}" for a, b in operands)
-    terms += f" + {op.add}" * bool(op.add)
-    results = [f"{op.state} = {terms}"] * bool(op.state)
-    return " and ".join(results + [f"{op.activated} = tanh({terms})"] * bool(op.activated))
 
 
 # ---------------------------------------------------------------------- figures
@@ -161,33 +153,20 @@ def summary(plan: Schedule) -> Record:
 def title(plan: Schedule) -> str:
     """Two lines: the cell and its lanes, and how busy they are."""
     s = summary(plan)
-    busy = f"lanes busy {s['busy_share']:.1%}, element-wise operations {s['element_share']:.1%}"
-    cell = {"lstm": "LSTM", "linear": "linear"}.get(s["cell"], f"GRU, reset {s['reset']}")
-    lanes = f"{s['lanes']} {s['lane_type']} lane" + "s" * (s["lanes"] > 1)
-    middle = (
-        f"{s['hidden']} hidden"
-        if plan.config.recurrent
-        else f"{s['sets']} set{'s' * (s['sets'] > 1)} of weights"
-    )
+    cell = f"{s['cell']}, reset {s['reset']}" if s["reset"] else s["cell"]
+    middle = f"{s['hidden']} hidden" if plan.config.recurrent else f"sets of weights: {s['sets']}"
     return (
-        f"{cell}: {s['taxels']} taxels, {middle}, {s['classes']} classes on {lanes}\n"
-        f"{s['step_cycles']} cycles a step, ideal {s['ideal_cycles']} (ratio {s['ratio']:.3f}), {busy}"
+        f"{cell}: {s['taxels']} taxels, {middle}, {s['classes']} classes, {s['lanes']} x {s['lane_type']}\n"
+        f"{s['step_cycles']} cycles a step, ideal {s['ideal_cycles']} (ratio {s['ratio']:.3f}), "
+        f"lanes busy {s['busy_share']:.1%}, element-wise operations {s['element_share']:.1%}"
     )
 
 
 def figures(plan: Schedule) -> list[tuple[str, str]]:
-    """The `summary` in words: (name, value with its unit)."""
-    s = summary(plan)
+    """The `summary` as text: (name, value)."""
     return [
-        ("cycles before the features (phase A)", str(s["phase_a_cycles"])),
-        ("cycles from features to decision (phase B)", str(s["decision_cycles"])),
-        ("cycles a step", str(s["step_cycles"])),
-        ("ideal: multiplies / lanes", str(s["ideal_cycles"])),
-        ("ratio", f"{s['ratio']:.3f}"),
-        ("lanes busy", f"{s['busy_share']:.1%}"),
-        ("element-wise busy", f"{s['element_share']:.1%}"),
-        ("cycles before a touch (prologue)", str(s["prologue_cycles"])),
-        ("lowest clock", f"{s['lowest_clock_hz'] / 1e3:.1f} kHz"),
+        (name.replace("_", " "), f"{value:g}" if isinstance(value, float) else str(value))
+        for name, value in summary(plan).items()
     ]
 
 
@@ -251,7 +230,7 @@ def _draw_line(axes, plan: Schedule, colours: dict[str, str], left: int, length:
             axes.text(slot, -0.25, f" {words}, cycle {slot} ", fontsize=8, va="bottom", ha=side)
     axes.set(xlim=(left, right), ylim=(lanes * track + PITCH * len(UNITS), -0.15))
     shared = {ELEMENTS: "element-wise, on lane 0"} if plan.shared else {}
-    names = {LANES: f"{lanes} lane{'s' * (lanes > 1)}"} | shared
+    names = {LANES: f"lanes: {lanes}"} | shared
     axes.set_yticks(
         [top + 0.5 for top in tops.values()], [names.get(unit, unit) for unit in tops], fontsize=8
     )
