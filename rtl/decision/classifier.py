@@ -133,12 +133,8 @@ class Classifier(wiring.Component):
         with m.If(taken & ~closes):
             m.d.sync += busy.eq(0)
         with m.If(closes):
-            m.d.sync += [
-                signal.eq(1)
-                for signal in (
-                    (voting, tallying) if config.network.decision == "vote" else (offered, is_global)
-                )
-            ]
+            both = (voting, tallying) if config.network.decision == "vote" else (offered, is_global)
+            m.d.sync += [signal.eq(1) for signal in both]
         with m.If(self.ended):
             m.d.sync += [signal.eq(0) for signal in (is_global, step, partial, begun, voting, *votes)]
             # without a decision to be taken, where the recording ends after an early one

@@ -22,11 +22,6 @@ class DspLane(wiring.Component):
     """
 
     def elaborate(self, platform):
-        if len(self.acc) > 32 or len(self.a) > 16 or len(self.b) > 16:
-            raise ValueError(
-                f"an SB_MAC16 has 16-bit operands and 32 bits of sum, not {len(self.a)} x {len(self.b)} and "
-                f"{len(self.acc)}"
-            )
         m = Module()
         (self._block if platform == ICE40 else self._behaviour)(m)
         return m

@@ -82,19 +82,16 @@ class Normaliser(wiring.Component):
                 "lengths: quantise first"
             )
         self.config = config
-        if means is None and not config.hardware.loadable:
-            raise ValueError("means are needed where constants are in ROM")
         self.means = [0] * mean_count(config) if means is None else list(map(int, means))
-        if len(self.means) != mean_count(config):
-            raise ValueError(f"means {self.means}: {mean_count(config)} numbers are needed")
-        ports = {
-            "i": In(stream.Signature(sum_layout(config))),
-            "mask": In(config.sensor.taxels),
-            "o": Out(stream.Signature(centred_layout(config))),
-            **outputs("wrong", "blank"),
-            "load": In(load_signature(config)),
-        }
-        super().__init__(ports)
+        super().__init__(
+            {
+                "i": In(stream.Signature(sum_layout(config))),
+                "mask": In(config.sensor.taxels),
+                "o": Out(stream.Signature(centred_layout(config))),
+                **outputs("wrong", "blank"),
+                "load": In(load_signature(config)),
+            }
+        )
 
     def elaborate(self, platform):
         config, m = self.config, Module()

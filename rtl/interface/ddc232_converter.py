@@ -7,7 +7,6 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
-from eskin.golden.core.converters.base import HALF_MIN
 from eskin.golden.core.converters.ddc232 import (
     CONFIGURATION_BITS,
     PATTERN,
@@ -57,8 +56,6 @@ class Ddc232Converter(wiring.Component):
     """
 
     def __init__(self, plan: DdcPlan, taxels: int) -> None:
-        if plan.half < HALF_MIN:
-            raise ValueError(f"half a period of {plan.half} cycles: {HALF_MIN} are needed")
         self._plan = plan
         super().__init__(converter_ports(taxels, plan.bits) | {"pins": Out(DDC_PINS)})
 

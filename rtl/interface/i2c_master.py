@@ -59,8 +59,6 @@ class I2cMaster(wiring.Component):
     """
 
     def __init__(self, quarter: int) -> None:
-        if quarter < 3:
-            raise ValueError(f"a quarter of a bit of {quarter} cycles: 3 are needed")
         self._quarter = quarter
         super().__init__(
             {
