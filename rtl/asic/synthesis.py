@@ -15,7 +15,7 @@ from amaranth.back import rtlil
 from eskin.golden.core import InputError, Record, template
 from eskin.rtl.asic.buffers import insert
 from eskin.rtl.asic.liberty import Cell, Library, text_of
-from eskin.rtl.common import CHIP, open_collisions
+from eskin.rtl.common import CHIP, open_collisions, without_contents, written_memories
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.top.clock_gate import CELL
 
@@ -153,7 +153,7 @@ def synthesise(
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = rtlil.convert(design, name=top, platform=CHIP, emit_src=False)
-    (folder / f"{top}.il").write_text(open_collisions(without_initial(text)))
+    (folder / f"{top}.il").write_text(open_collisions(without_contents(text, written_memories)))
     (folder / "cells.lib").write_text(text_of(process.library.path))
     for part in (MEMORIES, RESETS):
         (folder / part.name).write_text(part.read_text())
@@ -291,22 +291,6 @@ def cells_map(process: Process) -> str:
 def _run(folder: Path, name: str, script: str) -> None:
     (folder / f"{name}.ys").write_text(script)
     run_tool("yosys", ["-q", "-l", f"{name}.log", f"{name}.ys"], folder)
-
-
-def without_initial(text: str) -> str:
-    """RTLIL without the first words of memories that are written: a chip's begin with any."""
-    modules = re.split(r"(?m)^(?=module )", text)
-    return "".join(_without(module) for module in modules)
-
-
-def _without(module: str) -> str:
-    written = set(re.findall(r"cell \$memwr_v2 .*?parameter \\MEMID \"([^\"]+)\"", module, re.DOTALL))
-
-    def drop(cell: re.Match[str]) -> str:
-        memory = re.search(r'parameter \\MEMID "([^"]+)"', cell[0])
-        return "" if memory and memory[1] in written else cell[0]
-
-    return re.sub(r"(?m)^  cell \$meminit_v2 .*?^  end\n", drop, module, flags=re.DOTALL)
 
 
 def _of_macro(name: str, macro: Cell, **values: str | bool) -> str:

@@ -1,6 +1,12 @@
 """Public names of rtl.common: ports, layouts, memories, number formats in hardware."""
 
-from eskin.rtl.common.collisions import NO_COLLISION, open_collisions, without_contents, working_memory
+from eskin.rtl.common.collisions import (
+    NO_COLLISION,
+    open_collisions,
+    without_contents,
+    working_memory,
+    written_memories,
+)
 from eskin.rtl.common.compare import exceeds, greater, reaches
 from eskin.rtl.common.fixed import (
     biased_magnitude,
