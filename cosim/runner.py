@@ -153,7 +153,7 @@ def build_library(
     """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one
     from ``builds``.
 
-    The kernel includes ``ports.h``, a list of {name, place, bytes}.
+    The kernel includes ``ports.h``, a list of {name, {place, bytes}}.
 
     Parameters
     ----------
@@ -172,7 +172,9 @@ def build_library(
     def ports(folder: Path) -> None:
         # Verilator's own names of the ports; with --public-flat-rw a device runs at 2.9 M cycles/s, not at 4.1
         names = PORT.findall((folder / "Vtop.h").read_text())
-        rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in names)
+        rows = (
+            f'{{"{name.replace("___05F", "__")}", {{&top.{name}, sizeof top.{name}}}}},\n' for name in names
+        )
         (folder / "ports.h").write_text("".join(rows))
 
     compiling = QUICKLY_COMPILED if quick else COMPILE_OPTIONS

@@ -365,9 +365,8 @@ class ExportRequest(ModelOptions):
 @request
 class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
     out: Path = option("Folder of sweep.json, sweep.csv and the chart.", Path("build/sweep"))
-    grid: str = option("default (84 points), or JSON: {field: [values]}.", "default")
-    accuracy_floor: float | None = option("Required accuracy on new recordings, 0 to 1.", None)
-    latency_budget: float | None = option("Maximum time from features to decision, in seconds.", None)
+    accuracy_floor: float | None = option("Required accuracy on new recordings.", None, min=0, max=1)
+    latency_budget: float | None = option("Maximum time from features to decision, in seconds.", None, min=0)
 
 
 @request
