@@ -71,12 +71,12 @@ def _single(plan: Schedule) -> Iterator[Span]:
                 yield Span(CHAIN, name, before, slot + timing.row + row)
                 yield Span(further, name, before, slot + timing.row + row)
     for issue in plan.elements:
-        op, slot = issue.op, plan.slots_before + issue.cycle
-        yield Span(ELEMENTS, op.name, False, slot)
-        if issue.term == len(op.terms) - 1 and op.activated:
-            yield Span(TABLE, op.name, False, slot + timing.element_to_table)
-        if issue.term == len(op.terms) - 1 and op.state:
-            yield Span(STATE, op.name, False, slot + timing.element_to_state - 1)
+        work, slot = issue.op, plan.slots_before + issue.cycle
+        yield Span(ELEMENTS, work.name, False, slot)
+        if issue.term == len(work.terms) - 1 and work.activated:
+            yield Span(TABLE, work.name, False, slot + timing.element_to_table)
+        if issue.term == len(work.terms) - 1 and work.state:
+            yield Span(STATE, work.name, False, slot + timing.element_to_state - 1)
 
 
 def _gate(block: RowBlock) -> str:
