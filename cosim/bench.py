@@ -22,7 +22,7 @@ CYCLE_NS = 10
 STAGES = "sum fault feature state map logit step decision".split()
 KINDS = [*STAGES, *"frame waited sent scan lost unstable unknown stuck".split()]
 """Kinds of events, as cosim/wrapper.sv numbers them."""
-EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
+EVENT = np.dtype({"names": ["word", "cycle", "kind"], "formats": ["<i4", "<i8", "u1"], "offsets": [0, 4, 11]})
 SLICE = 16  # events in one word of wrapper.events
 WAVES_AFTER = 500  # cycles kept behind a mismatch
 PROBED = 2  # frames after which an open touch is looked for again
@@ -71,11 +71,9 @@ class EventReader:
             words = (part.value for part in self._slices[: -(-count // SLICE)])
             data = b"".join(word.to_bytes(byteorder="little") for word in words)
             rows = np.frombuffer(data, EVENT)[:count]
-            kinds = rows["stamp"] >> np.uint64(56)
-            cycles = (rows["stamp"] & np.uint64((1 << 56) - 1)).astype(np.int64)
-            for kind in sorted(set(kinds.tolist())):
-                of = kinds == kind
-                self.take[KINDS[kind]](Values(rows["word"][of].astype(np.int32), cycles[of]))
+            for kind in sorted({*rows["kind"].tolist()}):
+                of = rows[rows["kind"] == kind]
+                self.take[KINDS[kind]](Values(of["word"], of["cycle"] & (1 << 56) - 1))
 
 
 class HostBus:
@@ -182,13 +180,6 @@ class FrameSource:
     def _dues(self, first: int, count: int) -> np.ndarray:
         return np.ceil(self._due + (first + np.arange(count)) * self.period) * (self.period > 0)
 
-    async def through(self) -> None:
-        """All frames that were sent are taken."""
-        await FallingEdge(self._dut.clk)
-        if not self._dut.through.value:
-            await RisingEdge(self._dut.through)
-            await FallingEdge(self._dut.clk)
-
     def _has_waited(self, values: Values) -> None:
         self.overruns += int((values.codes < 0).sum())  # the top bit: it was a frame's first number
         self.waited += int((values.codes & 0x7FFFFFFF).sum())
@@ -213,7 +204,7 @@ class Bench:
         design = Path(self.settings["design"])
         self.config = AcceleratorConfig.load(design / "config.json")
         self.map, self.boot = loading(design)
-        with np.load("vectors.npz") as archive:
+        with np.load(self.settings["vectors"]) as archive:
             expected = dict(archive)
         self.recordings = [Recording(expected, position) for position in self.settings["positions"]]
         self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])
@@ -223,7 +214,11 @@ class Bench:
         )
         self.scoreboard = Scoreboard(self.config, probes=self.settings["probes"])
         self.jitter = 0.0
-        self.result: dict[str, Any] = {"probe": None, "mismatch": None, "registers": dict.fromkeys(REGISTERS)}
+        self.result: dict[str, Any] = {
+            "probe": False,
+            "mismatch": None,
+            "registers": dict.fromkeys(REGISTERS),
+        }
 
     async def start(self) -> None:
         """Reset, the monitors, register ID, the model."""
@@ -255,7 +250,7 @@ class Bench:
         self.scoreboard.begin(recording)
         await self.bus.command("ARM")
         self.scoreboard.armed = dut.cycle.value.to_unsigned()
-        await self.settle()
+        await self.until(dut.idle)
         if "waves_from" in settings:
             cocotb.start_soon(self._dump(settings["waves_from"]))
         dut.measured.value = 1
@@ -264,16 +259,16 @@ class Bench:
         frames = recording[settings["frames"]]
         while settings["probe"] and not self.result["probe"] and len(frames):
             await source.send(frames[:PROBED])
-            await self.settle()
-            self.result["probe"] = await self.refused_write()
+            await self.until(dut.idle)
+            await self.write_weights()
             frames = frames[PROBED:]
         await source.send(frames)
-        await self._within(2 * settings["block"] * source.period, source.through())
+        await self.until(dut.through, 2 * settings["block"] * source.period)
         timed = seed is None and not settings["probe"] and settings["frames"] == "samples"
         if timed and (late := source.untimely()):
             self._differs("input", "the frame was not offered when it was due", frame=late)
         await self.bus.command("FINISH")
-        await self.settle()
+        await self.until(dut.idle)
         dut.measured.value = 0
         if source.scans:
             self.jitter = max(self.jitter, source.jitter())
@@ -283,33 +278,33 @@ class Bench:
         self.result["registers"] = status
         self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.taken)
 
-    async def refused_write(self) -> dict[str, int] | None:
-        """A weight write, if a touch is open: FAULTS before, after, and once cleared."""
-        if not await self.bus.read("STATUS") & self.map["bits"]["STATUS"]["TOUCH"]:
-            return None
-        found = {"before": await self.bus.read("FAULTS")}
+    async def write_weights(self) -> None:
+        """If a touch is open, weights are written; the chain must refuse that and tell of it."""
+        bits = self.map["bits"]
+        if not await self.bus.read("STATUS") & bits["STATUS"]["TOUCH"]:
+            return
         await self.bus.write("MEMORY_SELECT", 0)
         for _ in range(4):
             await self.bus.write("MEMORY_DATA", 0x5A5A)
-        await self.settle()
-        found["after"] = await self.bus.read("FAULTS")
+        await self.until(self.dut.idle)
+        if not await self.bus.read("FAULTS") & bits["FAULTS"]["WRITE_REFUSED"]:
+            self._differs("status", "no WRITE_REFUSED in FAULTS after a weight write in a touch")
         await self.bus.command("CLEAR_FAULTS")
-        await self.settle()
-        return found | {"cleared": await self.bus.read("FAULTS")}
+        await self.until(self.dut.idle)
+        self.result["probe"] = True
 
-    async def settle(self) -> None:
-        """The device is idle."""
+    async def until(self, signal: Any, cycles: float = 0) -> None:
+        """``idle`` or ``through`` (all frames that were sent are taken) is high; at most so many cycles longer than
+        `patience`."""
         await FallingEdge(self.dut.clk)
-        if not self.dut.idle.value:
-            await self._within(0, RisingEdge(self.dut.idle))
-            await FallingEdge(self.dut.clk)
-
-    async def _within(self, cycles: float, awaited: Any) -> None:
+        if signal.value:
+            return
+        limit = round(cycles) + self.settings["patience"]
         try:
-            limit = round(cycles) + self.settings["patience"]
-            await with_timeout(awaited, limit * CYCLE_NS, "ns")
+            await with_timeout(RisingEdge(signal), limit * CYCLE_NS, "ns")
         except SimTimeoutError:
             self._differs("input", "it stays busy for the watchdog's time", STILL)
+        await FallingEdge(self.dut.clk)
 
     async def _follow(self, monitor: StageMonitor) -> None:
         async for codes, cycles in monitor:

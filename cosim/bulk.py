@@ -38,7 +38,7 @@ def play(run: "Run", positions: Sequence[int], *, seed: int = 1, threads: int = 
     registers, boot = loading(Path(settings["design"]))
     boot.append((registers["registers"]["MEASURE"], registers["measures"]["STEP"]))
     verilog = "".join(path.read_text() for path in hardware.sources)
-    design = Design(verilog, run.builds, "co-simulation", quick=hardware.level == "netlist")
+    design = Design(verilog, run.builds, quick=hardware.level == "netlist")
 
     def played(place: int) -> tuple[Accelerator, int, dict[str, int]]:
         """The device, the cycle of ARM, and the registers at the end, empty if it stands still."""
@@ -76,6 +76,6 @@ def play(run: "Run", positions: Sequence[int], *, seed: int = 1, threads: int = 
         mismatch = vars(found)
     finally:
         pool.shutdown(cancel_futures=True)
-    said = {"probe": None, "mismatch": mismatch, "wall_s": time.monotonic() - begun}
+    said = {"probe": False, "mismatch": mismatch, "wall_s": time.monotonic() - begun}
     said["registers"] = {name: status.get(name) for name in REGISTERS}
     return said | counts | scoreboard.result(longest)

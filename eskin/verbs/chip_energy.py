@@ -155,7 +155,7 @@ def measured(
     chosen = _resting(with_touches(model, recordings, 1)[1], config.windows.hop)
     trace, cost = run(model, chosen), costs(nets, voltage, wire)
     text, kinds = counting(nets, cost)
-    device = Device(Design(text, BUILDS, "a chip's energy", quick=True), config.sensor.sample_bits)
+    device = Device(Design(text, BUILDS, quick=True), config.sensor.sample_bits)
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
     device.settle()
     device.forget()  # what a chain not yet reset may have offered

@@ -56,7 +56,7 @@ def test_a_netlist_counts_what_its_changes_cost(tmp_path):
     assert own > 0 and cost.joule[X] == pytest.approx(own + (2e-15 + pin) * 2**2 / 2)
     assert cost.joule[GCLK] == pytest.approx(2 * (own + (4e-15 + 2 * pin + 0.01e-12) * 2**2 / 2))
     text, kinds = chip_energy.counting(nets, cost)
-    device, rng = Device(Design(text, chip_energy.BUILDS, "a test")), random.Random(4)
+    device, rng = Device(Design(text, chip_energy.BUILDS)), random.Random(4)
 
     def counted() -> np.ndarray:
         return np.array([device.get(f"count__{place}") for place in range(len(kinds))]) * chip_energy.ZEPTO

@@ -199,7 +199,7 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
 
 def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypatch):
     def differs(bench, case, *where, **options):
-        return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1, "probe": None}
+        return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1}
 
     monkeypatch.setattr(stability_job, "play_case", differs)
     result = job(tmp_path, names=["state bits", "frames lost"], cosim=True)
