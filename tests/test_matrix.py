@@ -186,7 +186,11 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
     (("quantise --readout",), ("image",), "--readout: models for images have none"),
-    (("quantise --quantisation-aware",), ("image",), "--quantisation-aware: is for networks that read recordings"),
+    (
+        ("quantise --quantisation-aware",),
+        ("image",),
+        "--quantisation-aware: is for networks that read recordings",
+    ),
     (
         ("enrol", "enrol --teach", "energy", "asic", "stability", "import", "watch"),
         ("image",),

@@ -8,14 +8,7 @@ from pathlib import Path
 
 from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, Record, read_arrays
 from eskin.golden.core.groups import GROUP_OF, Formats
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    constants_shape,
-    load_config,
-    load_training,
-    network_shapes,
-)
+from eskin.golden.model import FloatModel, constants_shape, load_config, load_training, network_shapes
 from eskin.golden.model.model import INTEGER_FILE, TRAINING_FILE
 
 CHOSEN = (
