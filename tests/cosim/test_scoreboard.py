@@ -189,6 +189,7 @@ def test_cycles_are_extremes_over_all_recordings(expected, said):
         scoreboard.end(said[recording.number, "end"], taken)
     assert scoreboard.counts == {"steps": 3, "decisions": 7}
     cycles = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": 10}
+    cycles["step_ideal"] = CONFIG.step_ideal
     assert scoreboard.result(20)["cycles"] == cycles
 
 
