@@ -15,22 +15,15 @@ import numpy as np
 from cocotb.queue import Queue
 from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 
-from eskin.cosim.scoreboard import (
-    REGISTERS,
-    Mismatch,
-    Recording,
-    Scoreboard,
-    flat_stages,
-    loading,
-    recordings_of,
-)
+from eskin.cosim.scoreboard import REGISTERS, Mismatch, Recording, Scoreboard, flat_stages, loading
 from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core.converters import code_bits
 
 CYCLE_NS = 10
 STAGES = "sum fault feature state map logit step decision".split()
 KINDS = [*STAGES, *"frame waited sent scan lost unstable unknown stuck".split()]
 """Kinds of events, as cosim/wrapper.sv numbers them."""
-EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
+EVENT = np.dtype({"names": ["word", "cycle", "kind"], "formats": ["<i4", "<i8", "u1"], "offsets": [0, 4, 11]})
 SLICE = 16  # events in one word of wrapper.events
 WAVES_AFTER = 500  # cycles kept behind a mismatch
 PROBED = 2  # frames after which an open touch is looked for again
@@ -79,11 +72,9 @@ class EventReader:
             words = (part.value for part in self._slices[: -(-count // SLICE)])
             data = b"".join(word.to_bytes(byteorder="little") for word in words)
             rows = np.frombuffer(data, EVENT)[:count]
-            kinds = rows["stamp"] >> np.uint64(56)
-            cycles = (rows["stamp"] & np.uint64((1 << 56) - 1)).astype(np.int64)
-            for kind in sorted(set(kinds.tolist())):
-                of = kinds == kind
-                self.take[KINDS[kind]](Values(rows["word"][of].astype(np.int32), cycles[of]))
+            for kind in sorted({*rows["kind"].tolist()}):
+                of = rows[rows["kind"] == kind]
+                self.take[KINDS[kind]](Values(of["word"], of["cycle"] & (1 << 56) - 1))
 
 
 class HostBus:
@@ -94,32 +85,30 @@ class HostBus:
     registers: name -> address. commands: those of register CONTROL, name -> bit.
     """
 
-    def __init__(self, dut, registers: Mapping[str, int], commands: Mapping[str, int]) -> None:
+    def __init__(self, dut, registers: Mapping[Any, int], commands: Mapping[str, int]) -> None:
         self._dut, self._registers, self._commands = dut, registers, commands
 
     async def write(self, register: str | int, word: int) -> None:
         """A 16-bit word to a register, by its name or its address."""
-        dut = self._dut
-        dut.bus__addr.value = self._registers[register] if isinstance(register, str) else register
-        dut.bus__w_data.value = word
-        dut.bus__w_stb.value = 1
-        await FallingEdge(dut.clk)
-        dut.bus__w_stb.value = 0
+        self._dut.bus__w_data.value = word
+        await self._access(register, self._dut.bus__w_stb)
 
     async def read(self, register: str, offset: int = 0) -> int:
         """A register, or the one ``offset`` behind it; fails on an X bit."""
-        dut = self._dut
-        dut.bus__addr.value = self._registers[register] + offset
-        dut.bus__r_stb.value = 1
-        await FallingEdge(dut.clk)
-        dut.bus__r_stb.value = 0
-        value = dut.bus__r_data.value
+        await self._access(register, self._dut.bus__r_stb, offset)
+        value = self._dut.bus__r_data.value
         assert value.is_resolvable, f"register {register} reads {value}"
         return value.to_unsigned()
 
     async def command(self, *names: str) -> None:
         """``ARM``, ``FINISH``, ``CLEAR_FAULTS``."""
         await self.write("CONTROL", sum(self._commands[name] for name in names))
+
+    async def _access(self, register: Any, strobe: Any, offset: int = 0) -> None:
+        self._dut.bus__addr.value = self._registers.get(register, register) + offset
+        strobe.value = 1
+        await FallingEdge(self._dut.clk)
+        strobe.value = 0
 
 
 class FrameSource:
@@ -134,20 +123,20 @@ class FrameSource:
 
     Attributes
     ----------
-    frames: sent so far. overruns: of these, those that were due before the hardware was ready. waited: cycles in which
+    frames: sent so far. overruns: of these, those with a ``period`` that were due before the hardware was ready. waited: cycles in which
     a number was offered and not taken. longest: cycles of a frame, from its first number's offer on. offered,
     taken: cycles of the first and the last number of each frame of the recording; scans: in which those of a converter
-    began.
+    began. jitter: largest distance of one from the declared rate, cycles.
     """
 
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
-        self._free = Event()
+        self._free, self.jitter = Event(), 0.0
         self.frames = self.overruns = self.waited = self.longest = self._sent = 0
         self.offered, self.taken, self.scans = list[int](), list[int](), list[int]()
         events.take |= {"sent": lambda _: self._free.set(), "waited": self._has_waited}
         events.take |= dict.fromkeys(("frame", "lost"), self._was_taken)
-        events.take["scan"] = lambda values: self.scans.extend(values.cycles.tolist())
+        events.take["scan"] = self._has_scanned
 
     def begin(self, stalls: np.random.Generator | None = None) -> None:
         """A recording begins: its first frame is due now. ``stalls`` draws gaps between numbers, and cycles in which no
@@ -182,24 +171,20 @@ class FrameSource:
         right = np.maximum(self._dues(1, len(self.taken) - 1), self.taken[:-1]) + 1
         return int(np.append(np.flatnonzero(self.offered[1:] != right) + 2, 0)[0])
 
-    def jitter(self) -> float:
-        """Largest distance of a scan's begin from the declared rate, cycles."""
-        late = np.array(self.scans) - self.scans[0] - np.arange(len(self.scans)) * self.period
-        return round(float(np.abs(late).max()), 3)
-
     def _dues(self, first: int, count: int) -> np.ndarray:
         return np.ceil(self._due + (first + np.arange(count)) * self.period) * (self.period > 0)
 
-    async def through(self) -> None:
-        """All frames that were sent are taken."""
-        await FallingEdge(self._dut.clk)
-        if not self._dut.through.value:
-            await RisingEdge(self._dut.through)
-            await FallingEdge(self._dut.clk)
-
     def _has_waited(self, values: Values) -> None:
-        self.overruns += int((values.codes < 0).sum())  # the top bit: it was a frame's first number
+        self.overruns += bool(self.period) * int(
+            (values.codes < 0).sum()
+        )  # the top bit: it was a frame's first number
         self.waited += int((values.codes & 0x7FFFFFFF).sum())
+
+    def _has_scanned(self, values: Values) -> None:
+        for cycle in values.cycles.tolist():
+            self.scans.append(cycle)
+            due = self.scans[0] + (len(self.scans) - 1) * self.period
+            self.jitter = max(self.jitter, abs(cycle - due))
 
     def _was_taken(self, values: Values) -> None:
         self.offered += (values.cycles - values.codes + 1).tolist()
@@ -221,17 +206,16 @@ class Bench:
         design = Path(self.settings["design"])
         self.config = AcceleratorConfig.load(design / "config.json")
         self.map, self.boot = loading(design)
-        with np.load("vectors.npz") as archive:
-            everything = recordings_of(dict(archive))
-        self.recordings = [everything[position] for position in self.settings["positions"]]
+        with np.load(self.settings["vectors"]) as archive:
+            expected = dict(archive)
+        self.recordings = [Recording(expected, position) for position in self.settings["positions"]]
         self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])
         self.events = EventReader(dut)
         self.source = FrameSource(
             dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
         )
-        self.scoreboard = Scoreboard(self.config, self.recordings[0].arrays, probes=self.settings["probes"])
-        self.jitter = 0.0
-        self.result: dict[str, Any] = {"probe": None, "mismatch": None, "registers": dict.fromkeys(REGISTERS)}
+        self.scoreboard = Scoreboard(self.config, probes=self.settings["probes"])
+        self.result: dict[str, Any] = {"probe": False}
 
     async def start(self) -> None:
         """Reset, the monitors, register ID, the model."""
@@ -255,7 +239,6 @@ class Bench:
         )
         for address, word in self.boot:
             await self.bus.write(address, word)
-        await self.bus.write("MEASURE", self.map["measures"]["STEP"])
 
     async def play_recording(self, recording: Recording) -> None:
         """ARM, all frames, FINISH, and the registers at the end."""
@@ -263,7 +246,7 @@ class Bench:
         self.scoreboard.begin(recording)
         await self.bus.command("ARM")
         self.scoreboard.armed = dut.cycle.value.to_unsigned()
-        await self.settle()
+        await self.until(dut.idle)
         if "waves_from" in settings:
             cocotb.start_soon(self._dump(settings["waves_from"]))
         dut.measured.value = 1
@@ -272,52 +255,49 @@ class Bench:
         frames = recording[settings["frames"]]
         while settings["probe"] and not self.result["probe"] and len(frames):
             await source.send(frames[:PROBED])
-            await self.settle()
-            self.result["probe"] = await self.refused_write()
+            await self.until(dut.idle)
+            await self.write_weights()
             frames = frames[PROBED:]
         await source.send(frames)
-        await self._within(2 * settings["block"] * source.period, source.through())
+        await self.until(dut.through, 2 * settings["block"] * source.period)
         timed = seed is None and not settings["probe"] and settings["frames"] == "samples"
         if timed and (late := source.untimely()):
             self._differs("input", "the frame was not offered when it was due", frame=late)
         await self.bus.command("FINISH")
-        await self.settle()
+        await self.until(dut.idle)
         dut.measured.value = 0
-        if source.scans:
-            self.jitter = max(self.jitter, source.jitter())
         words = range(-(-self.config.sensor.taxels // 16) if self.config.faults.fault_frames else 0)
         status = {name: await self.bus.read(name) for name in REGISTERS}
         flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
-        self.result["registers"] = status
         self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.taken)
 
-    async def refused_write(self) -> dict[str, int] | None:
-        """A weight write, if a touch is open: FAULTS before, after, and once cleared."""
-        if not await self.bus.read("STATUS") & self.map["bits"]["STATUS"]["TOUCH"]:
-            return None
-        found = {"before": await self.bus.read("FAULTS")}
+    async def write_weights(self) -> None:
+        """If a touch is open, weights are written; the chain must refuse that and tell of it."""
+        bits = self.map["bits"]
+        if not await self.bus.read("STATUS") & bits["STATUS"]["TOUCH"]:
+            return
         await self.bus.write("MEMORY_SELECT", 0)
         for _ in range(4):
             await self.bus.write("MEMORY_DATA", 0x5A5A)
-        await self.settle()
-        found["after"] = await self.bus.read("FAULTS")
+        await self.until(self.dut.idle)
+        if not await self.bus.read("FAULTS") & bits["FAULTS"]["WRITE_REFUSED"]:
+            self._differs("status", "no WRITE_REFUSED in FAULTS after a weight write in a touch")
         await self.bus.command("CLEAR_FAULTS")
-        await self.settle()
-        return found | {"cleared": await self.bus.read("FAULTS")}
+        await self.until(self.dut.idle)
+        self.result["probe"] = True
 
-    async def settle(self) -> None:
-        """The device is idle."""
+    async def until(self, signal: Any, cycles: float = 0) -> None:
+        """``idle`` or ``through`` (all frames that were sent are taken) is high; at most so many cycles longer than
+        `patience`."""
         await FallingEdge(self.dut.clk)
-        if not self.dut.idle.value:
-            await self._within(0, RisingEdge(self.dut.idle))
-            await FallingEdge(self.dut.clk)
-
-    async def _within(self, cycles: float, awaited: Any) -> None:
+        if signal.value:
+            return
+        limit = round(cycles) + self.settings["patience"]
         try:
-            limit = round(cycles) + self.settings["patience"]
-            await with_timeout(awaited, limit * CYCLE_NS, "ns")
+            await with_timeout(RisingEdge(signal), limit * CYCLE_NS, "ns")
         except SimTimeoutError:
             self._differs("input", "it stays busy for the watchdog's time", STILL)
+        await FallingEdge(self.dut.clk)
 
     async def _follow(self, monitor: StageMonitor) -> None:
         async for codes, cycles in monitor:
@@ -330,18 +310,18 @@ class Bench:
         """The result. After a mismatch the waveform continues for a short time."""
         if error is not None and not isinstance(error, Mismatch):
             return  # no answer: the log says why
-        if error is not None:
-            self.result["mismatch"] = vars(error)
-            if "waves_from" in self.settings:
-                await Timer(WAVES_AFTER * CYCLE_NS, "ns")
-                self.dut.dump.value = 0
-                await FallingEdge(self.dut.clk)
+        if error is not None and "waves_from" in self.settings:
+            await Timer(WAVES_AFTER * CYCLE_NS, "ns")
+            self.dut.dump.value = 0
+            await FallingEdge(self.dut.clk)
         dut, source = self.dut, self.source
         self.result |= {"frames": source.frames, "overruns": source.overruns, "input_stalls": source.waited}
         self.result["simulated_cycles"] = dut.cycle.value.to_unsigned()
         if self.settings["frames"] == "codes":
             found = {name: getattr(dut, name).value.to_unsigned() for name in ("faults", "violations")}
-            self.result["conversion"] = found | {"jitter_cycles": self.jitter}
+            found |= {"jitter_cycles": round(source.jitter, 3), "code_bits": code_bits(self.config)}
+            found["converter"] = self.config.interface.converter.name
+            self.result |= {"conversion": found, "overruns": found["faults"] >> 2 & 1}
         Path("result.json").write_text(json.dumps(self.result | self.scoreboard.result(source.longest)))
 
     async def _guarded(self, task: Coroutine[Any, Any, None]) -> None:
@@ -355,7 +335,7 @@ class Bench:
 
     def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1, frame: int = 0) -> None:
         frame = frame or len(self.source.taken) + 1
-        raise self.scoreboard.mismatch(stage, 0, place, 0, got, cycle, frame)
+        raise self.scoreboard.mismatch(stage, 0, 0, got, cycle, place, frame)
 
     def _unknown(self, values: Values) -> None:
         kind, cycle = int(values.codes[0]), int(values.cycles[0])

@@ -2,37 +2,41 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <map>
+#include <string>
 #include <vector>
 
 typedef int64_t i64;
 
-// A port that a device lacks has the number -1: it is driven in vain and says 0.
+// A port that a device lacks is driven in vain and says 0.
 
 #include "Vtop.h"
 #include "verilated.h"
 typedef uint64_t u64;
 struct Port {
-  const char* name;
   void* at;
-  int bytes;
+  size_t bytes;
 };
 struct Model {
   VerilatedContext context;
   Vtop top{&context, "TOP"};
-  std::vector<Port> ports{
+  std::map<std::string, Port> ports{
 #include "ports.h"
   };
   ~Model() { top.final(); }
-  void put(int port, u64 value) {
-    if (port >= 0) memcpy(ports[port].at, &value, ports[port].bytes);
+  const Port* port(const char* name) {
+    auto found = ports.find(name);
+    return found == ports.end() ? nullptr : &found->second;
   }
-  u64 get(int port) {
-    if (port < 0) return 0;
-    const Port& p = ports[port];
-    if (p.bytes == 1) return *(const uint8_t*)p.at;
-    if (p.bytes == 4) return *(const uint32_t*)p.at;
+  void put(const Port* p, u64 value) {
+    if (p) memcpy(p->at, &value, p->bytes);
+  }
+  u64 get(const Port* p) {
+    if (!p) return 0;
+    if (p->bytes == 1) return *(const uint8_t*)p->at;
+    if (p->bytes == 4) return *(const uint32_t*)p->at;
     u64 value = 0;
-    memcpy(&value, p.at, p.bytes);
+    memcpy(&value, p->at, p->bytes);
     return value;
   }
   void settle() {
@@ -58,22 +62,24 @@ struct State {  // as in device.py, as Seen is
   i64 watch;         // a register that is read in every cycle without another access, or -1
 };
 struct Stage {
-  int valid, value;
+  const Port *valid, *value;
 };
 struct Poke {
-  int port;
+  const Port* port;
   u64 value;
 };
 enum { ADDR, W_DATA, W_STB, R_STB, R_DATA, PAYLOAD, VALID, READY, O_VALID, BUSY, HANG, ROLES };
+const char* NAMES[] = {"bus__addr", "bus__w_data", "bus__w_stb", "bus__r_stb", "bus__r_data",
+    "i__payload", "i__valid", "i__ready", "o__valid", "busy", "hung"};
 
 struct Device {
   State s{};
   Model model;
-  int role[ROLES];
+  const Port* role[ROLES];
   std::vector<Stage> stages;
   std::vector<Poke> pokes;
   std::vector<Seen> events;
-  bool taken = false, decided = false, offers = false;
+  bool taken = false, decided = false;
 
   void put(int which, u64 value) { model.put(role[which], value); }
   u64 get(int which) { return model.get(role[which]); }
@@ -101,20 +107,19 @@ extern "C" {  // whole numbers are i64, as device.py gives and takes them
 Device* open_device(i64 seed) {
   Device* d = new Device{};
   d->model.context.randSeed(int(seed));
+  for (int k = 0; k < ROLES; k++) d->role[k] = d->model.port(NAMES[k]);
   return d;
-}
-i64 port_of(Device* d, const char* name) {
-  for (size_t k = 0; k < d->model.ports.size(); k++)
-    if (!strcmp(d->model.ports[k].name, name)) return k;
-  return -1;
 }
 void close_device(Device* d) { delete d; }
 State* state_of(Device* d) { return &d->s; }
-void put_port(Device* d, i64 port, u64 value) { d->model.put(port, value); }
-u64 get_port(Device* d, i64 port) { return d->model.get(port); }
-void set_role(Device* d, i64 which, i64 port) { d->role[which] = port; }
-void add_stage(Device* d, i64 valid, i64 value) { d->stages.push_back({int(valid), int(value)}); }
-void poke(Device* d, i64 port, u64 value) { d->pokes.push_back({int(port), value}); }
+void put_port(Device* d, const char* name, u64 value) { d->model.put(d->model.port(name), value); }
+u64 get_port(Device* d, const char* name) { return d->model.get(d->model.port(name)); }
+i64 add_stage(Device* d, const char* valid, const char* value) {  // whether there is one
+  Stage stage{d->model.port(valid), d->model.port(value)};
+  if (stage.valid) d->stages.push_back(stage);
+  return stage.valid != nullptr;
+}
+void poke(Device* d, const char* name, u64 value) { d->pokes.push_back({d->model.port(name), value}); }
 void forget(Device* d) { d->events.clear(); }
 void unpoke(Device* d) { d->pokes.clear(); }
 i64 event_count(Device* d) { return d->events.size(); }
@@ -184,17 +189,13 @@ i64 play_frames(Device* d, const int32_t* samples, i64 frames, i64 taxels, i64 b
   return !hangs;
 }
 
-// A serial line: `count` cycles of levels on rx, what tx says in each. With bit 1 of a level a decision is offered
-// until it is taken.
-void play_line(Device* d, i64 rx, i64 tx, i64 valid, i64 ready, const uint8_t* driven, i64 count, uint8_t* said) {
+// A serial line: `count` cycles of levels on rx, what tx says in each.
+void play_line(Device* d, const uint8_t* driven, i64 count, uint8_t* said) {
+  const Port *rx = d->model.port("rx"), *tx = d->model.port("tx");
   for (i64 k = 0; k < count; k++) {
-    d->offers |= driven[k] & 2;
-    d->model.put(rx, driven[k] & 1);
-    d->model.put(valid, d->offers);
-    for (const Poke& poke : d->pokes) d->model.put(poke.port, d->s.cycle == d->s.poke_at ? poke.value : 0);
+    d->model.put(rx, driven[k]);
     d->model.settle();
     said[k] = d->model.get(tx);
-    d->offers = d->offers && !d->model.get(ready);
     d->model.edge();
     d->s.cycle++;
   }

@@ -1,31 +1,27 @@
 """A device in this process: bus accesses, frames, waiting, a record of every stage. The cycles themselves run
 in C++.
 
-`eskin.cosim.live` and `eskin.cosim.bulk` play scenarios into it.
+`eskin.cosim.bulk` plays recordings into it, `eskin.live.sources` single frames.
 """
 
 import ctypes
-import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eskin.cosim.latency import standstill_cycles
 from eskin.cosim.runner import build_library
-from eskin.golden.core import SimulationError
+from eskin.cosim.scoreboard import flat_stages
+from eskin.golden.core import AcceleratorConfig, SimulationError
 
 KERNEL = Path(__file__).with_suffix(".cpp")
-ROLES = (
-    *(f"bus__{name}" for name in ("addr", "w_data", "w_stb", "r_stb", "r_data")),
-    *("i__payload", "i__valid", "i__ready", "o__valid", "busy", "hung"),
-)
-"""Ports that the C++ program knows, in its order; a design may lack some."""
 FOREVER = 1 << 62  # no cycle reaches it, and it fits the C program's int64
 STUCK = 100_000
 """Cycles after which a chain that is waited for has certainly failed."""
-QUIET = 4
-"""Cycles a bus command may need before busy shows it."""
+QUIET, SETTLE = 4, 6
+"""Cycles a bus command may need before busy shows it; those that `Accelerator` waits for one."""
 FRAME_END, HUNG = -1, -2
 """Events of `Device.seen` that are no stage's: a frame's last taxel is taken; the watchdog acts (``value``
 frames and ``also`` taxels taken)."""
@@ -44,9 +40,9 @@ class State(ctypes.Structure):
 def _passed(value: Any) -> Any:
     if isinstance(value, float):
         return ctypes.c_double(value)
-    if isinstance(value, np.ndarray):
-        value = value.ctypes.data
-    return value if isinstance(value, bytes) else ctypes.c_int64(value)
+    if isinstance(value, str):
+        return value.encode()
+    return ctypes.c_int64(value.ctypes.data if isinstance(value, np.ndarray) else value)
 
 
 class Design:
@@ -56,8 +52,6 @@ class Design:
     ----------
     verilog:
         Holds the module ``top``.
-    purpose:
-        What needs it, for the message about a missing tool.
     quick:
         Compile it quickly: a netlist.
 
@@ -67,10 +61,8 @@ class Design:
         A tool is missing; the build fails.
     """
 
-    def __init__(
-        self, verilog: str, builds: Path, purpose: str, top: str = "accelerator", quick: bool = False
-    ) -> None:
-        self._functions = ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds, purpose, quick)))
+    def __init__(self, verilog: str, builds: Path, *, top: str = "accelerator", quick: bool = False) -> None:
+        self._functions = ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds, quick)))
 
     def __getattr__(self, name: str) -> Any:
         """A function of the C++ program: its whole numbers have 64 bits, and an array goes in as its address."""
@@ -101,19 +93,12 @@ class Device:
         self, design: Design, sample_bits: int = 0, stages: Iterable[str] = (), seed: int = 1
     ) -> None:
         self._design, self._bits = design, sample_bits
-        # the cached function below holds the handle and not self, which would never be closed otherwise
-        handle = design.open_device(seed)
-        self._device: int | None = handle
-        self.port = functools.cache(lambda name: design.port_of(handle, name.encode()))
+        self._device: int | None = design.open_device(seed)
         self.state = State.from_address(self._call("state_of"))
         self.state.stop_at, self.state.watch, self.state.poke_at = FOREVER, -1, -1
-        for role, name in enumerate(ROLES):
-            self._call("set_role", role, self.port(name))
         pairs = {stage: (f"probe__{stage}__valid", f"probe__{stage}__value") for stage in stages}
         pairs["decision"] = "o__valid", "o__payload"
-        self.stages = tuple(stage for stage, (valid, _) in pairs.items() if self.port(valid) >= 0)
-        for stage in self.stages:
-            self._call("add_stage", *map(self.port, pairs[stage]))
+        self.stages = [stage for stage, pair in pairs.items() if self._call("add_stage", *pair)]
 
     def __del__(self) -> None:
         self.close()
@@ -131,11 +116,11 @@ class Device:
 
     def put(self, name: str, value: int) -> None:
         """Drive an input, where there is one."""
-        self._call("put_port", self.port(name), value)
+        self._call("put_port", name, value)
 
     def get(self, name: str) -> int:
         """Value of an output; 0 if there is none."""
-        return self._call("get_port", self.port(name))
+        return self._call("get_port", name)
 
     def cycle(self, count: int = 1) -> None:
         """So many clock cycles."""
@@ -188,21 +173,11 @@ class Device:
         if not self._call("play_frames", samples, *samples.shape, self._bits, float(period), limit):
             raise SimulationError("the simulated hardware hangs: it does not accept a beat")
 
-    def line(self, levels: np.ndarray) -> bytes:
-        """Levels of the sending serial line, a byte (0, 1) a cycle, while the receiving line has ``levels``.
-
-        Bit 1 of a level offers a decision from that cycle on until it is taken.
-        """
-        driven, sent = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
-        ports = map(self.port, ("rx", "tx", "decision__valid", "decision__ready"))
-        self._call("play_line", *ports, driven, len(driven), sent)
-        return sent.tobytes()
-
     def poke(self, cycle: int, **values: int) -> None:
         """Give inputs, by name, these values in one cycle and 0 in all others."""
         self._call("unpoke")
         for name, value in values.items():
-            self._call("poke", self.port(name), value)
+            self._call("poke", name, value)
         self.state.poke_at = cycle
 
     def seen(self) -> np.ndarray:
@@ -220,3 +195,67 @@ class Device:
     def forget(self) -> None:
         """Drop the events so far."""
         self._call("forget")
+
+
+class Accelerator(Device):
+    """A device behind its register map.
+
+    Parameters
+    ----------
+    registers:
+        Register map (eskin.rtl.fpga.generate.register_map).
+    boot:
+        (register, word) writes that load the model.
+    probes:
+        False: decisions alone are taken down.
+
+    Attributes
+    ----------
+    limit: cycles without progress after which it stands still.
+    """
+
+    def __init__(
+        self,
+        design: Design,
+        config: AcceleratorConfig,
+        registers: Mapping[str, Any],
+        boot: Iterable[Write],
+        *,
+        probes: bool = True,
+        seed: int = 1,
+    ) -> None:
+        stages = (*flat_stages(config), "step") if probes else ()
+        super().__init__(design, config.sensor.sample_bits, stages, seed)
+        self._addresses, self._commands = registers["registers"], registers["bits"]["CONTROL"]
+        self.limit = standstill_cycles(config)
+        self.reset(boot)
+
+    def command(self, *names: str) -> None:
+        """Commands of register CONTROL, until they are carried out.
+
+        Raises
+        ------
+        SimulationError
+            The device stands still.
+        """
+        self.write(self._addresses["CONTROL"], sum(self._commands[name] for name in names))
+        self.settle(self.limit, SETTLE)
+
+    def register(self, name: str, offset: int = 0) -> int:
+        """A register, or the one ``offset`` behind it."""
+        return self.read(self._addresses[name] + offset)
+
+    def brought(self, frames: np.ndarray | None = None) -> dict[str, list[int]]:
+        """Values of each stage since the last time, once ``frames`` are taken and the device is idle.
+
+        Raises
+        ------
+        SimulationError
+            The device stands still.
+        """
+        if frames is not None:
+            self.frames(frames, limit=self.limit)
+        self.settle(self.limit)
+        came = {stage: values.tolist() for stage, (values, _) in self.streams().items() if values.size}
+        self.forget()
+        return came

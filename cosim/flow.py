@@ -13,8 +13,8 @@ import numpy as np
 
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import Mismatch
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError, converters
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError
+from eskin.golden.core.converters import converter_plan
 
 SLOWEST_CYCLES_PER_S = {
     "rtl verilator": 50e3,
@@ -57,8 +57,31 @@ class Run:
         hardware: Hardware | None = None,
         builds: Path,
     ) -> "Run":
-        """Parameters and errors as for `cosim`."""
-        design = Path(design)
+        """A run of all recordings.
+
+        Parameters
+        ----------
+        design:
+            Folder written by eskin.rtl.fpga.generate.
+        vectors:
+            File written by eskin.golden.model.vectors.write_vectors.
+        simulator:
+            ``verilator`` or ``icarus``.
+        pace:
+            ``full``: a beat whenever ready. ``declared``: frames at the sensor's rate, at ``clock_hz``.
+        clock_hz:
+            Default: the configuration's.
+        hardware:
+            A netlist of the same design; default: the design's own Verilog.
+        builds:
+            Folder that keeps simulators.
+
+        Raises
+        ------
+        InputError
+            Bad options, a design and vectors that do not fit, a clock that cannot carry the frames.
+        """
+        design = Path(design).resolve()
         config = AcceleratorConfig.load(design / "config.json")
         with np.load(vectors) as archive:
             expected = dict(archive)
@@ -76,16 +99,19 @@ class Run:
                 f"give at least {taxels * rate:.0f} Hz"
             )
         converting = config.interface.converter.name != "none"
-        sources, options = converter_model(config) if converting else ((), ())
-        top = design / ("sensing.sv" if converting else "accelerator.sv")
-        hardware = hardware or Hardware((top, *sources), options)
-        frames, bits = ("codes", 32) if converting else ("samples", 16)
+        top, frames, bits = ("sensing.sv", "codes", 32) if converting else ("accelerator.sv", "samples", 16)
+        models, options = converter_model(config) if converting else ((), ())
         hop = 32 if config.is_image else config.windows.hop
+        beats = expected[frames].shape[1]
+        hardware = hardware or Hardware((design / top, *models), options)
         settings = {
-            "design": str(design.resolve()),
+            "design": str(design),
+            "vectors": str(Path(vectors).resolve()),
             "frames": frames,
-            "block": max(1, min(hop, BLOCK_BITS // (bits * expected[frames].shape[1]))),
+            "beats": beats,
+            "block": max(1, min(hop, BLOCK_BITS // (bits * beats))),
             "bits": bits,
+            "pace": pace,
             "period": clock_hz / rate if pace == "declared" else 0.0,
             "patience": latency.standstill_cycles(config),
             "probes": hardware.probes,
@@ -94,12 +120,6 @@ class Run:
             "positions": [*range(len(expected["numbers"]))],
         }
         return cls(config, expected, hardware, simulator, Path(builds), clock_hz, settings)
-
-    @property
-    def plays_here(self) -> bool:
-        """Devices in this process can play it (`eskin.cosim.bulk`)."""
-        ours = self.hardware.target in (None, "asic") and self.settings["frames"] == "samples"
-        return ours and self.simulator == "verilator"
 
     def play(
         self,
@@ -111,18 +131,16 @@ class Run:
     ) -> Record:
         """Answers of the cocotb tests of module ``bench`` with these settings beside the run's own."""
         config, hardware, settings = self.config, self.hardware, {**self.settings, **settings}
-        parameters = {"FRAMES": settings["block"], "PATIENCE": settings["patience"], "BITS": settings["bits"]}
-        parameters |= {"BEATS": self.expected[settings["frames"]].shape[1]}
-        parameters |= {"SAMPLE_BITS": config.sensor.sample_bits}
+        parameters = {"SAMPLE_BITS": config.sensor.sample_bits, "FRAMES": settings["block"]}
+        parameters |= {name.upper(): settings[name] for name in ("beats", "bits", "patience")}
         built = runner.build(
             self.simulator, hardware.sources, parameters, self.builds, options=hardware.options, waves=waves
         )
         work.mkdir(parents=True, exist_ok=True)
         (work / "bench.json").write_text(json.dumps(settings))
-        np.savez(work / "vectors.npz", allow_pickle=False, **self.expected)
         cycles = len(self.expected["samples"]) * (6 * config.sensor.taxels + settings["period"])
         cycles += len(self.expected["decision"]) * 3 * (config.step_ideal + 500) + 20000
-        slowest = SLOWEST_CYCLES_PER_S[f"{self.hardware.level} {self.simulator}"]
+        slowest = SLOWEST_CYCLES_PER_S[f"{hardware.level} {self.simulator}"]
         wall_s = runner.run(built, work, limit_s=120 + cycles / slowest, bench=bench)
         return json.loads((work / "result.json").read_text()) | {"wall_s": wall_s}
 
@@ -131,39 +149,23 @@ def cosim(
     design: Path,
     vectors: Path,
     *,
-    simulator: str = "verilator",
-    pace: str = "full",
-    clock_hz: float | None = None,
     stalls: bool = False,
     seed: int = 1,
     probe: bool = False,
-    hardware: Hardware | None = None,
     waves: bool = True,
     cocotb: Sequence[int] | None = None,
     threads: int | None = None,
     work: Path,
-    builds: Path,
+    **options: Any,
 ) -> Record:
     """Play ``vectors`` into ``design`` and compare every stage, up to the first value that differs.
 
     Parameters
     ----------
-    design:
-        Folder written by eskin.rtl.fpga.generate.
-    vectors:
-        File written by eskin.golden.model.vectors.write_vectors.
-    simulator:
-        ``verilator`` or ``icarus``.
-    pace:
-        ``full``: a beat whenever ready. ``declared``: frames at the sensor's rate, at ``clock_hz``.
-    clock_hz:
-        Default: the configuration's.
     stalls:
         Random gaps on both sides; ``seed`` makes them.
     probe:
-        Try a weight write during a touch; it must be refused and flagged, and the streams must not change.
-    hardware:
-        A netlist of the same design; default: the design's own Verilog.
+        Write weights during a touch; that must be refused and flagged, and the streams must not change.
     waves:
         On a mismatch, play its recording once more and keep waves.
     cocotb:
@@ -174,8 +176,8 @@ def cosim(
         Threads that play in bulk; default: one per core.
     work:
         Folder for settings, log, answer and waves; made when absent.
-    builds:
-        Folder that keeps simulators.
+    options:
+        As for `Run.of`: simulator, pace, clock_hz, hardware, builds.
 
     Returns
     -------
@@ -187,73 +189,44 @@ def cosim(
         simulated_cycles, wall_s, target (None at level rtl), stages (stage -> compared_values, mismatches), pace,
         stalls, seed, cycles_per_s, overruns, input_stalls, conversion (behind a converter: its name, code_bits,
         jitter_cycles, faults, the bits of ConverterFault, violations of its data sheet), registers
-        (read at the end), probe, mismatch_list (sentences), waves (path or None), passed
-        (bit-exact, no budget missed, probe refused).
+        (read at the end), probe (weights were written), mismatch_list (sentences), waves (path or None), passed
+        (bit-exact, no budget missed).
 
     Raises
     ------
     InputError
-        Bad options, a design and vectors that do not fit, a clock that cannot carry the frames.
+        As of `Run.of`; no touch for the probe.
     SimulationError
         The simulator fails or takes too long.
     """
-    run = Run.of(
-        design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
-    )
+    run, work = Run.of(design, vectors, **options), Path(work)
     probe = probe and run.config.hardware.loadable
     settings: Record = {"stalls": seed & 0x7FFFFFFF if stalls else None, "probe": probe}
-    played: Record = {"simulator": simulator, "level": run.hardware.level, "target": run.hardware.target}
-    played |= {"pace": pace, "stalls": stalls, "seed": seed}
-    everything = {*range(len(run.expected["numbers"]))}
-    here = cocotb is not None and run.plays_here and not (stalls or probe)
+    everything = {*run.settings["positions"]}
+    here = cocotb is not None and run.simulator == "verilator" and run.hardware.target in (None, "asic")
+    here = here and not (stalls or probe or "codes" in run.settings["frames"])
     shown = everything & {*(cocotb or ())} if here else everything
+    given: Record = {"golden": "torch", "simulator": run.simulator, "level": run.hardware.level}
+    given |= {"target": run.hardware.target, "pace": run.settings["pace"], "clock_hz": run.clock_hz}
+    given |= {"lanes": run.config.hardware.lanes, "stalls": stalls, "seed": seed, "waves": None}
+    given |= {"cocotb_recordings": 0, "bulk_recordings": 0}
     results = []
-    for positions, way in ((sorted(shown), "cocotb"), (sorted(everything - shown), "bulk")):
+    for way, positions in (("cocotb", sorted(shown)), ("bulk", sorted(everything - shown))):
         if not positions:
             continue
         settings["positions"] = positions
         if way == "bulk":
             said = bulk.play(run, positions, seed=seed, threads=threads or os.cpu_count() or 1)
         else:
-            said = run.play(Path(work), settings)
-        results.append(_result(run, said, played | {f"{way}_recordings": len(positions)}))
-        if said["mismatch"] and waves:
-            results[-1]["waves"] = str(_keep_waves(run, said["mismatch"], settings, Path(work)))
-        if probe and said["probe"] is None and not said["mismatch"]:
+            said = run.play(work, settings)
+        if probe and not (said["probe"] or said["mismatch"]):
             raise InputError(
                 "the weight write during a touch needs one that stays open; take other recordings"
             )
+        if waves and said["mismatch"]:
+            said["waves"] = _keep_waves(run, said["mismatch"], settings, work)
+        results.append({**given, **said, f"{way}_recordings": len(positions)})
     return joined(run.config, results)
-
-
-def _result(run: Run, said: Mapping[str, Any], played: Record) -> Record:
-    """The result of recordings that were played in one way, as `cosim` describes it, for `joined`.
-
-    Parameters
-    ----------
-    said:
-        What the bench says (`eskin.cosim.bench.Bench`).
-    played:
-        simulator, level, target, pace, stalls, seed, and how many recordings: into the result as they are.
-    """
-    config = run.config
-    mismatch = Mismatch(**said["mismatch"]) if said["mismatch"] else None
-    result = {name: value for name, value in said.items() if name != "mismatch"}
-    result |= {"cocotb_recordings": 0, "bulk_recordings": 0, "golden": "torch", "waves": None, **played}
-    result |= {"mismatch_list": [str(mismatch)] if mismatch else [], "gave_up": None}
-    result |= {"lanes": config.hardware.lanes, "clock_hz": run.clock_hz}
-    result["cycles"]["step_ideal"] = config.step_ideal
-    if mismatch:
-        stage = result["stages"].setdefault(mismatch.stage, {"compared_values": 0})
-        stage["mismatches"] = 1
-        if mismatch.stage == "input":
-            result["gave_up"] = {"recording": mismatch.recording, "frame": mismatch.frame}
-    if played["pace"] != "declared":
-        result["overruns"] = 0
-    if met := result.get("conversion"):
-        met |= {"converter": config.interface.converter.name, "code_bits": converters.code_bits(config)}
-        result["overruns"] = met["faults"] >> 2 & 1
-    return result
 
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
@@ -261,7 +234,7 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
     chip that has no model of its own."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter.name
     models = (folder / f"{model}.sv" for model in (name, "spi"))
-    values = converters.converter_plan(config).parameters(config)
+    values = converter_plan(config).parameters(config)
     values |= {"CYCLE_PS": round(1e12 / config.hardware.clock_hz)}
     given = ",".join(f".{field}({value})" for field, value in values.items())
     wired = [f"-D{field}={values.get(field, 1)}" for field in ("LINES", "SELECTS")]
@@ -275,7 +248,7 @@ JOINED: dict[str, Callable[[Any, Any], Any]] = dict.fromkeys(
     operator.add,
 )
 JOINED |= dict.fromkeys("frame_max step_max decision_latency_max LONGEST jitter_cycles".split(), max)
-JOINED |= dict.fromkeys(("FAULTS", "faults"), operator.or_) | {"step_min": min}
+JOINED |= dict.fromkeys(("FAULTS", "faults"), operator.or_) | {"step_min": min, "bit_exact": operator.and_}
 JOINED |= dict.fromkeys(("STATUS", "TOUCHES"), lambda first, second: second)
 """Functions that join two parts' values, by their name in a result; of others the first part's is taken."""
 
@@ -298,7 +271,7 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> R
     for name in ("compared_values", "mismatches"):
         result[name] = sum(stage[name] for stage in result["stages"].values())
     result["budgets"] = latency.budgets(config, result)
-    wall_s, refused = result["wall_s"], result.get("probe")
+    wall_s = result["wall_s"]
     result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
     # an expectation without a touch of a whole window never compared the network
@@ -309,7 +282,6 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> R
         and all(row["met"] or row["reference"] for row in result["budgets"])
         and not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
         and result.get("without_probes", {}).get("bit_exact", True)
-        and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
     )
     return result
 
@@ -338,7 +310,7 @@ def lowest_clock(
     config = AcceleratorConfig.load(Path(design) / "config.json")
     guess = dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal)
     clock = latency.needed_clock(config, cycles or guess) * (1 if cycles else 2)
-    lowest: Record | None = None
+    lowest, slow = None, 0.0  # the result at the lowest that will do, the highest that is too slow
     for attempt in range(rounds):
         folder = Path(work) / f"clock{attempt}"
         result = cosim(design, vectors, pace="declared", clock_hz=clock, work=folder, **options)
@@ -346,10 +318,10 @@ def lowest_clock(
         if not result["bit_exact"]:
             return result
         if result["passed"]:
-            lowest, lower = result, needed < clock
+            lowest = result
         else:
-            lower, needed = lowest is None, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
-        if lowest and not lower:
+            slow, needed = clock, max(needed, clock + 1e3 * round(clock / 5e4 + 1))
+        if lowest and not slow < needed < lowest["clock_hz"]:
             return lowest
         clock = needed
     if lowest:
@@ -359,11 +331,11 @@ def lowest_clock(
     )
 
 
-def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> Path:
+def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> str:
     """Play the recording of the mismatch alone, with waves around it; returns the folder."""
     position = run.expected["numbers"].tolist().index(mismatch["recording"])
     folder = work / f"waves_recording{mismatch['recording']}"
     since = mismatch["since_arm"] if mismatch["cycle"] >= 0 else 0
     settings = settings | {"positions": [position], "waves_from": max(0, since - WAVES_BEFORE)}
     run.play(folder, settings, waves=True)
-    return folder
+    return str(folder)

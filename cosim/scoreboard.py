@@ -2,15 +2,15 @@
 first that differs: a wrong one, one too many, one that is missing, one with an unknown bit."""
 
 import json
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays, Pool, Record
+from eskin.golden.core import AcceleratorConfig, Arrays, Record
 
 FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
 """Stages with one number a beat, and what a step's numbers count."""
@@ -46,16 +46,19 @@ def flat_stages(config: AcceleratorConfig) -> dict[str, str]:
 
 def unpack_decision(config: AcceleratorConfig, payload: int) -> dict[str, int]:
     """The fields of a decision's 32 bits, the margin in logit LSBs or in votes."""
-    places = WIDE_DECISION_FIELDS if config.wide_decisions else DECISION_FIELDS
-    fields = {name: payload >> low & (1 << width) - 1 for name, (low, width) in places.items()}
+    fields = {name: payload >> low & (1 << width) - 1 for name, (low, width) in _places(config).items()}
     return fields | {"margin": fields["margin"] * _margin_unit(config, fields["is_global"])}
 
 
-def offered_row(config: AcceleratorConfig, row: Sequence[int]) -> list[int]:
-    """An expected decision as the payload holds it: with more than 32 classes its margin in whole units."""
-    values = dict(zip(DECISION_FIELDS, row, strict=True))
-    values["margin"] -= values["margin"] % _margin_unit(config, values["is_global"])
-    return list(values.values())
+def pack_decision(config: AcceleratorConfig, row: Sequence[int]) -> int:
+    """The 32 bits of an expected decision."""
+    fields = dict(zip(DECISION_FIELDS, row, strict=True))
+    fields["margin"] //= _margin_unit(config, fields["is_global"])
+    return sum(fields[name] << low for name, (low, _) in _places(config).items())
+
+
+def _places(config: AcceleratorConfig) -> dict[str, tuple[int, int]]:
+    return WIDE_DECISION_FIELDS if config.wide_decisions else DECISION_FIELDS
 
 
 def _margin_unit(config: AcceleratorConfig, is_global: int) -> int:
@@ -113,14 +116,11 @@ class Recording:
 
 
 def loading(design: Path) -> tuple[Record, list[tuple[int, int]]]:
-    """Register map and the bus writes that load the model, of a generated folder."""
+    """Register map of a generated folder, and the bus writes that load the model and measure its steps."""
+    map_ = json.loads((design / "registers.json").read_text())
     words = (int(word, 16) for word in (design / "load.hex").read_text().split())
-    return json.loads((design / "registers.json").read_text()), [divmod(word, 1 << 16) for word in words]
-
-
-def recordings_of(expected: Arrays) -> list[Recording]:
-    """All of them, as played."""
-    return [Recording(expected, position) for position in range(len(expected["numbers"]))]
+    writes = [divmod(word, 1 << 16) for word in words]
+    return map_, [*writes, (map_["registers"]["MEASURE"], map_["measures"]["STEP"])]
 
 
 class Scoreboard:
@@ -128,35 +128,31 @@ class Scoreboard:
 
     Parameters
     ----------
-    expected:
-        Arrays of `eskin.golden.model.vectors.write_vectors`.
     probes:
         False: the hardware has none; decisions and registers alone are compared.
 
     Attributes
     ----------
     compared: values compared so far, by stage. counts: steps, decisions. took, late: cycles of each step, and from the
-    last taxel to each decision. armed: cycle of the recording's ARM.
+    last taxel to each decision. differing: the first difference, if one was found. armed: cycle of the recording's ARM.
     """
 
-    def __init__(self, config: AcceleratorConfig, expected: Arrays, *, probes: bool = True) -> None:
-        self._config, self._expected = config, expected
-        self._flat = flat_stages(config) if probes else {}
-        self._sizes = dict.fromkeys(("sum", "fault", "feature"), config.inputs) | {
-            "state": config.network.hidden,
-            "logit": config.classes,
-            "map": _kept_values(config) if config.is_image else 0,
-        }
+    def __init__(self, config: AcceleratorConfig, *, probes: bool = True) -> None:
+        self._config, self._flat = config, flat_stages(config) if probes else {}
         chain = [stage for stage in flat_stages(config) if stage != "fault" or config.faults.fault_frames]
         self.compared = Counter(dict.fromkeys([*chain, "decision", "status"], 0))
         self.counts = {"steps": 0, "decisions": 0}
-        self.took, self.late = list[int](), list[int]()
+        self.took, self.late, self.differing = list[int](), list[int](), list[Mismatch]()
+        self._registers: Mapping[str, int] = {}
         self._flagged = False  # a taxel was, in this recording or an earlier one
 
     def begin(self, recording: Recording, armed: int = 0) -> None:
         """Start ``recording``: later values belong to it. armed: cycle of its ARM."""
         self.recording, self.armed = recording, armed
-        self._seen = dict.fromkeys((*self._flat, "decision"), 0)
+        words = [pack_decision(self._config, row) for row in recording["decision"].tolist()]
+        self._wanted = {stage: recording[stage] for stage in self._flat}
+        self._wanted["decision"] = np.array(words, np.uint32)
+        self._seen = dict.fromkeys(self._wanted, 0)
         self._offered: list[int] = []
 
     def check(self, stage: str, values: np.ndarray, cycles: np.ndarray | None = None) -> None:
@@ -171,28 +167,22 @@ class Scoreboard:
             self.counts["steps"] += len(values)
             self.took += values.tolist()
             return
+        cycles = np.full(len(values), -1) if cycles is None else cycles
+        each = 1
         if stage == "decision":
-            self._offered += [] if cycles is None else cycles.tolist()
+            values, each = values.view(np.uint32), len(DECISION_FIELDS)
+            self._offered += cycles.tolist()
             if not self._flat:  # one local decision a step
                 self.counts["steps"] += int((values >> DECISION_FIELDS["is_global"][0] & 1 == 0).sum())
-            values = values.view(np.uint32)
         low = self._seen[stage]
-        self._seen[stage] = high = low + len(values)
-        wanted = self.recording[stage][low:high]
+        self._seen[stage] += len(values)
+        wanted = self._wanted[stage][low : low + len(values)]
         if wanted.size:
-            self.compared[stage] += wanted.size
-        if stage == "decision":
-            pairs = map(self._wrong_field, wanted.tolist(), values.tolist())
-            wrong = [(index, *found) for index, found in enumerate(pairs) if found][:1]
-        else:
-            differing = np.flatnonzero(values[: len(wanted)] != wanted)[:1]
-            wrong = [(k, self._place(stage, low + k), int(wanted[k]), int(values[k])) for k in differing]
-        for index, place, want, got in wrong:
-            raise self.mismatch(stage, low + index, place, want, got, -1 if cycles is None else cycles[index])
-        if len(wanted) < len(values):
-            index, got = len(wanted), int(values[len(wanted)])
-            cycle = -1 if cycles is None else cycles[index]
-            raise self.mismatch(stage, low + index, "one too many", None, got, cycle)
+            self.compared[stage] += each * wanted.size
+        index = next(iter(np.flatnonzero(values[: len(wanted)] != wanted).tolist()), len(wanted))
+        if index < len(values):
+            want = int(wanted[index]) if index < len(wanted) else None
+            raise self.mismatch(stage, low + index, want, int(values[index]), cycles[index])
 
     def end(self, status: Mapping[str, int], taken: Sequence[int] = ()) -> None:
         """The recording is over.
@@ -209,80 +199,91 @@ class Scoreboard:
         ------
         Mismatch
         """
-        for stage, seen in self._seen.items():
-            wanted = self.recording[stage]
-            if seen < len(wanted):
-                decides = stage == "decision"
-                place = "class" if decides else self._place(stage, seen)
-                value = int(wanted[seen][2] if decides else wanted[seen])
-                raise self.mismatch(stage, seen, f"{place}, the first that is missing", value, None)
-        touches = int(self._expected["touches"][self.recording.position])
-        faults = status["FAULTS"]
+        self._registers = status
+        for stage, wanted in self._wanted.items():
+            if (seen := self._seen[stage]) < len(wanted):
+                raise self.mismatch(stage, seen, int(wanted[seen]), None)
+        arrays, position, faults = self.recording.arrays, self.recording.position, status["FAULTS"]
+        touches = int(arrays["touches"][position])
         values = {
-            "NO_TOUCH of STATUS": (int(touches == 0), int(bool(status["STATUS"] & NO_TOUCH))),
+            "NO_TOUCH of STATUS": (NO_TOUCH * (touches == 0), status["STATUS"] & NO_TOUCH),
             "FAULTS that must not be": (0, faults & UNEXPECTED_FAULTS),
             "TOUCHES": (touches, status["TOUCHES"]),
         }
         if self._config.faults.fault_frames and "TAXEL_FAULTS" in status:
-            flags = np.flatnonzero(self._expected["flags"][self.recording.position]).tolist()
+            flags = np.flatnonzero(arrays["flags"][position]).tolist()
             values["TAXEL_FAULTS"] = (sum(1 << taxel for taxel in flags), status["TAXEL_FAULTS"])
+            bit = faults & TAXEL_FAULT
+            stays = bit * self._flagged  # until it is cleared
+            values["TAXEL of FAULTS"] = (TAXEL_FAULT if flags else stays, bit)
             self._flagged |= bool(flags)
-            bit = bool(faults & TAXEL_FAULT)  # sticky
-            values["TAXEL of FAULTS"] = (int(bool(flags) or (bit and self._flagged)), int(bit))
         self.compared["status"] += len(values)
         for index, (place, (want, got)) in enumerate(values.items()):
             if want != got:
-                raise self.mismatch("status", index, place, want, got)
+                raise self.mismatch("status", index, want, got, place=place)
         self.counts["decisions"] += self._seen["decision"]
         pairs = zip(self.recording["decision_frame"].tolist(), self._offered, strict=False)
         self.late += [cycle - taken[frame - 1] for frame, cycle in pairs if 0 < frame <= len(taken)]
 
     def result(self, frame_max: int) -> Record:
-        """steps, decisions, stages, cycles, as `eskin.cosim.flow.cosim` describes them."""
-        cycles: dict[str, int | None] = {"frame_max": frame_max}
-        for name, which, of in (
-            ("step_min", min, self.took),
-            ("step_max", max, self.took),
-            ("decision_latency_max", max, self.late),
-        ):
-            cycles[name] = which(of, default=None)
+        """steps, decisions, stages, cycles, registers, mismatch_list, gave_up, as `eskin.cosim.flow.cosim` describes
+        them; mismatch: the fields of `Mismatch`, or None."""
+        cycles = {
+            "step_ideal": self._config.step_ideal,
+            "frame_max": frame_max,
+            "step_min": min(self.took, default=None),
+            "step_max": max(self.took, default=None),
+            "decision_latency_max": max(self.late, default=None),
+        }
         stages = {name: {"compared_values": count, "mismatches": 0} for name, count in self.compared.items()}
-        return {**self.counts, "stages": stages, "cycles": cycles}
+        result: Record = {
+            **self.counts,
+            "stages": stages,
+            "cycles": cycles,
+            "mismatch": None,
+            "gave_up": None,
+        }
+        for found in self.differing:
+            stages.setdefault(found.stage, {"compared_values": 0})["mismatches"] = 1
+            result["mismatch"] = vars(found)
+            if found.stage == "input":
+                result["gave_up"] = {"recording": found.recording, "frame": found.frame}
+        result["registers"] = {name: self._registers.get(name) for name in REGISTERS}
+        return result | {"mismatch_list": [str(found) for found in self.differing]}
 
     def mismatch(
         self,
         stage: str,
         index: int,
-        place: str,
         want: int | None,
         got: int | str | None,
         cycle: int = -1,
+        place: str = "",
         frame: int = 0,
     ) -> Mismatch:
-        """One in the present recording; ``frame`` 0: that which brings the value."""
-        frames, local = self.recording["decision_frame"], self.recording["decision"][:, 0] == 0
-        frames = frames if stage == "decision" else np.repeat(frames[local], self._sizes.get(stage, 0))
-        frame, cycle = frame or (int(frames[index]) if index < len(frames) else 0), int(cycle)
-        where = self.recording.number, stage, int(index), place, frame
-        return Mismatch(*where, want, got, cycle, cycle - self.armed)
+        """One in the present recording, by default at the place of that value of a stage. A decision's are those of its
+        first field that differs."""
+        if want is None:
+            place = "one too many"
+        elif not place:
+            frame, place, want, got = self._told(stage, index, want, got)
+        where = self.recording.number, stage, index, place, int(frame)
+        self.differing = [Mismatch(*where, want, got, int(cycle), int(cycle) - self.armed)]
+        return self.differing[0]
 
-    def _wrong_field(self, row: list[int], payload: int) -> tuple[str, int, int] | None:
-        of = "the global decision" if row[0] else f"step {row[1]}"
-        fields = unpack_decision(self._config, payload)
-        pairs = zip(fields.items(), offered_row(self._config, row), strict=True)
-        return next(((f"{name} of {of}", want, got) for (name, got), want in pairs if want != got), None)
-
-    def _place(self, stage: str, index: int) -> str:
-        ordinal, element = divmod(int(index), self._sizes[stage])
-        rows = self.recording["decision"]
-        steps = rows[rows[:, 0] == 0, 1]
-        if ordinal >= len(steps):
-            return "after the last step"
+    def _told(self, stage: str, index: int, want: int, got: Any) -> tuple[int, str, int, Any]:
+        """Frame and place of a value that differs or is missing, and the two."""
+        rows, frames = self.recording["decision"], self.recording["decision_frame"]
+        missing = ", the first that is missing" if got is None else ""
+        if stage == "decision":
+            aim = unpack_decision(self._config, want)
+            fields: Record = {"class": None} if missing else unpack_decision(self._config, got)
+            name = next(name for name, value in fields.items() if value != aim[name])
+            of = "the global decision" if aim["is_global"] else f"step {aim['step']}"
+            return frames[index], f"{name} of {of}{missing}", aim[name], fields[name]
+        local = rows[:, 0] == 0
+        steps = rows[local, 1]
+        ordinal, element = divmod(index, len(self._wanted[stage]) // len(steps))
         touch = np.count_nonzero(steps[: ordinal + 1] == 0) - 1  # every touch begins with its step 0
-        return f"touch {touch}, step {steps[ordinal]}, {self._flat[stage]} {element}"
-
-
-def _kept_values(config: AcceleratorConfig) -> int:
-    """Values of all maps of an image: of a convolution with a pool behind it only the pool's."""
-    following = zip(config.stages, config.stages[1:], strict=False)
-    return sum(math.prod(stage.result) for stage, behind in following if not isinstance(behind.layer, Pool))
+        place = f"touch {touch}, step {steps[ordinal]}, {self._flat[stage]} {element}{missing}"
+        return frames[local][ordinal], place, want, got

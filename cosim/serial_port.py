@@ -1,6 +1,7 @@
 """A serial port of this computer as a transport of cosim/link.py."""
 
 import os
+import select
 import termios
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import serial
 from eskin.cosim.link import LinkError
 from eskin.golden.core import InputError
 
-WRITE_TIMEOUT_S = 10.0
+WRITE_TIMEOUT_S, READ_BYTES = 10.0, 1 << 12
 GONE = "the port went away while it was in use: look at cable and board, then start again"
 
 
@@ -54,16 +55,15 @@ class SerialPort:
             raise LinkError(
                 f"the port took no bytes for {WRITE_TIMEOUT_S:.0f} s: look at the board"
             ) from None
-        except (OSError, termios.error):
+        except OSError:
             raise LinkError(GONE) from None
 
     def read(self, timeout_s: float) -> bytes:
         """Received bytes; waits for the first byte, at most ``timeout_s``. LinkError if the port is gone."""
         try:
-            self._port.timeout = timeout_s
-            first = self._port.read(1)
-            return first + self._port.read(self._port.in_waiting) if first else b""
-        except (OSError, termios.error):
+            select.select([self._port], [], [], timeout_s)
+            return self._port.read(READ_BYTES)
+        except OSError:
             raise LinkError(GONE) from None
 
     def close(self) -> None:

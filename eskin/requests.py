@@ -300,9 +300,6 @@ class QuantiseRequest(GroupOptions):
     taught: int | None = option(
         "Prototypes: slots per class for taught touches. Default: 3.", None, min=0, max=16
     )
-    unknown: float | None = option(
-        "Prototypes: share of known touches that may be flagged unsure.", None, min=0.0, max=0.5
-    )
     spare_classes: int | None = option(
         "Prototypes: number of last classes without recordings, to be taught later.", None, min=0, max=30
     )
@@ -327,7 +324,7 @@ class QuantiseRequest(GroupOptions):
     @property
     def readout_options(self) -> Record:
         """The user's options about prototypes."""
-        names = ("groups", "prototypes", "taught", "unknown", "spare_classes")
+        names = ("groups", "prototypes", "taught", "spare_classes")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
@@ -365,9 +362,8 @@ class ExportRequest(ModelOptions):
 @request
 class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
     out: Path = option("Folder of sweep.json, sweep.csv and the chart.", Path("build/sweep"))
-    grid: str = option("default (84 points), or JSON: {field: [values]}.", "default")
-    accuracy_floor: float | None = option("Required accuracy on new recordings, 0 to 1.", None)
-    latency_budget: float | None = option("Maximum time from features to decision, in seconds.", None)
+    accuracy_floor: float | None = option("Required accuracy on new recordings.", None, min=0, max=1)
+    latency_budget: float | None = option("Maximum time from features to decision, in seconds.", None, min=0)
 
 
 @request

@@ -1,8 +1,6 @@
 """``make docs``: what the site has beyond the pages in docs/. mkdocs calls the functions named ``on_...``.
 
-They add the order of the pages, the tables of fields in place of their markers, and an API page
-for each folder of code. A page in docs/ that `ORDER` does not name comes last; a name without a page is
-skipped.
+They add the tables of fields in place of their markers, and an API page for each folder of code.
 """
 
 import ast
@@ -21,34 +19,11 @@ from eskin.rtl.program import register_files
 
 ROOT = Path(__file__).resolve().parents[1]
 CODE = ("golden", "rtl", "cosim", "eskin", "scripts")
-ORDER = {
-    "": "index",
-    "Start": "quick_start",
-    "Your data": "recordings images configuration",
-    "The result": "report live_view",
-    "Into hardware": "boards interface system other_tools python asic",
-    "Teach it": "enrolment",
-    "Judge it": "results energy robustness verification long_jobs figures",
-    "How it works": "specification area glossary",
-    "Change it": "where changing",
-}
-"""Sections of the navigation and their pages, in the order in which a newcomer reads them."""
 KINDS = {"integer": "whole number", "number": "number", "string": "text", "boolean": "`true`, `false`"}
 LIMITS = {"minimum": "at least", "exclusiveMinimum": "above"}
 
 
-# ------------------------------------------------------------------ pages
-def pages() -> dict[str, list[Path]]:
-    """The pages in docs/ by section, in the order of the site; those that `ORDER` does not name, under
-    More."""
-    rest = {path.stem: path for path in sorted((ROOT / "docs").glob("*.md"))}
-    sections = {
-        section: [rest.pop(name) for name in names.split() if name in rest]
-        for section, names in ORDER.items()
-    }
-    return sections | {"More": [*rest.values()]}
-
-
+# ------------------------------------------------------------------ modules
 def installed(path: Path) -> Path:
     """A file's place below the folder of packages, as it is imported."""
     place = path.relative_to(ROOT)
@@ -94,7 +69,6 @@ def fields_table(group: str) -> str:
     return "\n".join([re.sub(rf"(?<![`\w])({names})(?![`\w])", r"`\1`", text), "", *head, *rows])
 
 
-# ------------------------------------------------------------------ modules
 def docstring_of(path: Path) -> str:
     """A module's docstring; the file is not imported."""
     return ast.get_docstring(ast.parse(path.read_text())) or ""
@@ -148,19 +122,12 @@ def on_startup(**_: Any) -> None:
     folder only when the configuration is read, so the copy is made before that."""
     roof = ROOT / "build" / "docs_source"
     shutil.rmtree(roof, ignore_errors=True)
-    for path in (path for folder in CODE for path in (ROOT / folder).rglob("*.py")):
-        copy = roof / installed(path)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, copy)
+    for folder in ("eskin", "scripts"):
+        shutil.copytree(ROOT / folder, roof / folder)
 
 
 def on_config(config: Any) -> Any:
-    """The navigation."""
-    config.nav = [
-        {section: [path.name for path in paths]} if section else paths[0].name
-        for section, paths in pages().items()
-        if paths
-    ]
+    """The API pages in the navigation."""
     config.nav.append({"API": [f"api/{name}.md" for name in packages()]})
     return config
 

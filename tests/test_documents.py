@@ -26,7 +26,8 @@ from scripts import docs_site
 from tests.support.table import each_row
 
 ROOT = docs_site.ROOT
-PAGES = [ROOT / "README.md", *(path for paths in docs_site.pages().values() for path in paths)]
+NAVIGATION = re.findall(r"\w+\.md", (ROOT / "mkdocs.yml").read_text())
+PAGES = [ROOT / "README.md", *(ROOT / "docs" / name for name in NAVIGATION)]
 
 
 @dataclass(frozen=True)
@@ -228,8 +229,7 @@ def test_tests_and_proofs_mirror_the_folders():
 
 # ------------------------------------------------------------------ the site
 def test_every_page_is_in_the_navigation_once():
-    listed = [path for paths in docs_site.pages().values() for path in paths]
-    assert sorted(listed) == sorted((ROOT / "docs").glob("*.md"))
+    assert sorted(PAGES[1:]) == sorted((ROOT / "docs").glob("*.md"))
 
 
 @pytest.mark.slow

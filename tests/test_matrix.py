@@ -32,6 +32,7 @@ from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
+from eskin.study import sweep
 from eskin.training import recipe
 from eskin.verbs import baselines_job, energy_job, sweep_job
 from tests.support.link_device import Device, golden_decisions
@@ -129,7 +130,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
         ("chosen-kinds", "image"),
     ),
-    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --out {out}", ("linear",)),
+    "sweep": ("sweep --data {data} {sweep} --group person --out {out}", ("linear",)),
     "baselines": ("baselines --data {data} --group person --out {out}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
@@ -185,6 +186,11 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
     (("quantise --readout",), ("image",), "--readout: models for images have none"),
+    (
+        ("quantise --quantisation-aware",),
+        ("image",),
+        "--quantisation-aware: is for networks that read recordings",
+    ),
     (
         ("enrol", "enrol --teach", "energy", "asic", "stability", "import", "watch"),
         ("image",),
@@ -389,12 +395,6 @@ class Case:
     def sweep(self) -> str:
         return "" if self.kind == "image" else f"--config {self.config()}"
 
-    def grid(self) -> Path:
-        self.out.joinpath("grid.json").write_text(
-            json.dumps({"layers": list(IMAGES.image.layers)} if self.kind == "image" else {"steps": [3]})
-        )
-        return self.out / "grid.json"
-
     def lanes(self) -> str:
         return "4" if self.kind == "image" else "1"
 
@@ -421,6 +421,8 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
     monkeypatch.chdir(shop)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # workers would begin by importing torch
+    for name, value in {"FOLDS": 2, "CELLS": [("gru", "before", 4)], "NETWORKS": ("tactnet-half",)}.items():
+        monkeypatch.setattr(sweep, name, value)
     monkeypatch.setattr(sweep_job, "FOLDS", 2)
     monkeypatch.setattr(baselines_job, "run", partial(baselines_job.run, folds=2, seeds=1))
     few = {

@@ -20,7 +20,7 @@ from eskin.verbs.milestones import shown
 
 OUTPUTS = ("out", "json")
 """Parameters that name what a verb writes; every other file or folder is read."""
-INPUT_WORDS = ("data", "config", "grid", "model", "test", "with_")
+INPUT_WORDS = ("data", "config", "model", "test", "with_")
 """Parameters that name a file or folder, or are a word."""
 REPLACING = ("build", "enrol", "export", "generate", "import_", "run", "train")
 """Verbs whose --out is a folder that they replace as a whole."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.cosim.link import Link, LinkError
-from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS, offered_row, unpack_decision
+from eskin.cosim.scoreboard import UNEXPECTED_FAULTS, pack_decision, unpack_decision
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream
 from eskin.golden.model.position import Position, PositionStream
@@ -24,7 +24,7 @@ from eskin.golden.model.stream import Decision
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
-    from eskin.cosim.live import LiveSimulator
+    from eskin.cosim.device import Accelerator
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
 """Stages of the simulated hardware with a number for each input, unit or class."""
@@ -128,40 +128,40 @@ class SimulationSource(ModelSource):
 
     kind = "simulation"
 
-    def __init__(self, model: IntegerModel, simulator: LiveSimulator) -> None:
+    def __init__(self, model: IntegerModel, device: Accelerator) -> None:
         super().__init__(model)
-        self._simulator = simulator
-        self.cycles_max = 0
+        self._device = device
 
     def arm(self) -> list[Event]:
-        self._simulator.arm()
+        self._device.command("ARM", "EVERY", "CLEAR_FAULTS")
+        self._device.brought()
         return super().arm()
 
     def take(self, samples: np.ndarray) -> list[Event]:
         first, scanned = self.stream.frame + 1, self.scanned(samples)
         decisions = self.stream.push(samples)
-        brought = self._simulator.take(samples)
-        self.cycles_max = max([self.cycles_max, *(frame.cycles for frame in brought)])
+        brought = [self._device.brought(frame[None]) for frame in samples]
         by_frame: dict[int, list[Decision]] = {}
         for decision in decisions:
             by_frame.setdefault(decision.frame, []).append(decision)
         compared: list[Event] = []
         for frame, came in enumerate(brought, first):
-            compared += self._compare(by_frame.get(frame, []), came.stages, f"frame {frame}")
+            compared += self._compare(by_frame.get(frame, []), came, f"frame {frame}")
         return [*self.events(decisions), *self.where(scanned), *compared]
 
     def finish(self) -> list[Event]:
         decisions = self.stream.finish()
-        compared = self._compare(decisions, self._simulator.finish().stages, "the recording's end")
-        registers = map(self._simulator.read, ("TOUCHES", "FAULTS"))
+        self._device.command("FINISH")
+        compared = self._compare(decisions, self._device.brought(), "the recording's end")
+        registers = map(self._device.register, ("TOUCHES", "FAULTS"))
         return [*self.events(decisions), *compared, *self._registers("register", *registers)]
 
     def close(self) -> None:
-        self._simulator.close()
+        self._device.close()
 
     def _compare(self, decisions: Sequence[Decision], came: dict[str, list[int]], where: str) -> list[Event]:
         """One frame's values, decision by decision; what is left over is a difference too."""
-        queues = {stage: deque(values) for stage, values in came.items() if stage != "step_cycles"}
+        queues = {stage: deque(values) for stage, values in came.items() if stage != "step"}
         compared: list[Event] = []
         for decision in decisions:
             stages = {
@@ -195,7 +195,7 @@ def _hardware(
 ) -> Hardware:
     """Beside the other stages the decision: class and margin first, so that they can be shown; then step,
     is_global, partial, unsure."""
-    row = dict(zip(DECISION_FIELDS, offered_row(config, made.row()), strict=True))
+    row = unpack_decision(config, pack_decision(config, made.row()))
     values = unpack_decision(config, came.popleft()) if came else dict.fromkeys(SHOWN)
     wrong = tuple(place for place, name in enumerate(SHOWN) if values[name] != row[name])
     decision = Stage(tuple(values[name] for name in SHOWN), wrong)

@@ -80,14 +80,3 @@ def cost_axis(axes: Axes) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter(lambda cost, _: count(cost) if cost >= 10 else f"{cost:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def draw_events(axes, samples: np.ndarray, rate: float, first: int = 0) -> bool:
-    """Samples of two code levels as a raster, a dot for each frame at the rarer one; False, and nothing
-    drawn, of others. ``first``: number of the first frame."""
-    levels, counts = np.unique(samples, return_counts=True)
-    if len(levels) != 2:
-        return False
-    frames, taxels = np.nonzero(samples == levels[np.argmin(counts)])
-    axes.plot((frames + first) / rate, taxels, linestyle="", marker="|", markersize=3, color="black")
-    return True

@@ -14,22 +14,14 @@ from eskin.golden.core import NETWORKS, InputError, Record, replacing
 from eskin.golden.core.images import layer_stages, network
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
-from eskin.pages.charts import draw_events
 from eskin.training.derive import derive_config, find_onsets
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-HELD_SHARE = 0.05
-"""Share of a taxel's samples in stretches at an end of its range, while others move, from which it is called
-saturated."""
-HELD_S, HELD_FRAMES = 0.02, 4
-"""Seconds, and frames at least, that such a stretch lasts."""
-HELD_SPAN = 16
-"""Codes a taxel must span for that: a quiet sensor of few codes is at its extremes all the time."""
-MANY_TAXELS = 24
-"""From this number of taxels on, a picture shows a heat map over taxels and time instead of a line per
-taxel."""
+HELD_SHARE, HELD_SPAN = 0.05, 16
+"""Share of a taxel's samples at an end of its range from which it is called saturated, and the codes that it must
+span: a quiet sensor of few codes is at its ends all the time."""
 LISTED = 10
 """Highest number of recordings that are listed."""
 CLASSES_SHOWN = 32
@@ -137,37 +129,13 @@ def _of_recordings(recordings: Recordings) -> Record:
 
 
 def held_shares(recordings: Recordings) -> np.ndarray:
-    """(taxels) share of each taxel's samples that lie in stretches at its own smallest or largest code,
-    HELD_S long at least, in which half of the other taxels move more than they do on the median. That is what
-    an amplifier or converter at its end looks like; a taxel that rests at its lowest code (its median) until
-    it is touched does not count."""
+    """(taxels) share of each taxel's samples at its smallest or largest code, which is what an amplifier or
+    converter at its end looks like; an end at which a taxel rests (its median) does not count."""
     samples = recordings.samples
-    low, high = samples.min(axis=0), samples.max(axis=0)
-    frames = max(HELD_FRAMES, round(HELD_S * recordings.sample_rate_hz))
-    rests = np.median(samples, axis=0) == low
-    held = np.zeros(samples.shape[1], dtype=np.int64)
-    steps = [np.abs(np.diff(recordings.recording(index), axis=0)) for index in range(len(recordings))]
-    usual = np.median(np.concatenate(steps), axis=0) if any(map(len, steps)) else np.zeros(samples.shape[1])
-    for index in range(len(recordings)):
-        part = recordings.recording(index)
-        for end in (low, high):
-            for taxel in np.flatnonzero((part == end).any(axis=0) & (high > low) & ~(rests & (end == low))):
-                at_end = np.concatenate([[False], part[:, taxel] == end[taxel], [False]])
-                starts, stops = np.flatnonzero(np.diff(at_end)).reshape(-1, 2).T
-                for start, stop in zip(starts, stops, strict=True):
-                    if stop - start >= frames and _others_move(
-                        steps[index][start : stop - 1], usual, high > low, int(taxel)
-                    ):
-                        held[taxel] += stop - start
-    return held / len(samples)
-
-
-def _others_move(steps: np.ndarray, usual: np.ndarray, alive: np.ndarray, taxel: int) -> bool:
-    """True if half of the other taxels that are ``alive`` change, and on average by more than usual, from
-    frame to frame."""
-    neighbours = (np.arange(len(usual)) != taxel) & alive
-    means = steps.mean(axis=0)[neighbours]
-    return bool(neighbours.any() and np.mean((means > 0) & (means >= usual[neighbours])) >= 0.5)
+    rest, shares = np.median(samples, axis=0), np.zeros(samples.shape[1])
+    for end in (samples.min(axis=0), samples.max(axis=0)):
+        shares += np.where(rest == end, 0.0, (samples == end).mean(axis=0))
+    return shares
 
 
 def _state(span: int, held: float) -> str:
@@ -209,9 +177,8 @@ def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
 
 
 def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path, count: int = 6) -> None:
-    """A PNG of ``count`` recordings, spread over the classes: every taxel from its level in the first frames,
-    as a line, or from MANY_TAXELS on as a heat map over taxels and time; the onset marked. Of images the mean
-    of each class, and one image.
+    """A PNG of ``count`` recordings, spread over the classes: a heat map of every taxel from its level in the first
+    frames, over time; the onset marked. Of images the mean of each class, and one image.
 
     Raises
     ------
@@ -255,35 +222,17 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
     from matplotlib.figure import Figure
 
     chosen = recordings.evenly(count)
-    unit, many = recordings.volt_per_code, recordings.taxels >= MANY_TAXELS
+    unit = recordings.volt_per_code
     from_rest = f"{recordings.unit or 'unit of the samples'} from rest" if unit else "codes from rest"
     figure = Figure(figsize=(11, 2.1 * len(chosen) + 0.8), layout="constrained")
-    for row, (axes, index) in enumerate(
-        zip(figure.subplots(len(chosen), 1, squeeze=False)[:, 0], chosen, strict=True)
-    ):
+    for axes, index in zip(figure.subplots(len(chosen), 1, squeeze=False)[:, 0], chosen, strict=True):
         samples = recordings.recording(index)
         level = np.median(samples[: max(1, min(64, len(samples) // 8))], axis=0)
-        time_s = np.arange(len(samples)) / recordings.sample_rate_hz
         values = (samples - level) * np.array(unit or 1)
-        events = draw_events(axes, samples, recordings.sample_rate_hz)
-        if events:
-            pass
-        elif many:
-            bound = float(np.quantile(np.abs(values), 0.999)) or 1.0
-            extent = (0, len(samples) / recordings.sample_rate_hz, recordings.taxels - 0.5, -0.5)
-            shown = _thinned(values, 1500).T
-            image = axes.imshow(
-                shown,
-                aspect="auto",
-                cmap="RdBu_r",
-                vmin=-bound,
-                vmax=bound,
-                extent=extent,
-                interpolation="nearest",
-            )
-            figure.colorbar(image, ax=axes, pad=0.01).set_label(from_rest, fontsize=8)
-        else:
-            axes.plot(time_s, values, linewidth=0.6)
+        bound = float(np.quantile(np.abs(values), 0.999)) or 1.0
+        extent = (0, len(samples) / recordings.sample_rate_hz, recordings.taxels - 0.5, -0.5)
+        image = axes.imshow(values.T, aspect="auto", cmap="RdBu_r", vmin=-bound, vmax=bound, extent=extent)
+        figure.colorbar(image, ax=axes, pad=0.01).set_label(from_rest, fontsize=8)
         title = f"recording {index}: {recordings.class_names[recordings.labels[index]]}"
         onset = onset_frames[index] if onset_frames is not None else None
         if onset is not None and onset > 0:
@@ -292,25 +241,11 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
         elif onset is not None:
             title += ", gate open at once" if onset == 0 else ", no onset found"
         axes.set_title(title, fontsize=9, loc="left", parse_math=False)
-        axes.set_ylabel("taxel" if many or events else from_rest, fontsize=8)
-        axes.margins(x=0)
-        if row == len(chosen) - 1:
-            axes.set_xlabel(
-                f"time (s); {'a row' if many or events else 'one line'} a taxel, {recordings.taxels} taxels"
-            )
+        axes.set_ylabel("taxel", fontsize=8)
+    axes.set_xlabel("time (s)")
     figure.suptitle(
         f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz",
         fontsize=10,
         parse_math=False,
     )
     return figure
-
-
-def _thinned(values: np.ndarray, most: int) -> np.ndarray:
-    """At most ``most`` frames, each the value furthest from 0 of those it stands for, so that a short event
-    stays visible."""
-    group = -(-len(values) // most)
-    whole = np.pad(values, ((0, -len(values) % group), (0, 0)), mode="edge").reshape(
-        -1, group, values.shape[1]
-    )
-    return np.take_along_axis(whole, np.abs(whole).argmax(axis=1)[:, None], axis=1)[:, 0]

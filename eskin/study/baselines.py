@@ -8,12 +8,11 @@ object with the attributes of `Method` (examples/thesis does).
 """
 
 import importlib
-import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -95,15 +94,13 @@ class Fitted:
     """A classifier and its cost.
 
     decide: rows of the scene -> their classes, (rows). parameters: numbers that it keeps. multiplies: of one
-    decision, from windows of the touch on; normalisation, exponentials and comparisons are not counted.
-    comparisons: of one decision, where trees decide. alone: decides one row with all that a decision takes,
-    where ``decide`` knows parts of it already.
+    decision, from windows of the touch on; normalisation, exponentials and comparisons are not counted. alone:
+    decides one row with all that a decision takes, where ``decide`` knows parts of it already.
     """
 
     decide: Callable[[np.ndarray], np.ndarray]
     parameters: int
     multiplies: int
-    comparisons: int = 0
     alone: Callable[[int], Any] | None = None
 
 
@@ -125,22 +122,19 @@ class Method(Protocol):
 
 
 # ---------------------------------------------------------------------- the methods
-def cost_of(model: Any, x: np.ndarray, classes: int) -> tuple[int, int, int]:
-    """Parameters, multiplies and comparisons of an estimator that was fitted to ``x``: of a logistic regression, a
-    support vector machine, k neighbours; of trees feature and threshold of every fork, shares of the classes of
-    every leaf, and forks on the way."""
+def cost_of(model: Any, x: np.ndarray, classes: int) -> tuple[int, int]:
+    """Parameters and multiplies of an estimator that was fitted to ``x``: of a logistic regression, a support vector
+    machine, k neighbours; of trees feature and threshold of every fork, shares of the classes of every leaf."""
     if hasattr(model, "coef_"):
-        return model.coef_.size + model.intercept_.size, model.coef_.size, 0
+        return model.coef_.size + model.intercept_.size, model.coef_.size
     if hasattr(model, "support_"):
         vectors, pairs = len(model.support_), classes * (classes - 1) // 2
-        return vectors * (x.shape[1] + classes - 1) + pairs, vectors * (x.shape[1] + classes), 0
+        return vectors * (x.shape[1] + classes - 1) + pairs, vectors * (x.shape[1] + classes)
     if not hasattr(model, "estimators_"):
-        return x.size + len(x), x.size, 0
-    trees = [estimator.tree_ for estimator in model.estimators_]
-    leaves = sum(int(tree.n_leaves) for tree in trees)
-    forks = sum(int(tree.node_count) for tree in trees) - leaves
-    compared = sum(float(tree.decision_path(x).sum()) / len(x) - 1 for tree in model.estimators_)
-    return 2 * forks + classes * leaves, 0, round(compared)
+        return x.size + len(x), x.size
+    leaves = sum(int(tree.get_n_leaves()) for tree in model.estimators_)
+    forks = sum(int(tree.tree_.node_count) for tree in model.estimators_) - leaves
+    return 2 * forks + classes * leaves, 0
 
 
 @dataclass(frozen=True)
@@ -251,42 +245,25 @@ METHODS: dict[str, Method] = {
 
 
 # ---------------------------------------------------------------------- judging
-@dataclass(frozen=True)
-class BaselineJob:
-    """One job: a method on a split."""
+def judge(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int]) -> Record:
+    """The row of baselines.json of a piece: a method, what is left out, seeds, number of folds.
 
-    method: Method
-    groups: tuple[str, ...]
-    seeds: tuple[int, ...]
-    folds: int
-
-
-Shared = tuple[Recordings, AcceleratorConfig]
-
-
-@lru_cache(maxsize=1)
-def _scene(shared: Shared) -> Scene:
-    return Scene.of(*shared)
-
-
-class Held(tuple):
-    """Recordings and configuration: one object in a worker, which finds the touches once."""
-
-    __hash__ = object.__hash__
-    __eq__ = object.__eq__
-
-
-def judge(shared: Shared, piece: BaselineJob) -> Record:
-    """Its ``runs``: {fold, seed, recordings, accuracy, parameters, multiplies, bytes, comparisons, train_s,
-    decision_us (each timed)}; ``refused`` in their place where the method cannot see these touches."""
-    scene, method, runs = _scene(shared), piece.method, []
-    labels = scene.recordings.labels
-    tests = split_folds(scene.recordings, piece.groups, piece.folds, None)
+    Returns
+    -------
+    method, label, split, groups, accuracy (mean over seeds of the share of all recordings), spread (standard
+    deviation over folds and seeds), standard_error (over recordings), seeds; parameters, multiplies, bytes and
+    train_s (means over folds and seeds); decision_us (median of all timed decisions); hardware. {refused: why} where
+    the method cannot see these touches.
+    """
+    method, groups, seeds, folds = piece
+    labels, runs, times = scene.recordings.labels, [], []
+    tests = split_folds(scene.recordings, groups, folds, None)
     parts = [scene.where[np.setdiff1d(np.arange(len(labels)), test)] for test in tests]
     parts = [part[part >= 0] for part in parts]
     if not all(map(len, parts)):
         return {"refused": "no touch was found in a training part; check the onset rule with 'eskin inspect'"}
-    for seed in piece.seeds[: 1 if method.one_seed else None]:
+    seeds = seeds[: 1 if method.one_seed else None]
+    for seed in seeds:
         with one_thread():
             begin = time.process_time()
             try:
@@ -294,24 +271,30 @@ def judge(shared: Shared, piece: BaselineJob) -> Record:
             except InputError as error:
                 return {"refused": str(error)}
             seconds = (time.process_time() - begin) / len(parts)
-            for fold, (test, model) in enumerate(zip(tests, models, strict=True)):
-                rows = scene.where[test]
-                right = model.decide(rows[rows >= 0]) == labels[test[rows >= 0]] if (rows >= 0).any() else []
-                runs.append(
-                    {
-                        "fold": fold,
-                        "seed": seed,
-                        "recordings": len(test),
-                        "accuracy": float(np.sum(right)) / len(test),
-                        "parameters": int(model.parameters),
-                        "multiplies": int(model.multiplies),
-                        "bytes": FLOAT_BYTES * int(model.parameters),
-                        "comparisons": model.comparisons,
-                        "train_s": seconds,
-                        "decision_us": timed(model, rows[rows >= 0]),
-                    }
-                )
-    return {"runs": runs}
+            for test, model in zip(tests, models, strict=True):
+                found = scene.where[test] >= 0
+                rows = scene.where[test][found]
+                right = model.decide(rows) == labels[test][found] if len(rows) else np.zeros(0)
+                runs.append((right.sum() / len(test), len(test), model.parameters, model.multiplies, seconds))
+                times += timed(model, rows)
+    shares, recordings, parameters, multiplies, train_s = np.array(runs).T
+    accuracy = float(np.average(shares, weights=recordings))
+    return {
+        "method": method.name,
+        "label": method.label,
+        "split": " and ".join(groups) or "recordings",
+        "groups": list(groups),
+        "accuracy": accuracy,
+        "spread": float(shares.std()),
+        "standard_error": math.sqrt(accuracy * (1 - accuracy) / len(labels)),
+        "seeds": len(seeds),
+        "parameters": round(parameters.mean()),
+        "multiplies": round(multiplies.mean()),
+        "bytes": FLOAT_BYTES * round(parameters.mean()),
+        "train_s": float(train_s.mean()),
+        "decision_us": float(np.median(times)) if times else None,
+        "hardware": method.hardware,
+    }
 
 
 def timed(model: Fitted, rows: np.ndarray) -> list[float]:
@@ -326,34 +309,3 @@ def timed(model: Fitted, rows: np.ndarray) -> list[float]:
         if sum(microseconds) > 1e6 * TIMED_S:
             break
     return microseconds
-
-
-def row_of(method: Method, groups: Sequence[str], runs: Sequence[Record]) -> Record:
-    """A row of baselines.json: method, label, split, groups, accuracy (mean over seeds of the share of all
-    recordings), spread (standard deviation over runs), best (run), standard_error (over recordings), runs,
-    seeds; parameters, multiplies, bytes, comparisons and train_s (means over runs); decision_us (median) and
-    decision_us_99 of all timed decisions; hardware."""
-    weights = [run["recordings"] for run in runs]
-    shares = np.array([run["accuracy"] for run in runs])
-    accuracy = float(np.average(shares, weights=weights))
-    seeds = len({run["seed"] for run in runs})
-    times = list(itertools.chain.from_iterable(run["decision_us"] for run in runs))
-    keys = ("fold", "seed", "recordings", "accuracy")
-    counts = ("parameters", "multiplies", "bytes", "comparisons")
-    return {
-        "method": method.name,
-        "label": method.label,
-        "split": " and ".join(groups) or "recordings",
-        "groups": list(groups),
-        "accuracy": accuracy,
-        "spread": float(shares.std()),
-        "best": float(shares.max()),
-        "standard_error": math.sqrt(accuracy * (1 - accuracy) * seeds / sum(weights)),
-        "runs": [{key: run[key] for key in keys} for run in runs],
-        "seeds": seeds,
-        **{key: round(float(np.mean([run[key] for run in runs]))) for key in counts},
-        "train_s": float(np.mean([run["train_s"] for run in runs])),
-        "decision_us": float(np.median(times)) if times else None,
-        "decision_us_99": float(np.quantile(times, 0.99)) if times else None,
-        "hardware": method.hardware,
-    }

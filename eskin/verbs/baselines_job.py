@@ -19,7 +19,7 @@ from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
 from eskin.requests import BaselinesRequest
-from eskin.study.baselines import METHODS, BaselineJob, Held, Method, judge, row_of
+from eskin.study.baselines import METHODS, Method, Scene, judge
 from eskin.training import LEARNING
 from eskin.training.splits import check_split, default_splits
 
@@ -46,7 +46,7 @@ def run(
 
     Returns
     -------
-    rows (`row_of`, best first within a split), left_out (method, split, reason), recordings, classes, config,
+    rows (`judge`, best first within a split), left_out (method, split, reason), recordings, classes, config,
     seeds, folds, data, wall_s.
 
     Raises
@@ -59,25 +59,20 @@ def run(
     splits = default_splits(recordings, config) if request.groups is None else [request.groups]
     for groups in splits:
         check_split(recordings, groups, folds)
-    each, content = tuple(range(seeds)), [recordings.content, CODE(), config.to_dict(), seeds, folds]
+    content = [recordings.content, CODE(), config.to_dict(), seeds, folds]
     pieces = {
-        content_key("baseline", *content, method.name, list(groups)): BaselineJob(
-            method, tuple(groups), each, folds
-        )
+        content_key("baseline", *content, method.name, list(groups)): (method, groups, range(seeds), folds)
         for method, groups in itertools.product(methods, splits)
     }
-    jobs = Jobs(dask=request.dask, progress=progress, version=CODE)
-    outcomes = jobs.results(
-        judge, pieces, Held((recordings, config)), keep=Memo(CACHE), what="methods judged"
-    )
-    rows, left_out = [], []
-    for key, piece in pieces.items():
-        name, outcome = piece.method.name, outcomes[key]
-        if "refused" in outcome:
-            split = " and ".join(piece.groups) or "recordings"
-            left_out.append({"method": name, "split": split, "reason": outcome["refused"]})
-        else:
-            rows.append(row_of(piece.method, piece.groups, outcome["runs"]))
+    jobs, scene = Jobs(dask=request.dask, progress=progress, version=CODE), Scene.of(recordings, config)
+    outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged")
+    judged = list(zip(pieces.values(), outcomes.values(), strict=True))
+    rows = [outcome for _, outcome in judged if "refused" not in outcome]
+    left_out = [
+        {"method": method.name, "split": " and ".join(groups) or "recordings", "reason": outcome["refused"]}
+        for (method, groups, *_), outcome in judged
+        if "refused" in outcome
+    ]
     if not rows:
         raise InputError(
             f"baselines: no method works on these recordings; the first one reports: {left_out[0]['reason']}"
@@ -90,7 +85,7 @@ def run(
         "recordings": len(recordings),
         "classes": len(recordings.class_names),
         "config": config.to_dict(),
-        "seeds": list(each),
+        "seeds": seeds,
         "folds": folds,
         "wall_s": time.perf_counter() - begin,
     }

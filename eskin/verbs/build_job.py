@@ -31,7 +31,7 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
 from eskin.memo import Memo, code_version
-from eskin.rtl.common.memory_style import lanes_in_large_memories, short_of_blocks
+from eskin.rtl.common import lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import FAMILIES, DoesNotFit, Implementation, NoRoute, place

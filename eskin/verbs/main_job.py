@@ -88,8 +88,8 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
     ----------
     run.json (also returned; ``passed``: every check held; ``warnings``: why the accuracy may not be what it
     seems), evaluate.json, cosim.json, cosim_declared.json, cosim_lowest.json (unless no clock was found),
-    model/, rtl/, trace.npz, report.html; waves_*/ after a mismatch. Of images no cosim_declared.json,
-    cosim_lowest.json and trace.npz; run.json has ``images`` and layer_cycles (number of a layer -> cycles,
+    model/, rtl/, report.html; waves_*/ after a mismatch. Of images no cosim_declared.json and
+    cosim_lowest.json; run.json has ``images`` and layer_cycles (number of a layer -> cycles,
     with those of the pool behind).
 
     Raises
@@ -263,9 +263,7 @@ class _Steps:
         result.mkdir()
         shutil.copytree(quantised / "model", result / "model")
         shutil.copytree(generated / "rtl", result / "rtl")
-        for file in (generated / "trace.npz", evaluated / "evaluate.json"):
-            if file.exists():
-                shutil.copy(file, result)
+        shutil.copy(evaluated / "evaluate.json", result)
         outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
         if not config.is_image:
             outcomes.setdefault("cosim_lowest", None)
@@ -383,18 +381,16 @@ class _Steps:
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
     def _generate(self, folder: Path, notify: Progress, model: IntegerModel) -> None:
-        """Verilog with a bench that plays the drawn recording, and that recording's stages for the
-        report; or the first image."""
+        """Verilog with a bench that plays one recording with a touch, or the first image."""
         if model.config.is_image:
             generate_design(model, folder / "rtl", recordings=self.recordings)
             return
-        number, recording, trace = self._drawn(model)
+        number, recording, trace = self._played(model)
         vectors = write_vectors(folder / "vectors.npz", trace, recording, [number])
         generate(model.config, model.arrays, folder / "rtl", vectors=vectors)
         vectors.unlink()
-        report.write_trace(folder / "trace.npz", trace, recording, 0, number)
 
-    def _drawn(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
+    def _played(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
         """The first recording, taken evenly over the classes, with a whole touch, else the first with a
         completed step."""
         ends_early = None

@@ -111,7 +111,7 @@ def play_all(
         got = link.play(recordings.recording(number), report)
         arrays = {"numbers": np.array([number]), "touches": np.array([touches])}
         arrays |= {"decision": rows, "decision_frame": frames, "decision_offsets": np.array([0, len(rows)])}
-        scoreboard = Scoreboard(config, arrays, probes=False)
+        scoreboard = Scoreboard(config, probes=False)
         scoreboard.begin(Recording(arrays, 0))
         try:
             scoreboard.check("decision", np.array(got.decisions, np.uint32))

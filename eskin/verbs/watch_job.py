@@ -51,13 +51,12 @@ def opened_source(
     source: ModelSource = ModelSource(model)
     if simulate:
         # needs the simulators' packages, which the others do without
-        from eskin.cosim.live import LiveSimulator
+        from eskin.cosim.device import Accelerator, Design
 
         config, arrays = model.config, model.arrays
-        design = export(config, arrays)
-        source = SimulationSource(
-            model, LiveSimulator(design, config, register_map(config), boot_writes(config, arrays), BUILDS)
-        )
+        design = Design(export(config, arrays), BUILDS)
+        boot = boot_writes(config, arrays)
+        source = SimulationSource(model, Accelerator(design, config, register_map(config), boot))
     try:
         yield source
     finally:

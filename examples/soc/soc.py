@@ -21,7 +21,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.one_port_memory import OnePortMemory
+from eskin.rtl.common import OnePortMemory
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
 from eskin.rtl.host.uart import UartTransmitter, uart_divisor
 from eskin.rtl.program.flash_image import design_number

@@ -59,17 +59,10 @@ def insert(module: Record, cells: Mapping[str, Cell], most: int = RECEIVERS_MAX)
                 for bits, place in ends[low : low + size]:
                     bits[place] = following
                 connections = {out: [following]} if constant else {enters: [net], leaves: [following]}
-                cell: Record = {
-                    "hide_name": 1,
-                    "type": module["cells"][driver]["type"] if constant else chosen.name,
-                    "parameters": {},
-                    "attributes": {},
-                    "port_directions": {pin: "input" if pin == enters else "output" for pin in connections},
-                    "connections": connections,
-                }
-                module["cells"][f"buffer_{following}"] = cell
+                kind = module["cells"][driver]["type"] if constant else chosen.name
+                module["cells"][f"buffer_{following}"] = {"type": kind, "connections": connections}
                 if not constant:
-                    above.append((cell["connections"][enters], 0))
+                    above.append((connections[enters], 0))
                     buffers += 1
                 following += 1
             ends = above

@@ -14,7 +14,10 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import fmean
 from typing import Any
+
+import numpy as np
 
 from eskin.golden.core import InputError, Record
 
@@ -52,14 +55,13 @@ ACCESSES = {"read": {"A_MEN", "!A_WEN", "A_REN"}, "write": {"A_MEN", "A_WEN", "!
 
 @dataclass
 class Group:
-    """``kind (arguments) { attributes, groups }``; every: the values of complex attributes, which may come
-    again and again."""
+    """``kind (arguments) { attributes, groups }``; a complex attribute is a group without contents, too, as it may
+    come again and again."""
 
     kind: str
     arguments: tuple[str, ...]
     attributes: dict[str, str] = field(default_factory=dict)
     groups: list[Group] = field(default_factory=list)
-    every: dict[str, list[str]] = field(default_factory=dict)
 
     def named(self, *kinds: str) -> Iterator[Group]:
         """Groups of these kinds."""
@@ -126,14 +128,9 @@ class WireLoad:
         """Farad of a net's wire."""
         if not receivers or not self.lengths:
             return 0.0
-        low = max((count for count in self.lengths if count <= receivers), default=min(self.lengths))
-        high = min((count for count in self.lengths if count > receivers), default=None)
-        length = self.lengths[low]
-        if high is None:
-            length += self.slope * (receivers - low)
-        elif low < receivers:
-            length += (self.lengths[high] - length) * (receivers - low) / (high - low)
-        return length * self.farad
+        counts = sorted(self.lengths)
+        inside = np.interp(receivers, counts, [self.lengths[count] for count in counts])
+        return (inside + self.slope * max(0, receivers - counts[-1])) * self.farad
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,12 +196,12 @@ def parse(text: str) -> Group:
             stack.pop()
         elif statement["arguments"] is not None:
             arguments = tuple(quoted or plain for quoted, plain in ARGUMENT.findall(statement["arguments"]))
+            inner = Group(name, arguments)
+            group.groups.append(inner)
             if statement["open"]:
-                stack.append(Group(name, arguments))
-                group.groups.append(stack[-1])
+                stack.append(inner)
             else:
                 group.attributes[name] = " ".join(arguments)
-                group.every.setdefault(name, []).append(group.attributes[name])
         elif statement["text"] is not None or statement["value"]:
             group.attributes[name] = statement["text"] or " ".join((statement["value"] or "").split())
         elif group is root:
@@ -297,7 +294,7 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
 
 
 def _wire_load(group: Group, farad: float) -> WireLoad:
-    rows = [row.replace(",", " ").split() for row in group.every.get("fanout_length", ())]
+    rows = [" ".join(row.arguments).replace(",", " ").split() for row in group.named("fanout_length")]
     if any(len(row) != 2 for row in rows):
         raise ValueError("fanout_length takes two numbers")
     lengths = {int(_number(count)): _number(length) for count, length in rows}
@@ -323,7 +320,7 @@ def _number(text: str) -> float:
 
 def _middle(table: Group) -> float:
     """The entry of a table at a short edge and a small load, as most nets of a small design have."""
-    rows = [row for row in re.findall(r"[^\s,]+", table.attributes.get("values", "0"))]
+    rows = re.findall(r"[^\s,]+", table.attributes.get("values", "0"))
     numbers = [_number(value) for value in rows if re.match(r"[-+.\d]", value)]
     if not numbers:
         return 0.0
@@ -337,8 +334,8 @@ def _power(pin: Group) -> float:
         [_middle(table) for table in power.named("rise_power", "fall_power", "power")]
         for power in pin.named("internal_power")
     ]
-    means = [sum(values) / len(values) for values in edges if values]
-    return sum(means) / len(means) if means else 0.0
+    means = [fmean(values) for values in edges if values]
+    return fmean(means) if means else 0.0
 
 
 def _cell(group: Group, farad: float, watt: float, joule: float) -> Cell:
@@ -358,7 +355,7 @@ def _cell(group: Group, farad: float, watt: float, joule: float) -> Cell:
         if pins[name].clock:
             for power in pin.named("internal_power"):
                 when = power.attributes.get("when", "").replace(" ", "")
-                value = max((_middle(table) for table in power.groups), default=0.0) * joule
+                value = max(map(_middle, power.groups), default=0.0) * joule
                 accesses |= {name: value for name, terms in ACCESSES.items() if set(when.split("&")) == terms}
     memory = next(group.named("memory"), None)
     state = next(group.named("ff", "latch", "ff_bank", "latch_bank"), None)

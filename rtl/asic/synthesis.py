@@ -15,8 +15,7 @@ from amaranth.back import rtlil
 from eskin.golden.core import InputError, Record, template
 from eskin.rtl.asic.buffers import insert
 from eskin.rtl.asic.liberty import Cell, Library, text_of
-from eskin.rtl.common.collisions import open_collisions
-from eskin.rtl.common.memory_style import CHIP
+from eskin.rtl.common import CHIP, open_collisions, without_contents, written_memories
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.top.clock_gate import CELL
 
@@ -93,32 +92,22 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
             )
         return chosen
 
-    def inputs(cell: Cell) -> int:
-        return sum(pin.direction == "input" for pin in cell.pins.values())
-
-    named = {
-        role: [library.cells[name] for name in (HINTS[pdk][role][0],) if name in library.cells]
-        for role in ("high", "low")
-    }
-    plain = [
-        c
-        for c in cells
-        if c.kind == "latch"
-        and not {"clear", "preset"} & set(c.state)
-        and c.state.get("enable", "") in c.pins
-    ]
-    gates = [c for c in cells if c.kind == "gate" and inputs(c) == 2]  # no pin for a test
+    of_kind = lambda kind: (cell for cell in cells if cell.kind == kind)
+    named = lambda ending: (cell for cell in cells if cell.name.endswith(ending))
+    plain = (
+        c for c in of_kind("latch") if not {"clear", "preset"} & set(c.state) and c.state["enable"] in c.pins
+    )
+    ways = lambda cell: [pin.direction for pin in cell.pins.values()]
     return Process(
         pdk=pdk,
         library=library,
-        flip_flop=need(
-            "flip-flop", (c for c in cells if c.kind == "flip-flop" and c.state["next_state"] in c.pins)
-        ),
+        flip_flop=need("flip-flop", (c for c in of_kind("flip-flop") if c.state["next_state"] in c.pins)),
         latch=min(plain, key=lambda cell: cell.area, default=None),
-        gate=need("clock gate", gates),
-        nand=need("NAND of two inputs", (c for c in cells if c.name.endswith("nand2_1"))),
-        high=need("cell for a constant 1", named["high"]),
-        low=need("cell for a constant 0", named["low"]),
+        # two inputs: no pin for a test
+        gate=need("clock gate", (c for c in of_kind("gate") if ways(c).count("input") == 2)),
+        nand=need("NAND of two inputs", named("nand2_1")),
+        high=need("cell for a constant 1", named(HINTS[pdk]["high"][0])),
+        low=need("cell for a constant 0", named(HINTS[pdk]["low"][0])),
         macros=tuple(
             macro for file in libraries for macro in file.macros if {"read", "write"} <= set(macro.access_j)
         ),
@@ -164,7 +153,7 @@ def synthesise(
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = rtlil.convert(design, name=top, platform=CHIP, emit_src=False)
-    (folder / f"{top}.il").write_text(open_collisions(without_initial(text)))
+    (folder / f"{top}.il").write_text(open_collisions(without_contents(text, written_memories)))
     (folder / "cells.lib").write_text(text_of(process.library.path))
     for part in (MEMORIES, RESETS):
         (folder / part.name).write_text(part.read_text())
@@ -302,22 +291,6 @@ def cells_map(process: Process) -> str:
 def _run(folder: Path, name: str, script: str) -> None:
     (folder / f"{name}.ys").write_text(script)
     run_tool("yosys", ["-q", "-l", f"{name}.log", f"{name}.ys"], folder)
-
-
-def without_initial(text: str) -> str:
-    """RTLIL without the first words of memories that are written: a chip's begin with any."""
-    modules = re.split(r"(?m)^(?=module )", text)
-    return "".join(_without(module) for module in modules)
-
-
-def _without(module: str) -> str:
-    written = set(re.findall(r"cell \$memwr_v2 .*?parameter \\MEMID \"([^\"]+)\"", module, re.DOTALL))
-
-    def drop(cell: re.Match[str]) -> str:
-        memory = re.search(r'parameter \\MEMID "([^"]+)"', cell[0])
-        return "" if memory and memory[1] in written else cell[0]
-
-    return re.sub(r"(?m)^  cell \$meminit_v2 .*?^  end\n", drop, module, flags=re.DOTALL)
 
 
 def _of_macro(name: str, macro: Cell, **values: str | bool) -> str:

@@ -6,6 +6,7 @@ word in one cycle, or never uses the result.
 """
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 from amaranth.hdl import Module
@@ -54,27 +55,29 @@ UNFILLED = NO_COLLISION | {"begins_as_anything": 1}
 anything."""
 
 
-def without_contents(rtlil: str) -> str:
-    """``rtlil`` without initial contents of memories with ``ram_style`` huge and of those with `UNFILLED`.
-
-    The former cannot be filled at power-on; the latter are written before anything reads them.
-    """
-    return "".join(
-        _module_without_contents(module) for module in re.split(r"(?=^module )", rtlil, flags=re.MULTILINE)
-    )
-
-
-def _module_without_contents(module: str) -> str:
+def marked_memories(module: str) -> set[str]:
+    """Memories of a module that cannot be filled at power-on (``ram_style`` huge), or have `UNFILLED`."""
     marks = (
         r'attribute \\(?:ram_style "huge"|begins_as_anything .*)\n(?:\s*attribute .*\n)*\s*memory .* (\S+)\n'
     )
-    huge = set(re.findall(marks, module))
-    cells = re.split(r"(^  cell \$meminit_v2 .*?^  end\n)", module, flags=re.MULTILINE | re.DOTALL)
-    return "".join(
-        part for part in cells if not (part.startswith("  cell $meminit_v2 ") and _memory_of(part) in huge)
-    )
+    return set(re.findall(marks, module))
 
 
-def _memory_of(cell: str) -> str | None:
-    memory = re.search(r'parameter \\MEMID "(.+)"', cell)
-    return memory[1].replace("\\\\", "\\") if memory else None
+def written_memories(module: str) -> set[str]:
+    """Memories of a module that are written."""
+    return set(map(_memory_of, re.findall(r"(?ms)^  cell \$memwr_v2 .*?^  end\n", module)))
+
+
+def without_contents(rtlil: str, memories: Callable[[str], set[str]] = marked_memories) -> str:
+    """``rtlil`` without initial contents of those memories of each module."""
+    modules = re.split(r"(?m)^(?=module )", rtlil)
+    return "".join(_without(module, memories(module)) for module in modules)
+
+
+def _without(module: str, memories: set[str]) -> str:
+    left = lambda cell: "" if _memory_of(cell[0]) in memories else cell[0]
+    return re.sub(r"(?ms)^  cell \$meminit_v2 .*?^  end\n", left, module)
+
+
+def _memory_of(cell: str) -> str:
+    return re.findall(r'parameter \\MEMID "(.+)"', cell)[0].replace("\\\\", "\\")

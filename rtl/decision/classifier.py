@@ -6,9 +6,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import exceeds
-from eskin.rtl.common.layouts import decision_layout, margin_units
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import decision_layout, drive, exceeds, margin_units, outputs
 from eskin.rtl.decision.early_rule import EarlyRule
 from eskin.rtl.decision.score_search import make_search
 
@@ -135,12 +133,8 @@ class Classifier(wiring.Component):
         with m.If(taken & ~closes):
             m.d.sync += busy.eq(0)
         with m.If(closes):
-            m.d.sync += [
-                signal.eq(1)
-                for signal in (
-                    (voting, tallying) if config.network.decision == "vote" else (offered, is_global)
-                )
-            ]
+            both = (voting, tallying) if config.network.decision == "vote" else (offered, is_global)
+            m.d.sync += [signal.eq(1) for signal in both]
         with m.If(self.ended):
             m.d.sync += [signal.eq(0) for signal in (is_global, step, partial, begun, voting, *votes)]
             # without a decision to be taken, where the recording ends after an early one

@@ -1,7 +1,7 @@
 """The nearest stored trajectory of a touch, and touches that are stored (docs/specification.md, section 18)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, wiring
@@ -9,31 +9,25 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION, working_memory
-from eskin.rtl.common.compare import exceeds, greater, reaches
-from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment
-from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import prototypes_memory
-from eskin.rtl.common.ports import drive, inputs
-from eskin.rtl.common.register_check import parity_wrong
-from eskin.rtl.common.status import TEACHING
+from eskin.rtl.common import (
+    NO_COLLISION,
+    TEACHING,
+    drive,
+    exceeds,
+    greater,
+    inputs,
+    load_lines,
+    load_signature,
+    narrow,
+    parity_wrong,
+    prototypes_memory,
+    reaches,
+    shape_of,
+    working_memory,
+    wrapping_increment,
+)
 from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import prototype_words
-
-
-@dataclass(frozen=True)
-class _Scan:
-    """Position of a walk through the memory, and (``begins``, ``ends``, ``target``) the state of teaching."""
-
-    teaching: Signal
-    first: Signal
-    body: Signal
-    last_unit: Signal
-    label: Signal
-    slot: Signal
-    begins: Signal
-    ends: Signal
-    target: Signal
 
 
 def _by_value(number: Value, of: Callable[[int], int]) -> Value:
@@ -186,10 +180,8 @@ class PrototypeReadout(wiring.Component):
         asked: Value = loads  # the address is the host's
         reads: Value = reading
         if teaches:
-            asked, reads = (
-                loads | (self.commands.look & self.idle),
-                reading | (self.commands.look & self.idle),
-            )
+            looks = self.commands.look & self.idle
+            asked, reads = loads | looks, reading | looks
         beyond = Signal()  # the host's address is that of a class's number
         written = self.written = Signal()
         at = Signal(range(words))
@@ -220,17 +212,24 @@ class PrototypeReadout(wiring.Component):
         used_done = Signal(init=1)  # of the place that is whole
         place_used: Value = Const(1, 1)
         if teaches:
-            scan = _Scan(teaching, first, body, last_unit, label, slot, pass_begins, pass_ends, target)
+            scan = SimpleNamespace(
+                teaching=teaching,
+                first=first,
+                body=body,
+                last_unit=last_unit,
+                label=label,
+                slot=slot,
+                begins=pass_begins,
+                ends=pass_ends,
+                target=target,
+            )
             whole = reaches(address, words) & sound
             place_used, number, guard = self._teaching(m, scan, loads, beyond, whole, registers, flags)
             guards.append(guard)
             m.d.comb += self.commands.place.eq(Mux(beyond, number, read.data))
         begin_of, end_of, first_done, last_done, taught_done, label_done, whole_place, told = (
             Signal(name=name)
-            for name in (
-                *("begin_of", "end_of", "first_done", "last_done", "taught_done", "label_done"),
-                *("whole_place", "told"),
-            )
+            for name in "begin_of end_of first_done last_done taught_done label_done whole_place told".split()
         )
         m.d.sync += [
             begin_of.eq(unit == 0),
@@ -344,7 +343,7 @@ class PrototypeReadout(wiring.Component):
     def _teaching(
         self,
         m: Module,
-        scan: _Scan,
+        scan: SimpleNamespace,
         loads: Value,
         beyond: Value,
         complete: Value,

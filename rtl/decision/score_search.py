@@ -7,13 +7,12 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.memory_style import before_an_adder
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import before_an_adder, drive
 from eskin.rtl.program.timing import holds_two_largest
 
 
-def search_signature(config: AcceleratorConfig) -> wiring.Signature:
-    """Ports of a search, seen from it.
+class Search(wiring.Component):
+    """The ports of a search.
 
     Members
     -------
@@ -28,19 +27,21 @@ def search_signature(config: AcceleratorConfig) -> wiring.Signature:
     found : Out(1)
         Pulse: the search ends with this cycle.
     """
-    width = max(config.score_format.width, 10)  # votes are scores too
-    return wiring.Signature(
-        {
-            "score": In(data.StructLayout({"valid": 1, "value": width})),
-            "number": Out(range(config.classes)),
-            "best": Out(range(config.classes)),
-            "margin": Out(width),
-            "found": Out(1),
-        }
-    )
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._classes, width = config.classes, max(config.score_format.width, 10)  # votes are scores too
+        super().__init__(
+            {
+                "score": In(data.StructLayout({"valid": 1, "value": width})),
+                "number": Out(range(config.classes)),
+                "best": Out(range(config.classes)),
+                "margin": Out(width),
+                "found": Out(1),
+            }
+        )
 
 
-class SearchTwice(wiring.Component):
+class SearchTwice(Search):
     """Search in few cells: two passes over stored scores.
 
     The first pass reads each score as soon as it is written and finds the largest. The second finds the
@@ -48,10 +49,6 @@ class SearchTwice(wiring.Component):
     behind it and ``compared``, whose score has arrived, two. Latency: ``found`` comes classes + 3 cycles
     after the last score.
     """
-
-    def __init__(self, config: AcceleratorConfig) -> None:
-        self._classes = config.classes
-        super().__init__(search_signature(config))
 
     def elaborate(self, platform):
         m = Module()
@@ -107,17 +104,13 @@ class SearchTwice(wiring.Component):
         return m
 
 
-class SearchOnce(wiring.Component):
+class SearchOnce(Search):
     """Search in few cycles: the largest score so far and its lead are held.
 
     ``new`` is the score of the cycle before, ``compared`` its class. ``above`` comes a cycle later: its
     distance from the largest score before it, less one. Latency: ``found`` comes 2 cycles after the last
     score.
     """
-
-    def __init__(self, config: AcceleratorConfig) -> None:
-        self._classes = config.classes
-        super().__init__(search_signature(config))
 
     def elaborate(self, platform):
         m = Module()
@@ -157,6 +150,6 @@ class SearchOnce(wiring.Component):
         return m
 
 
-def make_search(config: AcceleratorConfig) -> wiring.Component:
+def make_search(config: AcceleratorConfig) -> Search:
     """The search that suits the length of a step."""
     return (SearchOnce if holds_two_largest(config) else SearchTwice)(config)

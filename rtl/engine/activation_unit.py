@@ -6,8 +6,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, sigmoid_table, tanh_table
-from eskin.rtl.common.memory_style import short_of_blocks
-from eskin.rtl.common.ports import drive, inputs
+from eskin.rtl.common import drive, inputs, short_of_blocks
 from eskin.rtl.program.signature import parity
 
 

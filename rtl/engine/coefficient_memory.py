@@ -12,10 +12,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import begins_as_told
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import NO_COLLISION, begins_as_told, drive, load_lines, load_signature
 from eskin.rtl.program import memory_map
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.microcode import Layout

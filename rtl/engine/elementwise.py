@@ -6,8 +6,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.fixed import narrow, saturate
-from eskin.rtl.common.ports import drive, inputs
+from eskin.rtl.common import drive, inputs, narrow, saturate
 from eskin.rtl.program.scheduler import Schedule
 
 

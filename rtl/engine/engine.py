@@ -12,13 +12,23 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import NO_COLLISION, working_memory
-from eskin.rtl.common.fixed import wrapping_increment
-from eskin.rtl.common.layouts import centred_layout
-from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import addends_memory, begins_as_told, lanes_in_large_memories
-from eskin.rtl.common.ports import drive, forward, inputs, outputs
-from eskin.rtl.common.status import ENGINE, probe
+from eskin.rtl.common import (
+    ENGINE,
+    NO_COLLISION,
+    addends_memory,
+    begins_as_told,
+    centred_layout,
+    drive,
+    forward,
+    inputs,
+    lanes_in_large_memories,
+    load_lines,
+    load_signature,
+    outputs,
+    probe,
+    working_memory,
+    wrapping_increment,
+)
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.engine.elementwise import ElementwiseUnit
@@ -132,16 +142,12 @@ class Engine(wiring.Component):
         m = Module()
         config, plan, images = self._config, self.plan, self._images
         code = Microcode(plan)
-        layout = code.layout
+        layout = self.layout = code.layout
         m.submodules.sequencer = sequencer = self.sequencer = Sequencer(code)
         word, enable = sequencer.word, sequencer.enable
-
-        # ---------------------------------------------------------------- windows waiting for their step
-        released = enable & word.released
-        queue, window_sum = self._windows(m, sequencer, released, layout)
-
-        # ---------------------------------------------------------------- steps
-        final = self._steps(m, sequencer, queue, released)
+        self.released = enable & word.released
+        window_sum = self._windows(m)
+        self._steps(m)
 
         # ---------------------------------------------------------------- memories
         def memory(name: str, shape, depth: int, init=(), **style) -> Memory:
@@ -157,7 +163,7 @@ class Engine(wiring.Component):
 
         states = memory("state_memory", signed(config.operand_bits), layout.state_depth)
         operand = read(states, word.vector)
-        lengths = self._lengths(m, sequencer, queue, final, released, layout)
+        lengths = self._lengths(m)
         m.submodules.coefficients = coefficients = CoefficientMemory(
             config, plan.program, images.get(memory_map.Memory.CONSTANTS, [])
         )
@@ -173,7 +179,7 @@ class Engine(wiring.Component):
             not_t = read(values, word.t)
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
         m.submodules.addends = addends
-        weights = self._weights(m, platform, sequencer, final, memory)
+        weights = self._weights(m, platform, memory)
 
         # ---------------------------------------------------------------- lanes
         m.submodules.elementwise = unit = ElementwiseUnit(config, plan)
@@ -189,10 +195,10 @@ class Engine(wiring.Component):
             add=word.add & (word.in_step if plan.shared else 1),  # before, T's word for 0 may be any
             feature=word.feature,
         )
-        row_sums = self._lanes(m, sequencer, unit, operand, weights, gate, addends.read_data)
+        row_sums = self._lanes(m, unit, operand, weights, gate, addends.read_data)
 
         # ---------------------------------------------------------------- sums of rows, one by one
-        total = self._total(m, sequencer, row_sums, addends.read_data)
+        total = self._total(m, row_sums, addends.read_data)
         m.submodules.narrowing = row = RowNarrowing(config)
         drive(m, row, total=total, tanh=word.tanh)
         drive(
@@ -254,9 +260,9 @@ class Engine(wiring.Component):
         drive(m, self.state, valid=state_write.en & word.hidden, value=unit.result)
         return m
 
-    def _windows(self, m: Module, sequencer: Sequencer, released: Value, layout) -> tuple[WindowQueue, Value]:
-        """Windows that wait for their step: their queue, and the sum that the program reads."""
-        config, word, enable = self._config, sequencer.word, sequencer.enable
+    def _windows(self, m):
+        """Windows that wait for their step, and their queue. Gives the sum that the program reads."""
+        config, layout, word, enable = self._config, self.layout, self.sequencer.word, self.sequencer.enable
         window_words = layout.window_none + 1  # two buffers; above them a zero
         m.submodules.windows = windows = Memory(
             shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION
@@ -264,7 +270,7 @@ class Engine(wiring.Component):
         slot_write, slot_read = windows.write_port(), windows.read_port()
         m.submodules.queue = queue = self.queue = WindowQueue(config, layout.window_bits)
         forward(m, self, queue, "i")
-        drive(m, queue, released=released, started=self.started, step_done=self.status.step_done)
+        drive(m, queue, released=self.released, started=self.started, step_done=self.status.step_done)
         drive(m, self.status, overrun=queue.overrun, windows_open=queue.open)
         drive(
             m,
@@ -280,13 +286,14 @@ class Engine(wiring.Component):
             | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1]),
             en=enable,
         )
-        return queue, slot_read.data
+        return slot_read.data
 
-    def _steps(self, m: Module, sequencer: Sequencer, queue: WindowQueue, released: Value) -> Signal:
-        """Start and end of a step, with the ports that report them. Returns ``final``."""
-        config, word, enable = self._config, sequencer.word, sequencer.enable
-        final = Signal()  # the step under way is its touch's last
-        with m.If(released):
+    def _steps(self, m):
+        """Start and end of a step, with the ports that report them."""
+        sequencer, queue = self.sequencer, self.queue
+        word, enable = sequencer.word, sequencer.enable
+        final = self.final = Signal()  # the step under way is its touch's last
+        with m.If(self.released):
             m.d.sync += final.eq(queue.final)
         m.d.comb += [
             sequencer.restart.eq(final),
@@ -302,42 +309,34 @@ class Engine(wiring.Component):
             m.d.sync += slots.eq(slots + 1)
         with m.If(sequencer.ended):
             m.d.sync += slots.eq(0)
-        drive(m, self.step, valid=self.status.step_done, value=slots + logit_to_decision(config))
-        return final
+        drive(m, self.step, valid=self.status.step_done, value=slots + logit_to_decision(self._config))
 
-    def _lengths(
-        self, m: Module, sequencer: Sequencer, queue: WindowQueue, final: Signal, released: Value, layout
-    ) -> Value:
+    def _lengths(self, m):
         """Offset to a scale's address: the index of the window's length, or the place of its check word."""
-        config, word = self._config, sequencer.word
-        lengths = queue.length  # scales of length 0 stand at multiples of a power of two
-        if config.hardware.checksum and config.sets > 1:  # a check word for each step of a touch
-            step = Signal(range(config.sets))
-            with m.If(sequencer.ended):
-                m.d.sync += step.eq(Mux(final, 0, step + 1))
-            lengths = Mux(word.gate[layout.check_base.bit_length() - 1], step, lengths)
-        elif config.hardware.checksum and len(config.window_lengths) > 1:
-            # a check word for each length; it is read when the window has left its buffer
-            released_length = Signal.like(lengths)
-            with m.If(released):
-                m.d.sync += released_length.eq(lengths)
-            lengths = Mux(word.gate[layout.check_base.bit_length() - 1], released_length, lengths)
-        return lengths
+        config, lengths = (
+            self._config,
+            self.queue.length,
+        )  # scales of length 0 stand at multiples of a power of two
+        if not config.hardware.checksum or config.sets == len(config.window_lengths) == 1:
+            return lengths
+        if config.sets > 1:  # a check word for each step of a touch
+            check = Signal(range(config.sets), name="step")
+            with m.If(self.sequencer.ended):
+                m.d.sync += check.eq(Mux(self.final, 0, check + 1))
+        else:  # a check word for each length; it is read when the window has left its buffer
+            check = Signal.like(lengths, name="released_length")
+            with m.If(self.released):
+                m.d.sync += check.eq(lengths)
+        return Mux(self.sequencer.word.gate[self.layout.check_base.bit_length() - 1], check, lengths)
 
-    def _weights(
-        self, m: Module, platform: str | None, sequencer: Sequencer, final: Signal, memory
-    ) -> list[Value]:
+    def _weights(self, m, platform, memory):
         """A memory of weights a lane, all read at one address; the host writes each."""
-        config, plan, word, enable = self._config, self.plan, sequencer.word, sequencer.enable
-        images, loads, lines = (
-            self._images,
-            self.load.enable & int(config.hardware.loadable),
-            load_lines(config),
-        )
+        config, plan, enable = self._config, self.plan, self.sequencer.enable
+        loads, lines = self.load.enable & int(config.hardware.loadable), load_lines(config)
         weight_address = Signal(range(plan.weight_depth))
         with m.If(enable):
-            m.d.sync += weight_address.eq(weight_address + word.mac)
-        with m.If(sequencer.ended & (final if config.sets > 1 else 1)):
+            m.d.sync += weight_address.eq(weight_address + self.sequencer.word.mac)
+        with m.If(self.sequencer.ended & (self.final if config.sets > 1 else 1)):
             m.d.sync += weight_address.eq(0)
         # A large memory has one port, which the host's write takes: it restarts the engine, so the read
         # that it displaces is not used.
@@ -349,7 +348,11 @@ class Engine(wiring.Component):
         for k in range(config.hardware.lanes):
             style = {"ram_style": "huge"} if k < large else {}
             part = memory(
-                f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []), **style
+                f"weights_{k}",
+                signed(config.weight_bits),
+                plan.weight_depth,
+                self._images.get(k, []),
+                **style,
             )
             port = part.read_port()
             drive(
@@ -370,19 +373,10 @@ class Engine(wiring.Component):
                 )
         return weights
 
-    def _lanes(
-        self,
-        m: Module,
-        sequencer: Sequencer,
-        unit: ElementwiseUnit,
-        operand: Value,
-        weights: list[Value],
-        gate: Value,
-        addend: Value,
-    ) -> list[Value]:
+    def _lanes(self, m, unit, operand, weights, gate, addend):
         """The lanes of rows and the lane of element-wise products, or one lane for both. Gives the sum of
         each row lane."""
-        config, plan, word, enable = self._config, self.plan, sequencer.word, sequencer.enable
+        config, plan, word, enable = self._config, self.plan, self.sequencer.word, self.sequencer.enable
         row_sums = []
         for k in range(config.hardware.lanes):
             m.submodules[f"lane_{k}"] = lane = make_lane(config, row_lane_signature(config, plan))
@@ -414,9 +408,9 @@ class Engine(wiring.Component):
             m.d.comb += unit.acc.eq(element.acc)
         return row_sums
 
-    def _total(self, m: Module, sequencer: Sequencer, row_sums: list[Value], addend: Value) -> Signal:
+    def _total(self, m, row_sums, addend):
         """Sums of rows, one by one."""
-        config, word, enable = self._config, sequencer.word, sequencer.enable
+        config, word, enable = self._config, self.sequencer.word, self.sequencer.enable
         total = Signal(signed(config.accumulator_bits))
         if config.hardware.lanes > 1:
             m.submodules.chain = chain = RowChain(config.accumulator_bits, config.hardware.lanes)

@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, Record
-from eskin.rtl.common.memory_style import CHIP
+from eskin.rtl.common import CHIP
 from eskin.rtl.engine.recoded_product import sum_with_product
 from eskin.rtl.engine.sb_mac16 import DspLane
 

@@ -7,7 +7,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.compare import reaches
+from eskin.rtl.common import reaches
 from eskin.rtl.engine.sequencer import control_layout
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.signature import START, TAPS, WIDTH

@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.ports import inputs
+from eskin.rtl.common import inputs
 
 
 class RowChain(wiring.Component):

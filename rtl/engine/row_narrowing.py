@@ -6,8 +6,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.fixed import not_all_equal, saturate
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive, not_all_equal, saturate
 
 
 class RowNarrowing(wiring.Component):

@@ -3,7 +3,7 @@
 from amaranth.hdl import Const, Module, Signal
 from amaranth.lib import wiring
 
-from eskin.rtl.common.mac16 import sb_mac16
+from eskin.rtl.common import sb_mac16
 
 ICE40 = "ice40"
 """Platform name for which the lane becomes an SB_MAC16; for any other it is described by its behaviour."""
@@ -22,11 +22,6 @@ class DspLane(wiring.Component):
     """
 
     def elaborate(self, platform):
-        if len(self.acc) > 32 or len(self.a) > 16 or len(self.b) > 16:
-            raise ValueError(
-                f"an SB_MAC16 has 16-bit operands and 32 bits of sum, not {len(self.a)} x {len(self.b)} and "
-                f"{len(self.acc)}"
-            )
         m = Module()
         (self._block if platform == ICE40 else self._behaviour)(m)
         return m

@@ -5,8 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import Out
 
-from eskin.rtl.common.memory_style import program_memory
-from eskin.rtl.common.ports import drive, inputs, outputs
+from eskin.rtl.common import drive, inputs, outputs, program_memory
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 
 

@@ -6,9 +6,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.fixed import wrapping_increment
-from eskin.rtl.common.layouts import centred_layout
-from eskin.rtl.common.ports import drive, inputs, outputs
+from eskin.rtl.common import centred_layout, drive, inputs, outputs, wrapping_increment
 
 
 class WindowQueue(wiring.Component):

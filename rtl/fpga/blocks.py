@@ -22,14 +22,12 @@ BLOCKS = {
     "receiver": "receiver",
     "classifier": "classifier",
     "control": "control",
-    "uart_link": "link",
     "link": "link",
     "acquisition": "converter",
     "position": "position",
     "stimulation": "stimulator",
     "registers": "registers",
     "loader": "flash loader",
-    "buttons": "buttons",
 }
 """Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top
 otherwise."""

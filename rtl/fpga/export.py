@@ -8,7 +8,7 @@ from amaranth.back import rtlil
 from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig, Arrays
-from eskin.rtl.common.collisions import without_contents
+from eskin.rtl.common import without_contents
 from eskin.rtl.fpga.readable import ports_named, readable
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images

@@ -3,7 +3,7 @@
 from amaranth.hdl import Const, IOBufferInstance, IOPort, Module
 from amaranth.lib import wiring
 
-from eskin.rtl.common.ports import forward, members_but
+from eskin.rtl.common import forward, members_but
 
 
 class OpenDrain(wiring.Component):

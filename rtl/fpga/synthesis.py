@@ -15,8 +15,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import open_collisions, without_contents
-from eskin.rtl.common.ports import forward, inputs
+from eskin.rtl.common import forward, inputs, open_collisions, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.top.image_accelerator import make_accelerator

@@ -97,14 +97,10 @@ def _target(
     )
 
 
-def _pmod(number: int, *pins: int) -> tuple[str, ...]:
-    return tuple(f"pmod_{number}:{pin}" for pin in pins)
-
-
-_PMOD_0, _PMOD_1 = (_pmod(number, 1, 2, 3, 4, 7, 8, 9, 10) for number in (0, 1))
+_PMODS = tuple(f"pmod_{number}:{pin}" for number in (0, 1) for pin in (1, 2, 3, 4, 7, 8, 9, 10))
 
 _BOARDS: dict[str, Record] = {
-    "icebreaker": dict(module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1),
+    "icebreaker": dict(module="icebreaker", platform="ICEBreakerPlatform", connector=_PMODS),
     # The USB side of this board is no UART of the FPGA: an adapter goes to the pins that are called 2 and 47
     # on it.
     "upduino": dict(

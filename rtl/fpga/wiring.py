@@ -7,8 +7,7 @@ from typing import Any
 from eskin.golden.core import AcceleratorConfig, InputError, converter_plan
 from eskin.rtl.fpga.open_drain import OpenDrain
 from eskin.rtl.fpga.synthesis import Chain, Harness, PoweredOn
-from eskin.rtl.fpga.targets import TARGETS, Target
-from eskin.rtl.fpga.targets import target as board
+from eskin.rtl.fpga.targets import Target
 from eskin.rtl.interface.i2c_master import I2C_PINS
 from eskin.rtl.top.board import Board, ClassPins, class_pin_count
 
@@ -91,23 +90,15 @@ class Wiring:
             ports = [*["stim_tx"] * (self.config.interface.stimulator != "none"), *ports]
             place = max(STIMULATOR_PIN, len(wires))
         if place + len(ports) > len(target.pins):
+            helps = "another board or converter" if self.sensing else "another board, or --no-link"
             raise InputError(
-                f"--target {target.name}: has {len(target.pins)} free pins{self._too_few(place + len(ports))}"
+                f"--target {target.name}: has {len(target.pins)} free pins, and {place + len(ports)} are needed; "
+                f"use {helps}"
             )
         free = dict(zip(wires, target.pins, strict=False)) | dict(
             zip(ports, target.pins[place:], strict=False)
         )
         return own | {"led": target.led} | memory | line | free
-
-    def _too_few(self, needed: int) -> str:
-        classes = f"{self.config.classes} classes need {needed}"
-        if self.sensing:
-            return f", and converter, stimulator and {classes}; use another board or converter"
-        boards = [board(name) for name in TARGETS if name != self.target.name]
-        helps = [
-            f"--target {other.name} has {len(other.pins)}" for other in boards if len(other.pins) >= needed
-        ]
-        return f" and {classes}; {', '.join([*helps, '--no-link needs none'])}"
 
     def _wires(self) -> dict[str, str]:
         return converter_plan(self.config).wires(self.config.interface.converter.name) if self.sensing else {}

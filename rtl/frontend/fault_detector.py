@@ -7,8 +7,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import working_memory
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive, working_memory
 
 
 class FaultDetector(wiring.Component):

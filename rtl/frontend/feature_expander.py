@@ -7,12 +7,18 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, signed_bits
-from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.fixed import biased_magnitude, logarithm, wrapping_increment
-from eskin.rtl.common.frame_gap import frame_gap
-from eskin.rtl.common.layouts import beat_layout, comes, window_layout
-from eskin.rtl.common.ports import outputs
+from eskin.rtl.common import (
+    NO_COLLISION,
+    beat_layout,
+    biased_magnitude,
+    comes,
+    frame_gap,
+    logarithm,
+    outputs,
+    reaches,
+    window_layout,
+    wrapping_increment,
+)
 from eskin.rtl.program.timing import STATE_BEATS
 
 SLOTS = {"mean": 0, "activity": 1, "integral": 2}

@@ -6,10 +6,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.fixed import wrapping_increment
-from eskin.rtl.common.layouts import sample_layout
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs, reaches, sample_layout, wrapping_increment
 
 
 class FrameAligner(wiring.Component):

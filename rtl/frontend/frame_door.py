@@ -6,7 +6,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import sample_layout
+from eskin.rtl.common import sample_layout
 
 
 class FrameDoor(wiring.Component):

@@ -7,8 +7,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs, reaches
 
 
 def marks_of(config: AcceleratorConfig) -> tuple[str, ...]:

@@ -8,10 +8,16 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import centred_layout, expands, sample_layout, touch_layout
-from eskin.rtl.common.load_port import load_signature
-from eskin.rtl.common.ports import forward, outputs
-from eskin.rtl.common.status import detector_status
+from eskin.rtl.common import (
+    centred_layout,
+    detector_status,
+    expands,
+    forward,
+    load_signature,
+    outputs,
+    sample_layout,
+    touch_layout,
+)
 from eskin.rtl.frontend.feature_expander import FeatureExpander
 from eskin.rtl.frontend.frame_marks import TouchMarks
 from eskin.rtl.frontend.normaliser import Normaliser

@@ -8,9 +8,7 @@ from amaranth.lib.wiring import In
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig, signed_bits
-from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.common.compare import exceeds
-from eskin.rtl.common.ports import drive, inputs, outputs
+from eskin.rtl.common import NO_COLLISION, drive, exceeds, inputs, outputs
 
 
 class MovingSums(wiring.Component):

@@ -10,11 +10,16 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.layouts import centred_layout, sum_layout
-from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import means_memory
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import (
+    centred_layout,
+    drive,
+    load_lines,
+    load_signature,
+    means_memory,
+    outputs,
+    reaches,
+    sum_layout,
+)
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import mean_count
@@ -77,19 +82,16 @@ class Normaliser(wiring.Component):
                 "lengths: quantise first"
             )
         self.config = config
-        if means is None and not config.hardware.loadable:
-            raise ValueError("means are needed where constants are in ROM")
         self.means = [0] * mean_count(config) if means is None else list(map(int, means))
-        if len(self.means) != mean_count(config):
-            raise ValueError(f"means {self.means}: {mean_count(config)} numbers are needed")
-        ports = {
-            "i": In(stream.Signature(sum_layout(config))),
-            "mask": In(config.sensor.taxels),
-            "o": Out(stream.Signature(centred_layout(config))),
-            **outputs("wrong", "blank"),
-            "load": In(load_signature(config)),
-        }
-        super().__init__(ports)
+        super().__init__(
+            {
+                "i": In(stream.Signature(sum_layout(config))),
+                "mask": In(config.sensor.taxels),
+                "o": Out(stream.Signature(centred_layout(config))),
+                **outputs("wrong", "blank"),
+                "load": In(load_signature(config)),
+            }
+        )
 
     def elaborate(self, platform):
         config, m = self.config, Module()

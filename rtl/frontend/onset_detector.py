@@ -8,11 +8,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import exceeds
-from eskin.rtl.common.fixed import clip
-from eskin.rtl.common.layouts import frame_layout, sample_layout
-from eskin.rtl.common.ports import drive, forward
-from eskin.rtl.common.status import detector_status
+from eskin.rtl.common import clip, detector_status, drive, exceeds, forward, frame_layout, sample_layout
 from eskin.rtl.frontend.fault_detector import FaultDetector
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.frontend.frame_marks import FrameMarks, marks_of

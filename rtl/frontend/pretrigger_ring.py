@@ -8,9 +8,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import exceeds
-from eskin.rtl.common.layouts import frame_layout, touch_layout
-from eskin.rtl.common.memory_style import before_an_adder
+from eskin.rtl.common import before_an_adder, exceeds, frame_layout, touch_layout
 
 
 class PreTriggerRing(wiring.Component):

@@ -5,8 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.mac16 import sb_mac16
-from eskin.rtl.common.memory_style import SMALL_FAMILY
+from eskin.rtl.common import SMALL_FAMILY, sb_mac16
 
 BLOCKS, BLOCK_BITS = 8, 32
 """SB_MAC16 of an iCE40 UP5K; bits that one adds."""

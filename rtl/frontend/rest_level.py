@@ -1,13 +1,14 @@
 """The rest level of every taxel and the deviation from it (docs/specification.md, section 2)."""
 
+from itertools import count
+
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import working_memory
-from eskin.rtl.common.ports import drive, inputs
+from eskin.rtl.common import drive, inputs, working_memory
 
 
 class RestLevel(wiring.Component):
@@ -120,8 +121,5 @@ def exact_reciprocal(divisor: int, largest: int) -> tuple[int, int]:
     With factor = ceil(2**shift / divisor) and excess = factor * divisor - 2**shift, ``largest * excess <
     2**shift`` suffices (Granlund and Montgomery 1994).
     """
-    for shift in range(1, 64):
-        factor = -(-(1 << shift) // divisor)
-        if largest * (factor * divisor - (1 << shift)) < 1 << shift:
-            return factor, shift
-    raise ValueError(f"no reciprocal of {divisor} is exact up to {largest}")
+    factors = ((-(-(1 << shift) // divisor), shift) for shift in count(1))
+    return next((a, shift) for a, shift in factors if largest * (a * divisor - (1 << shift)) < 1 << shift)

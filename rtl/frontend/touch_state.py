@@ -4,8 +4,7 @@ from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.ports import drive, inputs, outputs
+from eskin.rtl.common import drive, inputs, outputs, reaches
 
 
 class TouchState(wiring.Component):

@@ -6,12 +6,18 @@ from amaranth.lib import enum, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.collisions import working_memory
-from eskin.rtl.common.compare import reaches
-from eskin.rtl.common.fixed import wrapping_increment
-from eskin.rtl.common.frame_gap import frame_gap
-from eskin.rtl.common.layouts import beat_layout, comes, expands, sum_layout
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import (
+    beat_layout,
+    comes,
+    drive,
+    expands,
+    frame_gap,
+    outputs,
+    reaches,
+    sum_layout,
+    working_memory,
+    wrapping_increment,
+)
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from eskin.rtl.program.timing import STATE_BEATS
 

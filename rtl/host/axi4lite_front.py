@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive
 from eskin.rtl.host.bus_shell import ADDRESS_BITS, request_signature
 
 

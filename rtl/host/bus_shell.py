@@ -6,8 +6,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout, sample_layout
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import decision_layout, drive, sample_layout
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.decision_queue import DecisionQueue
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister, TeachRegister

@@ -7,11 +7,19 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import has_door
-from eskin.rtl.common.load_port import load_signature
-from eskin.rtl.common.ports import drive, forward, inputs, outputs
-from eskin.rtl.common.register_check import parity_wrong
-from eskin.rtl.common.status import ENGINE, FRAMES, TEACHING, detector_status
+from eskin.rtl.common import (
+    ENGINE,
+    FRAMES,
+    TEACHING,
+    detector_status,
+    drive,
+    forward,
+    has_door,
+    inputs,
+    load_signature,
+    outputs,
+    parity_wrong,
+)
 from eskin.rtl.host.cycle_counter import CycleCounter
 from eskin.rtl.host.memory_loader import MemoryLoader
 from eskin.rtl.host.recording_state import RecordingState

@@ -4,8 +4,7 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.ports import inputs
-from eskin.rtl.common.status import ENGINE, FRAMES
+from eskin.rtl.common import ENGINE, FRAMES, inputs
 from eskin.rtl.program.memory_map import Measure
 
 COUNTER_BITS = 16

@@ -5,8 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout, margin_units
-from eskin.rtl.common.ports import drive, inputs, outputs
+from eskin.rtl.common import decision_layout, drive, inputs, margin_units, outputs
 from eskin.rtl.program.memory_map import DECISION_FIELDS
 
 DEPTHS = (0, 2, 4)

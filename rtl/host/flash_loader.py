@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.program.flash_image import FLASH_OFFSET, MAGIC
 from eskin.rtl.program.memory_map import Control, Register

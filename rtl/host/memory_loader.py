@@ -5,9 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.ports import drive, inputs
-from eskin.rtl.common.register_check import at_end
+from eskin.rtl.common import at_end, drive, inputs, load_lines, load_signature
 from eskin.rtl.program.memory_map import Memory, load_words
 
 

@@ -5,7 +5,7 @@ from amaranth.hdl import Module, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 
 FLAG, ESCAPE = 0x7E, 0x7D
 FLIPPED_BIT = 5

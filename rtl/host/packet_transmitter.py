@@ -5,7 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.common import decision_layout
 from eskin.rtl.host.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT, is_special
 
 CLOSING = 7

@@ -5,8 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.ports import drive, inputs, outputs
-from eskin.rtl.common.status import ENGINE, detector_status
+from eskin.rtl.common import ENGINE, detector_status, drive, inputs, outputs
 
 QUIET_BITS = 2
 """Bits of the counter of quiet cycles: what follows a beat that ``moving`` sees is over when it is full."""

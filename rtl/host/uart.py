@@ -6,7 +6,7 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import InputError
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive
 
 DIVISOR_MIN = 4
 """Clocks a bit: with fewer, one clock of doubt about the edge is more than a quarter of a bit."""

@@ -4,7 +4,7 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.ports import drive, inputs
+from eskin.rtl.common import drive, inputs
 from eskin.rtl.host.bus_shell import ADDRESS_BITS, request_signature
 
 

@@ -5,8 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.images import BIAS_BITS
-from eskin.rtl.common.collisions import working_memory
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive, working_memory
 from eskin.rtl.program.image_passes import ImagePlan
 
 ADDEND_BITS = BIAS_BITS + 1

@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.ports import inputs
+from eskin.rtl.common import inputs
 from eskin.rtl.engine.memory_check import folded
 from eskin.rtl.image.bias_memory import ADDEND_BITS
 from eskin.rtl.program.image_passes import ImagePlan

@@ -5,9 +5,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.load_port import image_lines, lines_signature
-from eskin.rtl.common.ports import drive, outputs
-from eskin.rtl.common.status import probe
+from eskin.rtl.common import drive, image_lines, lines_signature, outputs, probe
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature
 from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.image.bias_memory import BiasMemory

@@ -5,9 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import sample_layout
-from eskin.rtl.common.ports import drive, forward, outputs
-from eskin.rtl.common.status import detector_status
+from eskin.rtl.common import detector_status, drive, forward, outputs, sample_layout
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.program.image_passes import plan_of
 

@@ -4,8 +4,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.one_port_memory import OnePortMemory
-from eskin.rtl.common.ports import drive, inputs
+from eskin.rtl.common import OnePortMemory, drive, inputs
 from eskin.rtl.program.image_passes import ImagePlan
 
 

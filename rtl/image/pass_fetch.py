@@ -5,8 +5,7 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.collisions import working_memory
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive, inputs, working_memory
 from eskin.rtl.image.layouts import pass_layout
 from eskin.rtl.program.image_passes import PASS_WORDS, ImagePlan, Word
 
@@ -35,10 +34,9 @@ class PassFetch(wiring.Component):
 
     def __init__(self, plan: ImagePlan) -> None:
         self._words, self._checksum = plan.program_words, plan.checksum
-        controls = {name: In(1) for name in ("rewind", "fetch", "write")}
         super().__init__(
             {
-                **controls,
+                **inputs("rewind", "fetch", "write"),
                 "address": In(16),
                 "word": In(16),
                 "fetched": Out(1),
@@ -66,8 +64,8 @@ class PassFetch(wiring.Component):
                 m.d.sync += address.eq(0)
         with m.Elif(reading):
             m.d.sync += [address.eq(address + 1), number.eq(number + 1), reading.eq(number != last)]
-        now, word = self.now, read.data
-        drive(m, self, arrives=arriving, arrived=word, checks=arriving & (arrived == PASS_WORDS))
+        now, data = self.now, read.data
+        drive(m, self, arrives=arriving, arrived=data, checks=arriving & (arrived == PASS_WORDS))
         parts = {
             Word.FLAGS: (
                 (now.radius, 0),
@@ -79,16 +77,10 @@ class PassFetch(wiring.Component):
             ),
             Word.EXTENT: ((now.columns, 0), (now.rows, 8)),
             Word.GROUPS: ((now.groups, 0), (now.last_group, 8)),
-            Word.CHANNELS: ((now.channels, 0),),
-            Word.ROW: ((now.row, 0),),
-            Word.KERNEL_ROW: ((now.kernel_row, 0),),
-            Word.GROUP: ((now.group, 0),),
-            Word.WEIGHTS: ((now.weights, 0),),
-            Word.CORNER: ((now.corner, 0),),
-            Word.ADDENDS: ((now.addends, 0),),
         }
+        parts |= {word: ((now[word.name.lower()], 0),) for word in Word if word not in parts}
         with m.If(arriving), m.Switch(arrived):
             for word_number, fields in parts.items():
                 with m.Case(int(word_number)):
-                    m.d.sync += [field.eq(word[low : low + len(field)]) for field, low in fields]
+                    m.d.sync += [field.eq(data[low : low + len(field)]) for field, low in fields]
         return m

@@ -6,7 +6,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import QFormat
-from eskin.rtl.common.fixed import saturate
+from eskin.rtl.common import saturate
 from eskin.rtl.image.layouts import sum_layout
 from eskin.rtl.program.image_passes import ImagePlan
 

@@ -6,9 +6,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.collisions import NO_COLLISION
-from eskin.rtl.common.one_port_memory import OnePortMemory
-from eskin.rtl.common.ports import drive, inputs
+from eskin.rtl.common import NO_COLLISION, OnePortMemory, drive, inputs
 from eskin.rtl.program.image_passes import ImagePlan
 
 DENSE_MEMORIES = 2

@@ -13,8 +13,7 @@ from eskin.golden.core.converters import sample_clock
 from eskin.golden.core.converters.ddc232 import DdcPlan
 from eskin.golden.core.converters.matrix import MatrixPlan
 from eskin.golden.core.converters.mpr121 import MprPlan
-from eskin.rtl.common.layouts import sample_layout
-from eskin.rtl.common.ports import drive, forward, outputs
+from eskin.rtl.common import drive, forward, outputs, sample_layout
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter
 from eskin.rtl.interface.frame_guard import FrameGuard

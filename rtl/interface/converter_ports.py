@@ -5,7 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
-from eskin.rtl.common.ports import outputs
+from eskin.rtl.common import outputs
 
 FAULT_BITS = len(ConverterFault)
 

@@ -7,7 +7,6 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
-from eskin.golden.core.converters.base import HALF_MIN
 from eskin.golden.core.converters.ddc232 import (
     CONFIGURATION_BITS,
     PATTERN,
@@ -17,7 +16,7 @@ from eskin.golden.core.converters.ddc232 import (
     WARM_UP,
     DdcPlan,
 )
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 
 EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
@@ -57,8 +56,6 @@ class Ddc232Converter(wiring.Component):
     """
 
     def __init__(self, plan: DdcPlan, taxels: int) -> None:
-        if plan.half < HALF_MIN:
-            raise ValueError(f"half a period of {plan.half} cycles: {HALF_MIN} are needed")
         self._plan = plan
         super().__init__(converter_ports(taxels, plan.bits) | {"pins": Out(DDC_PINS)})
 

@@ -7,9 +7,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.fixed import shape_of
-from eskin.rtl.common.layouts import sample_layout
-from eskin.rtl.common.ports import drive, inputs, outputs
+from eskin.rtl.common import drive, inputs, outputs, sample_layout, shape_of
 
 
 class FrameGuard(wiring.Component):

@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 
 I2C_PINS = wiring.Signature({**outputs("scl_low", "sda_low"), "sda": In(1, init=1)})
 """Open drain: ``..._low`` pulls the wire low, otherwise its pull-up holds it high. This controller is the
@@ -59,8 +59,6 @@ class I2cMaster(wiring.Component):
     """
 
     def __init__(self, quarter: int) -> None:
-        if quarter < 3:
-            raise ValueError(f"a quarter of a bit of {quarter} cycles: 3 are needed")
         self._quarter = quarter
         super().__init__(
             {

@@ -5,7 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.stimulation import reset_settings

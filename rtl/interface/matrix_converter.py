@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters.matrix import MatrixPlan
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster
 

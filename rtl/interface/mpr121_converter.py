@@ -10,7 +10,7 @@ from amaranth.lib.wiring import Out
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters import mpr121
 from eskin.golden.core.converters.mpr121 import FULL, MprPlan
-from eskin.rtl.common.ports import drive, forward
+from eskin.rtl.common import drive, forward
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 

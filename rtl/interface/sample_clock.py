@@ -25,10 +25,6 @@ class SampleClock(wiring.Component):
     """
 
     def __init__(self, p: int, q: int) -> None:
-        if not 0 < p < q:
-            raise ValueError(
-                f"a sample clock of {p} ticks in {q} cycles: there must be fewer ticks than cycles"
-            )
         self._p, self._q = p, q
         super().__init__({"run": In(1), "tick": Out(1)})
 

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.converters import code_bits, code_offset, code_shift
-from eskin.rtl.common.fixed import narrow, saturate, shape_of
+from eskin.rtl.common import narrow, saturate, shape_of
 
 
 class SampleNarrower(wiring.Component):

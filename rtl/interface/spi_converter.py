@@ -6,7 +6,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
 from eskin.golden.core import ConverterFault, SpiPlan
-from eskin.rtl.common.ports import drive, forward
+from eskin.rtl.common import drive, forward
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster, spi_pins
 

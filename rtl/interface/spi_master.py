@@ -7,8 +7,7 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import SpiPlan
-from eskin.golden.core.converters.base import HALF_MIN
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 
 
 def spi_pins(lines: int, selects: int) -> wiring.Signature:
@@ -55,8 +54,6 @@ class SpiMaster(wiring.Component):
     """
 
     def __init__(self, plan: SpiPlan) -> None:
-        if plan.half < HALF_MIN:
-            raise ValueError(f"half a period of {plan.half} cycles: {HALF_MIN} are needed")
         self._plan = plan
         bits, lines, selects = plan.chip.bits, plan.lines, plan.selects
         super().__init__(

@@ -8,8 +8,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout
-from eskin.rtl.common.ports import drive, forward
+from eskin.rtl.common import decision_layout, drive, forward
 from eskin.rtl.host.uart import UartTransmitter, uart_divisor
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames, settings_layout
 from eskin.rtl.interface.stimulus import Stimulus

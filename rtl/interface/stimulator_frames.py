@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.groups import Interface
-from eskin.rtl.common.ports import drive, outputs
+from eskin.rtl.common import drive, outputs
 
 ELECTRODES = (11, 6, 27, 22, 10, 7, 1, 23, 9, 8, 2, 24, 12, 5, 28, 21, 13, 4, 29, 20, 14, 3, 30, 19)
 """Channel of the stimulator for each electrode, row by row of 4."""

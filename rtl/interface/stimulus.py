@@ -6,7 +6,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.common import decision_layout
 from eskin.rtl.interface.touch_position import position_layout
 
 ROWS, COLUMNS = 6, 4

@@ -5,8 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import sample_layout
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common import drive, sample_layout
 
 FRACTION = 4
 """Fraction bits of a position."""

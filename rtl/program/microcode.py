@@ -8,6 +8,7 @@ data in slot t + 1.
 
 from collections.abc import Iterator
 from functools import cached_property
+from itertools import accumulate, pairwise
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, ElementOp
@@ -146,18 +147,6 @@ class Layout:
         return (-(-self._few >> self.hidden_bits) + row) << self.hidden_bits
 
 
-class _Slots(dict[int, dict[str, int]]):
-    """Fields set so far, by slot."""
-
-    def set(self, slot: int, **fields: int) -> None:
-        word = self.setdefault(slot, {})
-        for name, value in fields.items():
-            if word.setdefault(name, value) != value:
-                raise RuntimeError(
-                    f"slot {slot}: {name} is needed as {word[name]} and as {value}: the schedule has a hazard"
-                )
-
-
 class Microcode:
     """The words that `eskin.rtl.engine.sequencer.Sequencer` runs.
 
@@ -174,7 +163,8 @@ class Microcode:
 
     def __init__(self, plan: Schedule) -> None:
         self.plan, self.layout = plan, Layout(plan.config, plan.program)
-        self._slots = _Slots()
+        self._operand = "vector" if plan.shared else "element"
+        self._slots: dict[int, dict[str, int]] = {}  # fields set so far, by slot
         self.again = self._prologue()
         self.wait = self.again + plan.slots_before
         self._rows()
@@ -186,9 +176,12 @@ class Microcode:
                 f"slot {max(self._slots)} is used and the step has {length}: the schedule ends too soon"
             )
         for slot in range(self.again, self.judged + 1):
-            self._slots.set(slot, in_step=1)
+            self._set(slot, in_step=1)
         if plan.config.hardware.checksum:
-            self._read_zeros(self.judged)
+            # the words that stand for 0 are the element-wise operand of that slot
+            zeros = {self._operand: self.layout.state_zero, "t": self.layout.t_zero}
+            self._set(self.judged - 1, **zeros)
+            self._set(self.judged, minus=int(bool(plan.program.t_regions)))
             held = self._slots.get(self.wait, {})
             if held.get("gate_write") or (held.get("t_write") and not held.get("value")):
                 raise RuntimeError("the table's answer is waited for where the checksum looks up its entries")
@@ -197,32 +190,28 @@ class Microcode:
             fields.setdefault("window", self.layout.window_none)
         self._always_minus_t()
 
+    def _set(self, slot: int, **fields: int) -> None:
+        word = self._slots.setdefault(slot, {})
+        for name, value in fields.items():
+            if word.setdefault(name, value) != value:
+                raise RuntimeError(
+                    f"slot {slot}: {name} is needed as {word[name]} and as {value}: the schedule has a hazard"
+                )
+
     def _always_minus_t(self) -> None:
         """If every T that is read is both subtracted and added, every slot does so; the other slots read a
         zero."""
         asks = [slot for slot in self.slots if slot.get("element_operand")]
-        if any(slot.get("t_operand") for slot in asks) or any(
-            slot.get("minus") != slot.get("add", 0) for slot in asks
-        ):
-            return
-        if not self.plan.program.t_regions:
-            return
-        for fields in self.slots:
-            fields.setdefault("t", self.layout.t_zero)
-            fields |= {"minus": 1, "add": 1}
+        apart = any(slot.get("t_operand") or slot.get("minus") != slot.get("add", 0) for slot in asks)
+        if self.plan.program.t_regions and not apart:
+            for fields in self.slots:
+                fields.setdefault("t", self.layout.t_zero)
+                fields |= {"minus": 1, "add": 1}
 
     @property
     def judged(self) -> int:
         """Slot of the step's last logit, in which the checksum is judged."""
         return self.wait + self.plan.decision_slots
-
-    def _read_zeros(self, slot: int) -> None:
-        """Let the words that stand for 0 be the element-wise operand of ``slot``."""
-        layout, plan = self.layout, self.plan
-        self._slots.set(
-            slot - 1, **{"vector" if plan.shared else "element": layout.state_zero, "t": layout.t_zero}
-        )
-        self._slots.set(slot, minus=int(bool(plan.program.t_regions)))
 
     # ------------------------------------------------------------------ what the units do
     def _prologue(self) -> int:
@@ -244,7 +233,7 @@ class Microcode:
         if plan.timing.chain:
             self._fill(plan.groups[0], first)
             self._shift(range(first + 1, first + lanes + 1))
-            self._slots.set(first + lanes + 1, swap=1)
+            self._set(first + lanes + 1, swap=1)
             end = max(end, first + lanes + 2)
             if len(plan.groups) > 1 and plan.groups[1].block.bias:
                 self._fill(plan.groups[1], first + lanes + 1)
@@ -256,15 +245,15 @@ class Microcode:
         """Write the T memory's word for 0: the table's answer to the addend 0. The slot in which it can be
         addressed."""
         plan, lanes = self.plan, self.plan.config.hardware.lanes
-        self._slots.set(0, addend=plan.zero_address)
+        self._set(0, addend=plan.zero_address)
         if plan.timing.chain:
             self._shift(range(1, lanes + 1))
             loaded = lanes + 1
         else:  # the lane takes the addend alone: only in a step does T come with it
             loaded = plan.timing.added - plan.timing.gap + 1
-            self._slots.set(loaded - 1, element_first=1)
-        self._slots.set(loaded, tanh=1)
-        self._slots.set(loaded + 1, t_write=1, value=0, result=self.layout.t_zero)
+            self._set(loaded - 1, element_first=1)
+        self._set(loaded, tanh=1)
+        self._set(loaded + 1, t_write=1, value=0, result=self.layout.t_zero)
         return loaded + 2
 
     def _clear(self, address: int, slot: int) -> None:
@@ -276,14 +265,14 @@ class Microcode:
         plan, timing = self.plan, self.plan.timing
         first = slot + timing.added - (timing.gap if plan.shared else plan.element_gap)
         if plan.shared:
-            self._slots.set(slot, addend=plan.half_address)
+            self._set(slot, addend=plan.half_address)
         elif timing.gap and not plan.element_gap:
-            self._slots.set(slot, gate=self.layout.gate("zero", 0))
-            self._slots.set(slot + 1, element_operand=1, minus=0)
-            self._slots.set(slot + timing.valid, element_valid=1)
-        self._slots.set(first, element_first=1)
+            self._set(slot, gate=self.layout.gate("zero", 0))
+            self._set(slot + 1, element_operand=1, minus=0)
+            self._set(slot + timing.valid, element_valid=1)
+        self._set(first, element_first=1)
         finished = first + 1 if plan.shared else slot + timing.acc
-        self._slots.set(finished, state_write=1, state_to=address, feature=0, hidden=0)
+        self._set(finished, state_write=1, state_to=address, feature=0, hidden=0)
 
     def _carry_biases(self, slot: int) -> int:
         """From ``slot`` on, copy the biases to the start of carried sums, through the chain or the lane.
@@ -295,21 +284,21 @@ class Microcode:
         ]
         way = lanes + 1 if plan.timing.chain else plan.timing.added - plan.timing.gap + 1
         for k, (source, target) in enumerate(zip(sources, targets, strict=True)):
-            self._slots.set(slot + k, addend=source)
+            self._set(slot + k, addend=source)
             if not plan.timing.chain:
-                self._slots.set(slot + k + way - 1, swap=1)
-            self._slots.set(slot + k + way, partial=1, partial_to=target)
+                self._set(slot + k + way - 1, swap=1)
+            self._set(slot + k + way, partial=1, partial_to=target)
         if plan.timing.chain:
             self._shift(range(slot + 1, slot + len(sources) + lanes))
         return slot + len(sources) + way
 
     def _fill(self, group: RowGroup, slot: int) -> None:
         for row in range(group.rows):
-            self._slots.set(slot + row, addend=group.addend + row)
+            self._set(slot + row, addend=group.addend + row)
 
     def _shift(self, slots) -> None:
         for slot in slots:
-            self._slots.set(slot, shift=1)
+            self._set(slot, shift=1)
 
     def _rows(self) -> None:
         plan, timing, layout = self.plan, self.plan.timing, self.layout
@@ -317,78 +306,80 @@ class Microcode:
         for ops, base in ((plan.mac_before, begin), (plan.mac_after, self.wait)):
             for op in ops:
                 group, slot = plan.groups[op.group], base + op.cycle
-                self._slots.set(slot, vector=layout.state(op.region, op.index))
+                self._set(slot, vector=layout.state(op.region, op.index))
                 if plan.beside(op):
                     row = layout.constants + layout.dense_offset(group.first_row)
-                    self._slots.set(slot, gate=row + op.index)
-                    self._slots.set(slot + 1, element_operand=1, minus=0)
+                    self._set(slot, gate=row + op.index)
+                    self._set(slot + 1, element_operand=1, minus=0)
                 else:
-                    self._slots.set(slot, mac=1)
-                self._slots.set(slot + timing.valid, valid=1)
+                    self._set(slot, mac=1)
+                self._set(slot + timing.valid, valid=1)
                 if op.first and not timing.chain:
-                    self._slots.set(slot, addend=group.addend)
-                    self._slots.set(slot + timing.added - timing.gap, swap=1)
+                    self._set(slot, addend=group.addend)
+                    self._set(slot + timing.added - timing.gap, swap=1)
                 for row in range(group.rows if op.last else 0):
                     self._result(group, row, slot + timing.row + row)
         for swap in plan.swaps:
-            self._slots.set(begin + swap, swap=1)
+            self._set(begin + swap, swap=1)
         for number, slot in plan.fills:
             self._fill(plan.groups[number], begin + slot)
         self._shift(begin + slot for slot in plan.shifts)
 
     def _result(self, group: RowGroup, row: int, slot: int) -> None:
-        block, index, set_ = group.block, group.dest + row, self._slots.set
+        block, index = group.block, group.dest + row
         if block.dest == "partial":
-            set_(slot, partial=1, partial_to=index)
+            self._set(slot, partial=1, partial_to=index)
         elif block.dest == "logit":
-            set_(slot, logit=1, **({"ends_step": 1} if index == self.plan.config.classes - 1 else {}))
+            self._set(slot, logit=1, **({"ends_step": 1} if index == self.plan.config.classes - 1 else {}))
             if block.carried:
-                set_(slot, partial=1, partial_to=group.addend + row)
+                self._set(slot, partial=1, partial_to=group.addend + row)
         elif block.dest == "value":
-            set_(slot, value=1, t_write=1, result=self.layout.t(block.region, index))
+            self._set(slot, value=1, t_write=1, result=self.layout.t(block.region, index))
         elif block.dest == "tanh":
-            set_(slot, tanh=1)
-            set_(slot + 1, t_write=1, value=0, result=self.layout.t(block.region, index))
+            self._set(slot, tanh=1)
+            self._set(slot + 1, t_write=1, value=0, result=self.layout.t(block.region, index))
         else:
-            set_(slot, tanh=0)
-            set_(
+            self._set(slot, tanh=0)
+            self._set(
                 slot + 1, gate_write=1, result=self.layout.gate(block.region, index)
             )  # the table takes a slot
 
     def _element(self, op: ElementOp, term: int, index: int, slot: int) -> None:
-        plan, timing, layout, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
+        plan, timing, layout = self.plan, self.plan.timing, self.layout
         a, b = op.terms[term]
         for part in a.split("-"):
             memory, _, region = part.partition(".")
             if memory == "S":
-                set_(slot, **{"vector" if plan.shared else "element": layout.state(region, index)})
+                self._set(slot, **{self._operand: layout.state(region, index)})
             elif memory == "T":
-                set_(slot, t=layout.t(region, index))
+                self._set(slot, t=layout.t(region, index))
             else:
-                set_(slot, **{"window": index, "vector" if plan.shared else "element": layout.state_zero})
-        set_(slot, gate=layout.gate(b, index), scale=int(b == "scale"))
-        set_(slot + 1, element_operand=1, t_operand=int(a.startswith("T.")), minus=int("-" in a))
-        set_(slot + timing.valid, element_valid=1)
+                self._set(slot, window=index, **{self._operand: layout.state_zero})
+        self._set(slot, gate=layout.gate(b, index), scale=int(b == "scale"))
+        self._set(slot + 1, element_operand=1, t_operand=int(a.startswith("T.")), minus=int("-" in a))
+        self._set(slot + timing.valid, element_valid=1)
         if term == 0:
-            set_(slot + timing.added - plan.element_gap, element_first=1)
+            self._set(slot + timing.added - plan.element_gap, element_first=1)
             if op.add:
-                set_(slot, t=layout.t(op.add, index))
-                set_(slot + 1, add=1)
+                self._set(slot, t=layout.t(op.add, index))
+                self._set(slot + 1, add=1)
             if plan.shared:
-                set_(slot, addend=plan.half_address)
+                self._set(slot, addend=plan.half_address)
         if a == "X" and index == plan.config.inputs - 1:
-            set_(slot, released=1)
+            self._set(slot, released=1)
         if term < len(op.terms) - 1:
             return
         finished = slot + timing.acc
         if op.state:
-            set_(
+            self._set(
                 finished, state_write=1, state_to=layout.state(op.state, index), feature=int(op.state == "x")
             )
-            set_(finished, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear")))
+            self._set(
+                finished, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear"))
+            )
         if op.activated:
-            set_(finished + 1, activated=1, tanh=1)
-            set_(finished + 2, t_write=1, value=0, result=layout.t(op.activated, index))
+            self._set(finished + 1, activated=1, tanh=1)
+            self._set(finished + 2, t_write=1, value=0, result=layout.t(op.activated, index))
 
     # ------------------------------------------------------------------ words
     @property
@@ -445,7 +436,7 @@ class Microcode:
 
     def _hold(self, words: list[dict[str, int]], accesses: list[dict[str, int]]) -> None:
         """Let a word keep the previous word's address where it uses none: a needless change costs energy."""
-        for before, word, access in zip(words, words[1:], accesses[1:], strict=False):
+        for (before, word), access in zip(pairwise(words), accesses[1:], strict=True):
             for name in ADDRESSES:
                 counts = name in self.counted
                 if name not in access and not (counts and word["repeat"]):
@@ -466,10 +457,8 @@ class Microcode:
         # The check word must count once, so its word is not repeated. It is chosen by the window's length and
         # therefore read after the window was released, when that length is in a register.
         released = next(number for number, word in enumerate(words) if word["released"])
-        late = [id(word) for word in words[released + 1 :]]
-        single = next(
-            (word for word in reversed(free["gate"]) if not word["repeat"] and id(word) in late), None
-        )
+        late = [id(word) for word in words[released + 1 :] if not word["repeat"]]
+        single = next((word for word in reversed(free["gate"]) if id(word) in late), None)
         places = [
             word
             for word in free["gate"]
@@ -493,12 +482,7 @@ class Microcode:
     @cached_property
     def again_word(self) -> int:
         """Word at which a further step begins."""
-        slot = 0
-        for number, word in enumerate(self.words):
-            if slot == self.again:
-                return number
-            slot += word["repeat"] + 1
-        raise RuntimeError("the step begins inside a word")
+        return [0, *accumulate(word["repeat"] + 1 for word in self.words)].index(self.again)
 
     def unrolled(self) -> Iterator[dict[str, int]]:
         """The words slot by slot, as the hardware runs them."""

@@ -133,8 +133,7 @@ class Schedule:
     @property
     def busy_share(self) -> float:
         """Share of the lane cycles of a step in which a lane multiplies for a real row."""
-        useful = sum(self.groups[op.group].rows for op in (*self.mac_before, *self.mac_after))
-        return useful / (self.config.hardware.lanes * self.step_cycles)
+        return self.weights / (self.config.hardware.lanes * self.step_cycles)
 
     @property
     def element_cycles(self) -> int:
@@ -216,6 +215,26 @@ class Scheduler:
         self.shared = shares_lane(config)
         self.timing = Timing(config)
         self.element_gap = element_gap(config, program, self.shared)
+        # (group, term, region, index) of each product of the rows, in program order; the next one to place
+        self.products = [
+            (g, term, region, index)
+            for g, group in enumerate(self.groups)
+            for term, (_, region) in enumerate(group.block.terms)
+            for index in self._indices(region)
+        ]
+        self.position = 0
+        self.last_old = {  # region -> last product that reads its old state: no new state before that
+            region: k for k, (g, _, region, _) in enumerate(self.products) if not self._reads_new(g, region)
+        }
+        self.start = 0  # first slot of the phase; operations that are placed count from it
+        self.rows: list[MacOp] = []
+        self.issues: list[ElementIssue] = []
+        self.pending: list[tuple[ElementOp, int]] = []  # element-wise operations that wait, with their index
+        self.second_term: tuple[ElementOp, int] | None = None  # its second product has to follow its first
+        self.element_free = 0  # first slot in which an element-wise operation may be issued
+        self.last_write = 0
+        # (region, index) of the state that this step writes -> slot from which it can be read
+        self.new_state: dict[tuple[str, int], int] = {}
         # slots in which the table is used; its result is written in the next
         self.table_busy: set[int] = set()
         # (memory, region, index) -> first slot in which it can be addressed
@@ -232,29 +251,28 @@ class Scheduler:
         self.swaps: list[int] = []
         self.fills: list[tuple[int, int]] = []
         self.shifts: set[int] = set()
-        if self.timing.chain and self._waits_in_chain(1):
+        second = self.groups[1:2]
+        self.second_waits = bool(self.timing.chain and second and second[0].block.bias)
+        if self.second_waits:
             self.filled[1] = 0
 
     def run(self) -> Schedule:
-        before_groups = [g for g, group in enumerate(self.groups) if group.block in self.program.before]
-        after_groups = [g for g, group in enumerate(self.groups) if group.block not in self.program.before]
         for group in self.groups:
             if not group.block.bias:
                 self.ready |= {("P", "", group.addend + row): self.NEVER for row in range(group.rows)}
-        mac_before, _, slots_before = self._phase(before_groups, [], 0)
-        pending = [(op, index) for op in self.program.elements for index in range(self._length(op))]
+        before = sum(self.groups[g].block in self.program.before for g, *_ in self.products)
+        self.start = self._place(before)
+        self.pending = [(op, index) for op in self.program.elements for index in self._indices(op.state)]
         # A result of this step is NEVER ready until it is placed: the memory still holds the step before's.
-        for op in self.program.elements:
+        for op, index in self.pending:
             for memory, region in (("S", op.state), ("T", op.activated)):
-                if region and not self._reads_old(op, region):
-                    for index in range(self._length(op)):
-                        self.ready[memory, region, index] = self.NEVER
-        for g in after_groups:
-            block = self.groups[g].block
+                if region and not self._reads_old(region):
+                    self.ready[memory, region, index] = self.NEVER
+        for block in self.program.after:
             if block.dest in ("sigmoid", "tanh", "value"):
                 for index in range(self.config.network.hidden):
                     self.ready["B" if block.dest == "sigmoid" else "T", block.region, index] = self.NEVER
-        mac_after, elements, end = self._phase(after_groups, pending, slots_before)
+        end = self._place(len(self.products))
         # The step ends when its last logit is out and the chain holds what the next one begins with.
         last_slot, last_rows = self.last_capture
         end = max(end, last_slot + self.timing.chain + last_rows)
@@ -262,18 +280,18 @@ class Scheduler:
             self._swap_late(len(self.groups))
             end = max(end, self.last_swap + 1)
         # group number len(groups) + 1 is group 1 of the next step
-        if self.timing.chain and self._waits_in_chain(1):
+        if self.second_waits:
             self._fill(len(self.groups) + 1)
             end = max(end, self.filled[len(self.groups) + 1])
         return Schedule(
             self.config,
             self.program,
             self.groups,
-            tuple(mac_before),
-            tuple(mac_after),
-            tuple(elements),
-            slots_before,
-            end - slots_before,
+            tuple(self.rows[:before]),
+            tuple(self.rows[before:]),
+            tuple(self.issues),
+            self.start,
+            end - self.start,
             self.bias_rows,
             self.partial_rows,
             tuple(self.swaps),
@@ -282,15 +300,18 @@ class Scheduler:
             self.shared,
         )
 
-    def _length(self, op: ElementOp) -> int:
-        return self.config.inputs if op.state == "x" else self.config.network.hidden
+    def _indices(self, region: str) -> range:
+        return range(self.config.inputs if region == "x" else self.config.network.hidden)
 
-    def _reads_old(self, op: ElementOp, region: str) -> bool:
-        """True when an operation of this step reads the old content of the state region that ``op``
-        writes."""
+    def _reads_old(self, region: str) -> bool:
+        """True when an operation of this step reads the old content of a state region."""
         return any(
             f"S.{region}" in term[0].split("-") for element in self.program.elements for term in element.terms
         )
+
+    def _reads_new(self, g: int, region: str) -> bool:
+        """Group ``g`` reads the state of ``region`` that this step writes."""
+        return reads_new_state(self.program, self.groups[g].block, region)
 
     def _operands(self, op: ElementOp, term: int, index: int):
         a, b = op.terms[term]
@@ -303,20 +324,38 @@ class Scheduler:
             yield "T", op.add, index
 
     # ------------------------------------------------------------------ one phase
-    def _phase(self, group_numbers: list[int], pending: list[tuple[ElementOp, int]], start: int):
-        """Operations with slots from the phase's own start, and the slot after the phase."""
-        phase = _Phase(self, group_numbers, pending, start)
-        for cycle in range(start, start + self.LONGEST):
-            if phase.done:
-                return phase.rows, phase.issues, max(cycle, phase.element_free, phase.last_write)
-            element = phase.next_element(cycle)
+    def _place(self, products: int) -> int:
+        """Place the products up to that number, and all operations that wait. Gives the slot after the phase."""
+        for cycle in range(self.start, self.start + self.LONGEST):
+            if self.position == products and not self.pending and not self.second_term:
+                return max(cycle, self.element_free, self.last_write)
+            element = self._next_element(cycle)
             if element:
-                phase.issue_element(cycle, *element)
-            if not (self.shared and (element or phase.second_term)):
-                phase.issue_row(cycle)
+                self._issue_element(cycle, *element)
+            if not (self.shared and (element or self.second_term)):
+                self._issue_row(cycle)
         raise RuntimeError(
             "the program cannot be scheduled: an operation waits for a result that nothing writes"
         )
+
+    # ------------------------------------------------------------------ element-wise operations
+    def _next_element(self, cycle: int) -> tuple[ElementOp, int, int] | None:
+        """(operation, index, term) that the element-wise lane can issue in this slot; it is taken off those
+        that wait."""
+        if cycle < self.element_free:
+            return None
+        if self.second_term:
+            (op, index), self.second_term = self.second_term, None
+            return op, index, 1
+        if self.shared and not (self._group_starts and cycle >= self.lane_free):
+            return None
+        kept = self._table_kept_for_rows(cycle)
+        for k, (op, index) in enumerate(self.pending):
+            state_is_read = self.position > self.last_old.get(op.state, -1)
+            if state_is_read and self._element_ready(op, index, cycle, kept):
+                del self.pending[k]
+                return op, index, 0
+        return None
 
     def _element_ready(self, op: ElementOp, index: int, cycle: int, kept: range) -> bool:
         for term in range(len(op.terms)):
@@ -325,23 +364,66 @@ class Scheduler:
         table = cycle + len(op.terms) - 1 + self.timing.element_to_table
         return not (op.activated and (table in self.table_busy or table in kept))
 
+    def _table_kept_for_rows(self, cycle: int) -> range:
+        """Slots of the table that an element-wise operation leaves to a group that ends soon (``yields``)."""
+        # one product further than AHEAD, so that a group that goes on beyond it counts as longer
+        coming = [g for g, *_ in self.products[self.position : self.position + self.AHEAD + 1]]
+        todo = coming.count(coming[0]) if coming and self.yields else 0
+        return self._table_slots(coming[0], cycle + todo - 1) if 0 < todo <= self.AHEAD else range(0)
+
+    def _issue_element(self, cycle: int, op: ElementOp, index: int, term: int) -> None:
+        """Place one term of an element-wise operation, and its results with the last one."""
+        self.issues.append(ElementIssue(cycle - self.start, op, term, index))
+        last_term = len(op.terms) - 1
+        self.element_free = cycle + 1 + (self.element_gap if term == last_term else 0)
+        if self.shared:
+            self.lane_free = cycle + 1 + self.timing.gap
+        # reserved at once: the rows' results are placed in the meantime
+        if op.activated and term == 0:
+            self.table_busy.add(cycle + last_term + self.timing.element_to_table)
+        if term < last_term:
+            self.second_term = (op, index)
+            return
+        self.last_write = cycle + self.timing.element_to_state
+        if op.state:
+            self.ready["S", op.state, index] = self.new_state[op.state, index] = self.last_write
+        if op.activated:
+            self.last_write = cycle + self.timing.element_to_activated
+            self.ready["T", op.activated, index] = self.last_write
+
     # ------------------------------------------------------------------ rows on the lanes
-    def _may_start(self, g: int, cycle: int, new_state: dict[tuple[str, int], int]) -> bool:
+    @property
+    def _group_starts(self) -> bool:
+        """The next product is the first of its group."""
+        return not self.rows or self.rows[-1].last
+
+    def _issue_row(self, cycle: int) -> None:
+        """Place the rows' next product in this slot if its operands and the way of its result are ready."""
+        if self.position == len(self.products):
+            return
+        starts = self._group_starts
+        g, term, region, index = self.products[self.position]
+        last = self.position + 1 == len(self.products) or self.products[self.position + 1][0] != g
+        if starts and not self._may_start(g, cycle):
+            return
+        operand = self.new_state.get((region, index), self.NEVER) if self._reads_new(g, region) else 0
+        if operand > cycle or (last and not self._may_finish(g, cycle)):
+            return
+        if starts and g in self.late:
+            self._swap_late(g)
+        self.rows.append(MacOp(cycle - self.start, g, term, region, index, starts, last))
+        self.position += 1
+        if last:
+            self._finish(g, cycle)
+
+    def _may_start(self, g: int, cycle: int) -> bool:
         if cycle < self.lane_free:
             return False
         # an open row keeps element-wise operations off the lane: all it reads must be under way
         if self.shared:
-            regions = [
-                region
-                for _, region in self.groups[g].block.terms
-                if reads_new_state(self.program, self.groups[g].block, region)
-            ]
-            counts = {
-                region: self.config.inputs if region == "x" else self.config.network.hidden
-                for region in regions
-            }
+            new = [region for _, region in self.groups[g].block.terms if self._reads_new(g, region)]
             if any(
-                (region, index) not in new_state for region, count in counts.items() for index in range(count)
+                (region, index) not in self.new_state for region in new for index in self._indices(region)
             ):
                 return False
             return self._addends_ready(g, cycle) == cycle
@@ -383,26 +465,17 @@ class Scheduler:
             self.shifts |= set(range(capture + 1, capture + group.rows))
             if g + 1 not in self.filled:
                 self.late.add(g + 1)
+        self.table_busy.update(self._table_slots(g, cycle))
         for row in range(group.rows):
-            result = cycle + row
             if dest == "partial" or group.block.carried:
                 address = group.addend if group.block.carried else group.dest
-                self.ready["P", "", address + row] = result + self.timing.row_to_stored
-            elif dest == "value":
-                self.table_busy.add(result + self.timing.row - 1)
-                self.ready["T", group.block.region, group.dest + row] = result + self.timing.row_to_stored
+                self.ready["P", "", address + row] = cycle + row + self.timing.row_to_stored
             elif dest != "logit":
-                self.table_busy.add(result + self.timing.row)
-                self.ready["B" if dest == "sigmoid" else "T", group.block.region, group.dest + row] = (
-                    result + self.timing.row_to_gate
-                )
+                way = self.timing.row_to_stored if dest == "value" else self.timing.row_to_gate
+                key = "B" if dest == "sigmoid" else "T", group.block.region, group.dest + row
+                self.ready[key] = cycle + row + way
 
     # ------------------------------------------------------------------ addends
-    def _waits_in_chain(self, g: int) -> bool:
-        """True where the addends of group ``g`` are in the chain when a step begins: they are constants, and
-        the group is of this step."""
-        return g < len(self.groups) and bool(self.groups[g].block.bias)
-
     def _addends_ready(self, g: int, earliest: int) -> int:
         """First slot, ``earliest`` or later, in which row 0's addend may be addressed; row k's follows k
         slots later. NEVER: not known yet."""
@@ -427,115 +500,3 @@ class Scheduler:
         self.swaps.append(self.filled[g])
         self.last_swap = self.filled[g]
         self.late.discard(g)
-
-
-class _Phase:
-    """One phase of a step while it is scheduled: operations already placed, and those that wait.
-
-    rows, issues: operations placed. pending: (operation, index) of the element-wise operations that wait.
-    second_term: the operation whose second product has to follow its first. new_state: slot from which each
-    (region, index) of the state that this phase writes can be read.
-    """
-
-    def __init__(
-        self, scheduler: Scheduler, group_numbers: list[int], pending: list[tuple[ElementOp, int]], start: int
-    ) -> None:
-        config, groups = scheduler.config, scheduler.groups
-        self.scheduler, self.start, self.pending = scheduler, start, list(pending)
-        # (group, term, region, index) of each product of the rows, in program order
-        self.products = [
-            (g, term, region, index)
-            for g in group_numbers
-            for term, (_, region) in enumerate(groups[g].block.terms)
-            for index in range(config.inputs if region == "x" else config.network.hidden)
-        ]
-        self.last_old = {  # region -> last product that reads its old state: no new state before that
-            region: k for k, (g, _, region, _) in enumerate(self.products) if not self.reads_new(g, region)
-        }
-        self.rows: list[MacOp] = []
-        self.issues: list[ElementIssue] = []
-        self.second_term: tuple[ElementOp, int] | None = None
-        self.new_state: dict[tuple[str, int], int] = {}
-        self.position = 0  # the next of ``products``
-        self.element_free = 0  # first slot in which an element-wise operation may be issued
-        self.last_write = start
-
-    @property
-    def done(self) -> bool:
-        """Everything is placed."""
-        return self.position == len(self.products) and not self.pending and not self.second_term
-
-    @property
-    def group_starts(self) -> bool:
-        """The next product is the first of its group."""
-        return not self.rows or self.rows[-1].last
-
-    def reads_new(self, g: int, region: str) -> bool:
-        """Group ``g`` reads the state of ``region`` that this step writes."""
-        return reads_new_state(self.scheduler.program, self.scheduler.groups[g].block, region)
-
-    def next_element(self, cycle: int) -> tuple[ElementOp, int, int] | None:
-        """(operation, index, term) that the element-wise lane can issue in this slot; it is taken off those
-        that wait."""
-        if cycle < self.element_free:
-            return None
-        if self.second_term:
-            (op, index), self.second_term = self.second_term, None
-            return op, index, 1
-        if self.scheduler.shared and not (self.group_starts and cycle >= self.scheduler.lane_free):
-            return None
-        kept = self._table_kept_for_rows(cycle)
-        for k, (op, index) in enumerate(self.pending):
-            state_is_read = self.position > self.last_old.get(op.state, -1)
-            if state_is_read and self.scheduler._element_ready(op, index, cycle, kept):
-                del self.pending[k]
-                return op, index, 0
-        return None
-
-    def _table_kept_for_rows(self, cycle: int) -> range:
-        """Slots of the table that an element-wise operation leaves to a group that ends soon (``yields``)."""
-        ahead = self.scheduler.AHEAD
-        # one product further than AHEAD, so that a group that goes on beyond it counts as longer
-        coming = [g for g, *_ in self.products[self.position : self.position + ahead + 1]]
-        todo = coming.count(coming[0]) if coming and self.scheduler.yields else 0
-        return self.scheduler._table_slots(coming[0], cycle + todo - 1) if 0 < todo <= ahead else range(0)
-
-    def issue_element(self, cycle: int, op: ElementOp, index: int, term: int) -> None:
-        """Place one term of an element-wise operation, and its results with the last one."""
-        scheduler, times = self.scheduler, self.scheduler.timing
-        self.issues.append(ElementIssue(cycle - self.start, op, term, index))
-        last_term = len(op.terms) - 1
-        self.element_free = cycle + 1 + (scheduler.element_gap if term == last_term else 0)
-        if scheduler.shared:
-            scheduler.lane_free = cycle + 1 + times.gap
-        # reserved at once: the rows' results are placed in the meantime
-        if op.activated and term == 0:
-            scheduler.table_busy.add(cycle + last_term + times.element_to_table)
-        if term < last_term:
-            self.second_term = (op, index)
-            return
-        self.last_write = cycle + times.element_to_state
-        if op.state:
-            scheduler.ready["S", op.state, index] = self.new_state[op.state, index] = self.last_write
-        if op.activated:
-            self.last_write = cycle + times.element_to_activated
-            scheduler.ready["T", op.activated, index] = self.last_write
-
-    def issue_row(self, cycle: int) -> None:
-        """Place the rows' next product in this slot if its operands and the way of its result are ready."""
-        if self.position == len(self.products):
-            return
-        scheduler, starts = self.scheduler, self.group_starts
-        g, term, region, index = self.products[self.position]
-        last = self.position + 1 == len(self.products) or self.products[self.position + 1][0] != g
-        if starts and not scheduler._may_start(g, cycle, self.new_state):
-            return
-        operand = self.new_state.get((region, index), scheduler.NEVER) if self.reads_new(g, region) else 0
-        if operand > cycle or (last and not scheduler._may_finish(g, cycle)):
-            return
-        if starts and g in scheduler.late:
-            scheduler._swap_late(g)
-        self.rows.append(MacOp(cycle - self.start, g, term, region, index, starts, last))
-        self.position += 1
-        if last:
-            scheduler._finish(g, cycle)

@@ -12,9 +12,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout, has_door, sample_layout
-from eskin.rtl.common.ports import drive, forward
-from eskin.rtl.common.status import probe
+from eskin.rtl.common import decision_layout, drive, forward, has_door, probe, sample_layout
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.engine.engine import Engine

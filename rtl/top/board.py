@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.rtl.common.ports import drive, forward, outputs
+from eskin.rtl.common import drive, forward, outputs
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
 from eskin.rtl.host.uart import uart_divisor

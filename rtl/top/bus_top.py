@@ -9,7 +9,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, Record
-from eskin.rtl.common.ports import drive, forward, inputs, members_but
+from eskin.rtl.common import drive, forward, inputs, members_but
 from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word

@@ -13,7 +13,7 @@ from amaranth.hdl import (
     Value,
 )
 
-from eskin.rtl.common.memory_style import CHIP
+from eskin.rtl.common import CHIP
 
 CELL = "top_clock_gate"
 """The clock-gate cell, which each process names in its own way. Ports: CLK, CE, GCLK; CE is held while CLK is

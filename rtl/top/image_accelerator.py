@@ -7,7 +7,7 @@ from amaranth.hdl import Module, Mux, ResetInserter, Signal
 from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.rtl.common.ports import drive, forward
+from eskin.rtl.common import drive, forward
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.host.control import FedBy
 from eskin.rtl.image.image_engine import ImageEngine

@@ -8,8 +8,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout, sample_layout
-from eskin.rtl.common.ports import drive, forward, outputs
+from eskin.rtl.common import decision_layout, drive, forward, outputs, sample_layout
 from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.interface.acquisition import Acquisition
 from eskin.rtl.interface.converter_ports import FAULT_BITS

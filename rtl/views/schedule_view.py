@@ -5,14 +5,13 @@ microcode. Cycles count from the start of phase A. Lanes and the element-wise la
 operation is issued, its memories are addressed.
 """
 
-import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from eskin.golden.core import Record, write_json
-from eskin.rtl.program.cells import ElementOp, RowBlock
+from eskin.rtl.program.cells import RowBlock
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.program.scheduler import Schedule
@@ -20,8 +19,6 @@ from eskin.rtl.program.scheduler import Schedule
 UNITS = ("lanes", "element-wise lane", "row chain", "activation table", "state write", "classifier")
 LANES, ELEMENTS, CHAIN, TABLE, STATE, CLASSIFIER = UNITS
 """The units of a drawing, from top to bottom."""
-WORK = ("unit", "block", "before", "rows", "what")
-"""Fields in which spans that follow one another are alike when they are one."""
 
 
 @dataclass(frozen=True)
@@ -39,95 +36,51 @@ class Span:
         Phase A: needs no feature.
     slot, slots:
         First slot, from the start of phase A, and how many.
-    rows:
-        Lanes at work (1 for every other unit).
-    what:
-        The work in words.
-    first, last:
-        Index of the first and the last element, operation or row.
     """
 
     unit: str
     block: str
     before: bool
     slot: int
-    slots: int
-    rows: int
-    what: str
-    first: int
-    last: int
-
-    @property
-    def last_slot(self) -> int:
-        """Slot, that is cycle, in which the work ends."""
-        return self.slot + self.slots - 1
+    slots: int = 1
 
 
 def spans(plan: Schedule) -> tuple[Span, ...]:
-    """Everything every unit does in one step, each operation once: in the order of ``UNITS``, by time within
-    a unit."""
+    """Everything every unit does in one step: in the order of ``UNITS``, by time within a unit."""
     joined: list[Span] = []
-    for span in sorted(_single(plan), key=lambda span: (UNITS.index(span.unit), span.slot)):
-        last = joined[-1] if joined else None
-        # an operation of two terms stays at its index for both
-        if (
-            last
-            and last.slot + last.slots == span.slot
-            and span == replace(span, **{name: getattr(last, name) for name in WORK})
-            and span.first - last.last in (0, 1)
-        ):
-            joined[-1] = replace(last, slots=last.slots + span.slots, last=span.last)
+    for span in sorted(set(_single(plan)), key=lambda span: (UNITS.index(span.unit), span.slot)):
+        last = joined[-1] if joined else span
+        if span == replace(last, slot=last.slot + last.slots, slots=1):
+            joined[-1] = replace(last, slots=last.slots + 1)
         else:
             joined.append(span)
     return tuple(joined)
 
 
 def _single(plan: Schedule) -> Iterator[Span]:
-    """One span an operation of the schedule, and one for each thing that follows from it further down the
+    """One span a slot for each operation of the schedule, and for each thing that follows from it further down the
     pipeline."""
     timing = plan.timing
     for ops, base, before in ((plan.mac_before, 0, True), (plan.mac_after, plan.slots_before, False)):
         for op in ops:
-            group = plan.groups[op.group]
-            block, name, slot = group.block, _gate(group.block), base + op.cycle
-            rows = f"rows {group.first_row}..{group.first_row + group.rows - 1}"
-            label = f"{block.terms[op.term][0]} {op.region}, {rows}"
-            yield Span(LANES, name, before, slot, 1, group.rows, label, op.index, op.index)
-            ends = [(CHAIN, f"{block.name}: sum to {TARGETS[block.dest]}")]
-            ends += [(TABLE, f"{block.dest} of {block.name}")] * (block.dest in ("sigmoid", "tanh"))
-            ends += [(CLASSIFIER, "logit")] * (block.dest == "logit")
-            for row, (unit, label) in itertools.product(range(group.rows if op.last else 0), ends):
-                number = group.first_row + row
-                yield Span(unit, name, before, slot + timing.row + row, 1, 1, label, number, number)
+            group, slot = plan.groups[op.group], base + op.cycle
+            name = _gate(group.block)
+            yield Span(LANES, name, before, slot)
+            further = {"sigmoid": TABLE, "tanh": TABLE, "logit": CLASSIFIER}.get(group.block.dest, CHAIN)
+            for row in range(group.rows if op.last else 0):
+                yield Span(CHAIN, name, before, slot + timing.row + row)
+                yield Span(further, name, before, slot + timing.row + row)
     for issue in plan.elements:
-        work, slot, index = issue.op, plan.slots_before + issue.cycle, issue.index
-        uses = [(ELEMENTS, 0, _formula(work))]
-        if issue.term == len(work.terms) - 1:
-            uses += [(TABLE, timing.element_to_table, f"tanh of {work.name}")] * bool(work.activated)
-            uses += [(STATE, timing.element_to_state - 1, work.state)] * bool(work.state)
-        for unit, later, label in uses:
-            yield Span(unit, work.name, False, slot + later, 1, 1, label, index, index)
-
-
-TARGETS = {
-    "partial": "the partial sums",
-    "sigmoid": "a gate",
-    "tanh": "T memory",
-    "value": "T memory",
-    "logit": "the classifier",
-}
+        work, slot = issue.op, plan.slots_before + issue.cycle
+        yield Span(ELEMENTS, work.name, False, slot)
+        if issue.term == len(work.terms) - 1 and work.activated:
+            yield Span(TABLE, work.name, False, slot + timing.element_to_table)
+        if issue.term == len(work.terms) - 1 and work.state:
+            yield Span(STATE, work.name, False, slot + timing.element_to_state - 1)
 
 
 def _gate(block: RowBlock) -> str:
     return block.region if block.dest == "partial" else block.name
-
-
-def _formula(op: ElementOp) -> str:
-    operands = [(a.replace("S.", "").replace("T.", ""), b) for a, b in op.terms]
-    terms = " + ".join(f"{f'({a})' if '-' in a else a} {b}" for a, b in operands)
-    terms += f" + {op.add}" * bool(op.add)
-    results = [f"{op.state} = {terms}"] * bool(op.state)
-    return " and ".join(results + [f"{op.activated} = tanh({terms})"] * bool(op.activated))
 
 
 # ---------------------------------------------------------------------- figures
@@ -161,48 +114,32 @@ def summary(plan: Schedule) -> Record:
 def title(plan: Schedule) -> str:
     """Two lines: the cell and its lanes, and how busy they are."""
     s = summary(plan)
-    busy = f"lanes busy {s['busy_share']:.1%}, element-wise operations {s['element_share']:.1%}"
-    cell = {"lstm": "LSTM", "linear": "linear"}.get(s["cell"], f"GRU, reset {s['reset']}")
-    lanes = f"{s['lanes']} {s['lane_type']} lane" + "s" * (s["lanes"] > 1)
-    middle = (
-        f"{s['hidden']} hidden"
-        if plan.config.recurrent
-        else f"{s['sets']} set{'s' * (s['sets'] > 1)} of weights"
-    )
+    cell = f"{s['cell']}, reset {s['reset']}" if s["reset"] else s["cell"]
+    middle = f"{s['hidden']} hidden" if plan.config.recurrent else f"sets of weights: {s['sets']}"
     return (
-        f"{cell}: {s['taxels']} taxels, {middle}, {s['classes']} classes on {lanes}\n"
-        f"{s['step_cycles']} cycles a step, ideal {s['ideal_cycles']} (ratio {s['ratio']:.3f}), {busy}"
+        f"{cell}: {s['taxels']} taxels, {middle}, {s['classes']} classes, {s['lanes']} x {s['lane_type']}\n"
+        f"{s['step_cycles']} cycles a step, ideal {s['ideal_cycles']} (ratio {s['ratio']:.3f}), "
+        f"lanes busy {s['busy_share']:.1%}, element-wise operations {s['element_share']:.1%}"
     )
 
 
 def figures(plan: Schedule) -> list[tuple[str, str]]:
-    """The `summary` in words: (name, value with its unit)."""
-    s = summary(plan)
+    """The `summary` as text: (name, value)."""
     return [
-        ("cycles before the features (phase A)", str(s["phase_a_cycles"])),
-        ("cycles from features to decision (phase B)", str(s["decision_cycles"])),
-        ("cycles a step", str(s["step_cycles"])),
-        ("ideal: multiplies / lanes", str(s["ideal_cycles"])),
-        ("ratio", f"{s['ratio']:.3f}"),
-        ("lanes busy", f"{s['busy_share']:.1%}"),
-        ("element-wise busy", f"{s['element_share']:.1%}"),
-        ("cycles before a touch (prologue)", str(s["prologue_cycles"])),
-        ("lowest clock", f"{s['lowest_clock_hz'] / 1e3:.1f} kHz"),
+        (name.replace("_", " "), f"{value:g}" if isinstance(value, float) else str(value))
+        for name, value in summary(plan).items()
     ]
 
 
 # ---------------------------------------------------------------------- picture
 LINE_SLOTS = 200  # slots a line of the picture holds well; more where lines would be too many
 MOST_LINES = 12
-TRACKS_MOST = 12  # height of the lane array, in tracks: more lanes get thinner ones
-PITCH = 1.25  # from one of the other units to the next, in tracks
 PHASE_A = 0.4  # opacity of what needs only the old state
 
 
 def timeline(plan: Schedule):
-    """The picture, a matplotlib Figure: a row per unit, that of the lanes as high as the number of busy
-    lanes; coloured by block, pale where only the old state is needed; long steps continue in further lines of
-    the same scale."""
+    """The picture, a matplotlib Figure: a row per unit, coloured by block, pale where only the old state is needed;
+    long steps continue in further lines of the same scale."""
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
     from matplotlib.patches import Patch
 
@@ -212,8 +149,7 @@ def timeline(plan: Schedule):
     blocks = map(_gate, (*plan.program.before, *plan.program.after))
     names = dict.fromkeys([*blocks, *(op.name for op in plan.program.elements)])
     colours = {name: f"C{k}" for k, name in enumerate(names)}
-    rows = min(plan.config.hardware.lanes, TRACKS_MOST) + PITCH * len(UNITS)
-    figure = Figure(figsize=(15, lines * (0.21 * rows + 0.75) + 1.35), layout="constrained")
+    figure = Figure(figsize=(15, 2.5 * lines + 1.35), layout="constrained")
     figure.suptitle(title(plan), fontsize=12)
     panels = figure.subplots(lines, 1, squeeze=False)[:, 0]
     for line, axes in enumerate(panels):
@@ -227,34 +163,21 @@ def timeline(plan: Schedule):
 
 def _draw_line(axes, plan: Schedule, colours: dict[str, str], left: int, length: int) -> None:
     """One line of the picture: slots ``left`` to ``left + length``."""
-    lanes, right = plan.config.hardware.lanes, left + length
-    track = min(1.0, TRACKS_MOST / lanes)
-    tops = {unit: lanes * track * (k > 0) + PITCH * k for k, unit in enumerate(UNITS)}
     for span in spans(plan):
-        first = max(span.slot, left)
-        wide = min(span.last_slot + 1, right) - first
-        if wide <= 0:
-            continue
-        tall = span.rows * track if span.unit == LANES else 1.0
-        place, alpha = (tops[span.unit], tall), PHASE_A if span.before else 1.0
-        colour = colours[span.block]
-        axes.broken_barh([(first, wide)], place, facecolors=colour, alpha=alpha, edgecolors="white")
-        fits = (span.what.partition(",")[0], span.block, "")
-        label = next(text for text in fits if len(text) < wide * 170 / length or not text)
-        middle = first + wide / 2, tops[span.unit] + tall / 2
-        axes.text(*middle, label, ha="center", va="center", fontsize=7)
-    ends = {plan.slots_before: ("--", "B: the features are there"), plan.step_cycles: ("-", "decision")}
-    for slot, (style, words) in ends.items():
-        if left <= slot < right:
-            axes.axvline(slot, color="black", linewidth=1.0, linestyle=style)
+        first, top = max(span.slot, left), UNITS.index(span.unit)
+        wide = min(span.slot + span.slots, left + length) - first
+        if wide > 0:
+            alpha, colour = PHASE_A if span.before else 1.0, colours[span.block]
+            axes.broken_barh([(first, wide)], (top, 0.9), facecolors=colour, alpha=alpha, edgecolors="white")
+            if len(span.block) < wide * 170 / length:
+                axes.text(first + wide / 2, top + 0.45, span.block, ha="center", va="center", fontsize=7)
+    for slot, words in ((plan.slots_before, "B: the features are there"), (plan.step_cycles, "decision")):
+        if left <= slot < left + length:
+            axes.axvline(slot, color="black", linewidth=1.0)
             side = "left" if slot < left + length / 2 else "right"
             axes.text(slot, -0.25, f" {words}, cycle {slot} ", fontsize=8, va="bottom", ha=side)
-    axes.set(xlim=(left, right), ylim=(lanes * track + PITCH * len(UNITS), -0.15))
-    shared = {ELEMENTS: "element-wise, on lane 0"} if plan.shared else {}
-    names = {LANES: f"{lanes} lane{'s' * (lanes > 1)}"} | shared
-    axes.set_yticks(
-        [top + 0.5 for top in tops.values()], [names.get(unit, unit) for unit in tops], fontsize=8
-    )
+    axes.set(xlim=(left, left + length), ylim=(len(UNITS), -0.15))
+    axes.set_yticks([top + 0.45 for top in range(len(UNITS))], UNITS, fontsize=8)
     axes.tick_params(axis="y", length=0)
     axes.spines[["top", "right", "left"]].set_visible(False)
 

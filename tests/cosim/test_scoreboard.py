@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.latency import budgets, needed_clock, step_limit_frames
-from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, Mismatch, Scoreboard, recordings_of
+from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, Mismatch, Recording, Scoreboard
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from tests.support.link_flow import pack_decisions
 from tests.support.table import each_row
@@ -52,11 +52,15 @@ def expected() -> dict[str, np.ndarray]:
     return arrays
 
 
+def both(expected) -> list[Recording]:
+    return [Recording(expected, position) for position in (0, 1)]
+
+
 class Said(dict):
     """What hardware that agrees says: (recording, stage) -> values; (recording, "end") -> registers."""
 
     def __init__(self, expected) -> None:
-        for recording in recordings_of(expected):
+        for recording in both(expected):
             for stage in FLAT_STAGES:
                 self[recording.number, stage] = recording[stage].copy()
             payloads = [pack(row) for row in recording["decision"]]
@@ -65,8 +69,8 @@ class Said(dict):
 
     def judged(self, expected, config=CONFIG) -> Scoreboard:
         """The scoreboard behind all of it; value k of a stage came in cycle 100 + k."""
-        scoreboard = Scoreboard(config, expected)
-        for recording in recordings_of(expected):
+        scoreboard = Scoreboard(config)
+        for recording in both(expected):
             scoreboard.begin(recording)
             for stage in (*FLAT_STAGES, "decision"):
                 values = self[recording.number, stage]
@@ -159,7 +163,7 @@ def test_every_difference_is_told_with_its_place(expected, number, stage, change
     with pytest.raises(Mismatch, match=told) as found:
         said.judged(expected)
     if told.startswith("frame 12"):
-        aim = recordings_of(expected)[0][stage][found.value.index]
+        aim = Recording(expected, 0)[stage][found.value.index]
         assert (found.value.expected, found.value.got) == (aim, aim + 1)
 
 
@@ -173,8 +177,8 @@ def test_fault_flags_at_the_end(expected, flags, first, second, told):
 
 
 def test_cycles_are_extremes_over_all_recordings(expected, said):
-    scoreboard = Scoreboard(CONFIG, expected)
-    for recording, late in zip(recordings_of(expected), (9, 10), strict=True):
+    scoreboard = Scoreboard(CONFIG)
+    for recording, late in zip(both(expected), (9, 10), strict=True):
         scoreboard.begin(recording)
         frames = recording["decision_frame"]
         scoreboard.check("step", np.array([10, 12] if late == 9 else [11]))
@@ -185,6 +189,7 @@ def test_cycles_are_extremes_over_all_recordings(expected, said):
         scoreboard.end(said[recording.number, "end"], taken)
     assert scoreboard.counts == {"steps": 3, "decisions": 7}
     cycles = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": 10}
+    cycles["step_ideal"] = CONFIG.step_ideal
     assert scoreboard.result(20)["cycles"] == cycles
 
 

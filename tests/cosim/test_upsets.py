@@ -37,7 +37,7 @@ class Upsets:
     def __init__(self, *, checksum: bool = True, watchdog: bool = True) -> None:
         model = random_integer_model(SMALL.replace(checksum=checksum, watchdog=watchdog), seed=5)
         text, self.sites = with_upsets(model.config, model.arrays)
-        self._design = Design(text, BUILDS, "upsets")
+        self._design = Design(text, BUILDS)
         self._boot = boot_writes(model.config, model.arrays)
         self._codes = recordings(model.config, 3, [200]).recording(0)
         self._bits = model.config.sensor.sample_bits

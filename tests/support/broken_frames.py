@@ -36,12 +36,12 @@ async def play_with_a_fault(dut) -> None:
 
     bench.events.take["scan"] = scanned
     await bench.bus.command("ARM")
-    await bench.settle()
+    await bench.until(dut.idle)
     bench.source.begin()
     await bench.source.send(frames)
-    await bench.source.through()
+    await bench.until(dut.through, 1e9)
     await bench.bus.command("FINISH")
-    await bench.settle()
+    await bench.until(dut.idle)
     said = {"decisions": decisions, "taken": bench.source.taken}
     said["faults"] = dut.faults.value.to_unsigned()
     Path("result.json").write_text(json.dumps(said))

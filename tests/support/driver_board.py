@@ -25,7 +25,7 @@ class Board:
 
     def __init__(self, folder: Path, bus: str = "wishbone", *, seed: int = 0, pause: float = 0.0) -> None:
         verilog = (folder / f"eskin_{bus}.sv").read_text()
-        self.device = Device(Design(verilog, BUILDS, "this test", top=f"eskin_{bus}"))
+        self.device = Device(Design(verilog, BUILDS, top=f"eskin_{bus}"))
         self.device.reset()
         self._access = getattr(self, f"_{bus}")
         self._random, self._pause = random.Random(seed), pause

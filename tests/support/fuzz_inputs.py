@@ -114,7 +114,6 @@ def make_corpus(folder: Path) -> Path:
     _archive(folder / "recordings.npz", config, samples=loaded.samples.astype(np.uint16), offsets=loaded.offsets, labels=loaded.labels,
              person=loaded.groups["person"], sample_rate_hz=500.0)  # fmt: skip
     (folder / "config.json").write_text(config.to_json())
-    (folder / "grid.json").write_text('{"hidden": [4, 6], "cell": ["gru", "lstm"]}')
     layers: torch.nn.Module = torch.nn.ModuleDict({"cell": torch.nn.GRU(4, 4), "head": torch.nn.Linear(4, 2)})
     torch.save(layers.state_dict(), folder / "network.pt")
     write_onnx(FloatModel(config, result_case.float_model().arrays), folder / "network.onnx")
@@ -160,7 +159,6 @@ def make_corpus(folder: Path) -> Path:
         person=np.arange(12) // 3,
     )
     (folder / "image.json").write_text(image.to_json())
-    (folder / "image_grid.json").write_text('{"layers": ["four", ["conv 3 4", "pool"]]}')
     layers = torch.nn.Sequential(
         torch.nn.Conv2d(1, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.Linear(6 * 7 * 4, 2)
     )
@@ -391,7 +389,7 @@ def damage(path: Path, rng: random.Random) -> None:
         return
     if rng.randrange(40) == 39:
         path.unlink()
-        # a user's own --grid or --config may be a pipe, and waits for its writer as any program would
+        # a user's own --config may be a pipe, and waits for its writer as any program would
         waits = path.parent.name == "in" and path.suffix not in (".npz", ".csv", ".mat")
         rng.choice((os.mkdir, lambda name: os.symlink(name, name), *([] if waits else [os.mkfifo])))(path)
         return
@@ -430,7 +428,7 @@ enrol ../in/model --data @ --out taught
 enrol ../in/prototypes --teach @ --out taught
 evaluate ../in/prototypes --data @
 quantise model --data @ --readout prototypes
-quantise model --data @ --readout prototypes --group person --unknown # --spare-classes #
+quantise model --data @ --readout prototypes --group person --spare-classes #
 enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1
 run --data @ --config ../in/config.json
 energy ../in/model --data @
@@ -510,8 +508,6 @@ READERS = {
     "taught.npz": "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @\n"
     "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @ --teach $",
     "config.json": CONFIGURED,
-    "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
-    "--config ../in/config.json",
     "network.pt": "import @ --out made --config ../in/config.json --mean # --std #",
     "network.onnx": "import @ --out made\nimport @ --out made --config ../in/config.json --mean # --std #\n"
     "import @ --out made --data ../in/recordings.npz",
@@ -520,7 +516,6 @@ READERS = {
     "image_model": MODEL.replace("recordings.npz", "images.npz"),
     "image.json": "import ../in/image.pt --out made --config @ --mean 0 --std 255\nrun --data "
     "../in/images.npz --config @",
-    "image_grid.json": "sweep --data ../in/images.npz --grid @ --out swept",
     "image.pt": "import @ --out made --config ../in/image.json --mean # --std #",
     "cells.lib": "asic ../in/model --pdk ihp-sg13g2 --liberty @\nasic ../in/model --pdk sky130hd --liberty @",
     "cells.lib.gz": "asic ../in/model --pdk ihp-sg13g2 --liberty @",
@@ -605,7 +600,6 @@ GOOD = {
     "config": "../in/config.json pvdf thesis",
     "file": "../in/network.pt ../in/network.onnx",
     "folder": "../in/model",
-    "grid": "../in/grid.json bits default",
     "group": "person source_file person,source_file x",
     "recordings": "1 2 all -1 0",
     "target": "icebreaker ulx3s upduino tangnano9k x",

@@ -91,7 +91,7 @@ def play_link(
     }
     begun = time.monotonic()
     if model == "fast":
-        device = Device(Design(board.read_text(), builds, "a test", "board_top"))
+        device = Device(Design(board.read_text(), builds, top="board_top"))
         device.put("rx", 1)
         device.reset()
 

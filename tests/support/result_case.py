@@ -10,7 +10,6 @@ import numpy as np
 from eskin.golden.core import write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, network_shapes, pipeline
-from eskin.pages.report import write_trace
 from eskin.training.made_up import random_recordings
 from eskin.training.quantise import profile, range_records
 from eskin.training.times import step_times
@@ -167,8 +166,6 @@ def make_result(folder: Path) -> Path:
     model = random_integer_model(CONFIG, seed=2)
     float_model().save(folder / "model", training_record(loaded))
     model.save(folder / "model")
-    trace = pipeline.run(model, loaded)
-    write_trace(folder / "trace.npz", trace, loaded, int(np.flatnonzero(trace.first >= 0)[0]), 7)
     write_json(folder / "evaluate.json", evaluation(len(loaded)))
     write_json(folder / "cosim.json", cosimulation(10))
     write_json(folder / "cosim_declared.json", cosimulation(2, pace="declared"))

@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.cosim.live import Brought, LiveSimulator
+from eskin.cosim.device import Accelerator, Design
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.model import Stream, run
 from eskin.live.sources import SimulationSource
@@ -33,38 +33,33 @@ def recordings(model):
 
 
 class Twin:
-    """In place of the simulator: the model's own values, some of them spoiled by ``spoil(frame, stage,
+    """In place of the simulated device: the model's own values, some of them spoiled by ``spoil(frame, stage,
     values)``."""
 
     def __init__(self, model, spoil=lambda frame, stage, values: values) -> None:
         self.stream, self.spoil, self.registers = Stream(model), spoil, {"FAULTS": 0}
 
-    def arm(self) -> None:
-        self.stream.arm()
+    def command(self, *names: str) -> None:
+        self.ended = "FINISH" in names
+        if not self.ended:
+            self.stream.arm()
 
-    def take(self, samples: np.ndarray) -> list[Brought]:
-        return [self._brought(self.stream.push(frame)) for frame in samples]
-
-    def finish(self) -> Brought:
-        return self._brought(self.stream.finish())
-
-    def read(self, register: str) -> int:
+    def register(self, register: str) -> int:
         return self.registers.get(register, self.stream.touches)
 
     def close(self) -> None:
         pass
 
-    def _brought(self, decisions) -> Brought:
-        brought = Brought({}, 9)
-        for made in decisions:
+    def brought(self, frames: np.ndarray | None = None) -> dict[str, list[int]]:
+        brought: dict[str, list[int]] = {}
+        decisions = [] if frames is None else self.stream.push(frames)
+        for made in self.stream.finish() if self.ended else decisions:
             for stage, values in made.stages.items():
-                brought.stages.setdefault(stage, []).extend(np.asarray(values).astype(int).tolist())
-            brought.stages.setdefault("decision", []).extend(
-                pack_decisions(self.stream.config, np.array([made.row()]))
-            )
-        frame = self.stream.frame
-        spoiled = {stage: self.spoil(frame, stage, list(values)) for stage, values in brought.stages.items()}
-        return Brought({stage: values for stage, values in spoiled.items() if values}, brought.cycles)
+                brought.setdefault(stage, []).extend(np.asarray(values).astype(int).tolist())
+            word = pack_decisions(self.stream.config, np.array([made.row()]))
+            brought.setdefault("decision", []).extend(word)
+        spoiled = {stage: self.spoil(self.stream.frame, stage, values) for stage, values in brought.items()}
+        return {stage: values for stage, values in spoiled.items() if values}
 
 
 def expected_values(streams) -> int:
@@ -111,16 +106,16 @@ def test_the_simulated_rtl_is_equal_in_lock_step(model, scan_every):
     config = model.config.replace(scan_every=scan_every)
     model = dataclasses.replace(model, config=config)
     recordings = random_recordings(config, LENGTHS, seed=4)
-    design, registers = export(config, model.arrays), register_map(config)
-    simulator = LiveSimulator(design, config, registers, boot_writes(config, model.arrays), BUILDS)
-    stage = Stage(SimulationSource(model, simulator), recordings).go()
+    design, registers = Design(export(config, model.arrays), BUILDS), register_map(config)
+    simulated = Accelerator(design, config, registers, boot_writes(config, model.arrays))
+    stage = Stage(SimulationSource(model, simulated), recordings).go()
     tally = stage.player.tally
     assert (tally.mismatches, tally.said) == (0, []) and tally.compared == expected_values(
         run(model, recordings).streams
     )
     other = {name: np.array(values) for name, values in model.arrays.items()}
     other["V"][0, 0] ^= 1
-    spoilt = LiveSimulator(design, config, registers, boot_writes(config, other), BUILDS)
+    spoilt = Accelerator(design, config, registers, boot_writes(config, other))
     tally = Stage(SimulationSource(model, spoilt), recordings).go().player.tally
     assert tally.mismatches > 0 and all("(logit" in said or "(decision)" in said for said in tally.said)
 

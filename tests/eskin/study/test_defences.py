@@ -8,6 +8,7 @@ import pytest
 
 from eskin.study import defences
 from eskin.study.stability.core import Scene
+from eskin.study.stability.shapes import Experiment
 from eskin.training import crossval
 from eskin.training import recipe as recipes
 from tests.support import stability_case
@@ -40,37 +41,40 @@ def test_failures_are_what_they_say():
 
 
 def test_the_margin_record_is_counted_over_the_confident():
-    labels = np.array([0, 1, 0, 1])
-    decided = np.array([0, 1, 1, -1])
+    labels = np.array([0, 1, 0, 1, 0, 0, 0, 0])
+    decided = np.array([0, 1, 1, -1, 0, 0, 0, 0])
 
     def record(margins, learnt, coverage):
-        outcome = [(np.arange(4), decided, np.array(margins), np.array(learnt))]
-        found = defences.margin_record(["trial"], labels, outcome, coverage)
-        return [found[key] for key in ("threshold", "coverage", "accuracy", "without")]
+        outcome = [(np.arange(4, 8), np.arange(4), decided, np.array(margins + learnt))]
+        found = defences.margin_record(labels, outcome, coverage)
+        return [found[key] for key in ("threshold", "coverage", "accuracy")]
 
     # a margin of the threshold itself is confident
-    assert record([9, 3, 6, 0], [4, 6, 8, 9], 0.75) == [6, 0.5, 0.5, 0.5]
-    assert record([9, 3, 5, 0], [0, 0, 0, 5], 1.0) == [0, 0.75, pytest.approx(2 / 3), 0.5]
+    assert record([9, 3, 6, 0], [4, 6, 8, 9], 0.75) == [6, 0.5, 0.5]
+    assert record([9, 3, 5, 0], [0, 0, 0, 5], 1.0) == [0, 0.75, pytest.approx(2 / 3)]
+    assert record([0, 0, 0, 0], [9, 9, 9, 9], 1.0) == [9, 0.0, 0.0]
 
 
-def test_the_comparison_counts_what_unseen_recordings_get():
+def test_the_comparison_counts_what_unseen_recordings_get(monkeypatch):
     data = stability_case.recordings()
     recipe = dataclasses.replace(recipes.RECIPES["onset"], updates=60)
-    variant = defences.Variant("one", CONFIG, recipe)
-    front_ends: dict = {}
-    names = ("dead", "stuck", "stuck, masked")
+    monkeypatch.setattr(defences, "FOLDS", 2)
 
-    def compared(front_ends):
-        return defences.judge_defences(data, variant, [["trial"]], [0], folds=2, front_ends=front_ends)
+    def compared():
+        return defences.judge_defences((data, ["trial"], 1), ("one", CONFIG, recipe))
 
-    record = compared(front_ends)
+    record = compared()
     (reference,) = crossval.cross_validate(data, CONFIG, [["trial"]], [0], folds=2, recipe=recipe)
-    assert record["clean"][0]["accuracy"] == pytest.approx(reference["integer_accuracy"])
-    ((key, front_end),) = front_ends.items()
-    taxels = range(CONFIG.sensor.taxels)
-    assert set(front_end) == {"clean"} | {f"{name}, taxel {taxel}" for name in names for taxel in taxels}
-    assert all(0 <= record[name]["worst"] <= record[name]["mean"] <= 1 for name in names)
-    config, rows, touches = front_end["dead, taxel 3"]
-    again = compared({key: front_end | {"dead, taxel 3": (config, np.full_like(rows, -1), touches)}})
-    assert (again["dead"]["worst"], again["dead"]["worst_taxel"]) == (0.0, 3)
+    assert record["accuracy"] == pytest.approx(reference["integer_accuracy"])
+    assert all(0 <= record[name]["worst"] <= record[name]["mean"] <= 1 for name in defences.FAILURES)
+    deaf = Experiment(
+        lambda scene, level, taxels: lambda stream, onset, rng: stream * (3 not in taxels),
+        0,
+        (),
+        "",
+        over="taxels",
+    )
+    monkeypatch.setitem(defences.FAILURES, "dead", deaf)
+    again = compared()
+    assert (again["dead"]["worst"], again["dead"]["worst_taxel"]) == (0.0, "taxel 3")
     assert again["stuck"] == record["stuck"]

@@ -1,5 +1,5 @@
 """eskin/study/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of
-finished trainings, the files."""
+finished trainings."""
 
 import dataclasses
 
@@ -8,96 +8,72 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core import PRESETS
+from eskin.golden.core import PRESETS, InputError
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.rtl.program.schedule import decision_cycles, schedule, step_cycles
+from eskin.pages.sweep_charts import accuracy_chart
+from eskin.rtl.program.schedule import schedule
 from eskin.study import sweep as sweeping
 from eskin.training import recipe as recipes
 from eskin.verbs import sweep_job
 from eskin.verbs.cost import cost_of
-from tests.support.table import each_row
+from tests.support.image_scenes import shapes
 from tests.support.touch_scenes import SMALL, scene
 
-GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
+CELLS = [("gru", "before", 4), ("gru", "after", 6)]
+WIDTHS = ({"weight_bits": 6}, {"weight_bits": 8})
 
 
 class Stub:
-    """Stands in for training: better with more units and bits, better with the seed; what was asked is in
-    ``jobs``."""
+    """Stands in for training: better with more units and bits; what was asked is in ``jobs``."""
 
     def __init__(self) -> None:
         self.jobs: list[dict] = []
 
     def __call__(self, recordings, job):
         self.jobs.append(job)
-        accuracy = 0.7 + 0.02 * job["config"].network.hidden + 0.005 * job["widths"].get("weight_bits", 8)
-        splits = [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job["splits"])]
-        return {"splits": splits}
+        accuracy = 0.7 + 0.02 * job["config"].network.hidden + 0.005 * job["widths"]["weight_bits"]
+        return {"splits": [self.split(groups, accuracy - 0.1 * n) for n, groups in enumerate(job["splits"])]}
 
     @staticmethod
-    def split(groups, accuracy, job):
-        by_seed = [accuracy + 0.001 * (seed - np.mean(job["seeds"])) for seed in job["seeds"]]
-        times = [0.01 * (k + 1) for k in range(job["config"].windows.steps)]
-        shares = {"accuracy": accuracy, "float_accuracy": accuracy, "float_by_seed": by_seed}
-        return {
-            "groups": list(groups),
-            **shares,
-            **sweeping.seed_spread(by_seed, 60),
-            "agreement": 0.99,
-            "decision_time_s": times[-1],
-            "per_step": [{"step": k, "time_s": t, "accuracy": accuracy / 2} for k, t in enumerate(times, 1)],
-            "per_fold": [
-                {"accuracy": accuracy, "by_seed": by_seed, "held_out": f"person {n}"} for n in range(3)
-            ],
-        }
+    def split(groups, accuracy):
+        shares = {"integer_accuracy": accuracy, "float_accuracy": accuracy, "agreement": 0.99}
+        return {"groups": groups, **shares, "integer_by_seed": [accuracy - 0.01, accuracy + 0.01]}
 
 
-def cost_by_size(config):
-    cycles = {"cycles_step": step_cycles(config), "cycles_decision": decision_cycles(config)}
-    return cycles | {"energy_j": 1e-6 * (100 + config.multiplies), "compute_j": 1e-9 * config.multiplies}
-
-
-def do_sweep(tmp_path, stub, grids=GRID, progress=None, **options):
-    options = {"splits": [["person"], []], "seeds": (0, 1, 2), "folds": 5, "version": "1", **options}
-    options |= {"jobs": Jobs(workers=1, progress=progress), "keep": Memo(tmp_path / "cache")}
-    points = sweeping.make_points(SMALL, grids)
+def do_sweep(tmp_path, stub, base=SMALL, splits=(["person"], []), version="1", progress=None, **bounds):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sweeping, "judge", stub)
-        outcomes = sweeping.judge_points(scene(20), points, **options)
-    return sweeping.sweep(points, outcomes, cost_by_size, {})
+        for name, value in {
+            "CELLS": CELLS,
+            "WIDTHS": WIDTHS,
+            "LANES": (1, 2),
+            "judge_recordings": stub,
+        }.items():
+            patch.setattr(sweeping, name, value)
+        points = sweeping.recording_points(base)
+        jobs, keep = Jobs(workers=1, progress=progress), Memo(tmp_path / "cache")
+        outcomes = sweeping.judge_points(scene(20), points, splits, jobs, keep, version)
+    return sweeping.sweep(points, outcomes, sweep_job.cost_of, 20, **bounds)
 
 
 # ---------------------------------------------------------------------- points
-def test_a_grid_is_every_combination_once():
-    points = sweeping.make_points(
-        PRESETS["pvdf"], [*GRID, {"hidden": 4, "weight_bits": 8, "lanes": 1}, {"cell": "lstm", "hop": 48}]
-    )
-    assert len(points) == 9 and len({point.name for point in points}) == 9
-    shown = [points[0].to_dict()[key] for key in ("hidden", "weight_bits", "lanes")]
-    last = points[-1].config
-    assert shown == [4, 6, 1] and (last.network.cell, last.formats.state_format.int_bits) == ("lstm", 4)
-    assert (last.windows.hop, last.windows.window) == (48, 96)
-    (odd,) = sweeping.make_points(PRESETS["thesis"], [{"hop": 200}])
-    assert (odd.config.windows.hop, odd.config.windows.window) == (200, 401)
-    (early,) = sweeping.make_points(
-        PRESETS["pvdf"], [{"decision": "early", "early_margin": [100], "early_steps": 3}]
-    )
-    assert early.name == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
-    assert len(sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])) == 1
+def test_every_point_once_with_its_widths_and_the_costs_of_the_hardware(monkeypatch):
+    points = sweeping.recording_points(PRESETS["pvdf"])
+    assert len(points) == len({point.name for point in points}) == 90
+    for point in points[::7]:
+        config, bits = point.config, point.widths["weight_bits"]
+        plan, cost = schedule(config), sweep_job.cost_of(config)
+        assert config.weight_bits == bits and (bits > 4 or config.formats.state_format.width == 12)
+        assert cost["cycles_step"] == plan.step_cycles
+        assert cost["latency_s"] == plan.decision_cycles / config.hardware.clock_hz
+    monkeypatch.setattr(sweeping, "CELLS", [("gru", "before", 100_000)])
+    with pytest.raises(InputError, match="no network suits"):
+        sweeping.recording_points(SMALL)
 
 
-@each_row("cell", [{"cell": "gru", "reset": "before"}, {"cell": "gru", "reset": "after"}, {"cell": "lstm"}])
-@each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "dsp")])
-def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
-    """Multiplies and weight bits against what the program itself holds; cycles are the program's."""
-    grid = {**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}
-    (point,) = sweeping.make_points(SMALL, [grid])
-    own, config = point.cost(), point.config
-    plan = schedule(config)
-    assert config.weight_bits == 6 and own["weight_memory_bits"] == 6 * config.sets * plan.weights
-    assert own["multiplies_step"] == config.multiplies == own["multiplies_decision"] / 6
-    assert (step_cycles(config), decision_cycles(config)) == (plan.step_cycles, plan.decision_cycles)
+def test_energy_of_a_point_is_that_by_which_networks_are_chosen():
+    suited = SMALL.with_lanes(4, "dsp")
+    assert sweep_job.cost_of(suited)["energy_j"] == pytest.approx(cost_of(suited).energy_touch_j)
 
 
 # ---------------------------------------------------------------------- the memory
@@ -108,50 +84,58 @@ def test_points_that_differ_in_lanes_share_a_training_and_a_repeat_trains_nothin
     assert do_sweep(tmp_path, stub) == first and len(stub.jobs) == 4
     one, two = first["points"][:2]
     assert one["accuracy"] == two["accuracy"] and one["cycles_step"] > two["cycles_step"]
+    table = sweep_job.table(first["points"])
+    assert list(table["spread person"]) == pytest.approx([0.01] * 8) and len(table) == 8
+    figure = accuracy_chart(first | {"data": "touches"})
+    assert len(figure.axes) == 4 and all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
+    for change in ({"version": "2"}, {"splits": [["person"]]}, {"base": SMALL.replace(hop=8, window=16)}):
+        before = len(stub.jobs)
+        do_sweep(tmp_path, stub, **change)
+        assert len(stub.jobs) == before + 4
 
 
-@each_row(
-    "change",
-    [
-        {"version": "2"},
-        {"seeds": (0, 1, 3)},
-        {"splits": [["person"]]},
-        {"folds": 4},
-        {"grids": [{**GRID[0], "hop": 8}]},
-    ],
-)
-def test_what_was_trained_on_other_terms_is_trained_again(tmp_path, change):
-    stub = Stub()
-    do_sweep(tmp_path, stub)
-    do_sweep(tmp_path, stub, **change)
-    assert len(stub.jobs) == 8
-
-
-def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
+def test_real_training(tmp_path, monkeypatch):
     quick = dataclasses.replace(recipes.RECIPES["onset"], updates=10, epochs=0)
     monkeypatch.setattr(recipes, "RECIPES", dict.fromkeys(recipes.RECIPES, quick))
-    grid = [{"hidden": 4, "weight_bits": [6, 8]}]
-    points = do_sweep(tmp_path, sweeping.judge, grid, splits=[["person"]], seeds=(0, 1))["points"]
+    points = do_sweep(tmp_path, sweeping.judge_recordings, splits=[["person"]])["points"]
     for point in points:
         (split,) = point["splits"]
-        assert split["accuracy"] == pytest.approx(np.mean(split["by_seed"])) and len(split["by_seed"]) == 2
-        assert split["spread"] == pytest.approx(np.std(split["by_seed"], ddof=1))
-        assert (len(split["per_step"]), len(split["per_fold"])) == (SMALL.windows.steps, 5)
-    assert points[0]["float_accuracy"] == points[1]["float_accuracy"]  # it does not know of its bits
+        assert point["accuracy"] == pytest.approx(np.mean(split["integer_by_seed"]))
+        assert len(split["integer_by_seed"]) == 3 and len(split["per_step"]) == SMALL.windows.steps
+    assert points[0]["float_accuracy"] == points[2]["float_accuracy"]  # it does not know of its bits
+
+
+def test_images_share_one_training_and_each_is_judged_by_its_bits(tmp_path, monkeypatch):
+    scene, asked = shapes(6, 0, (8, 10)), []
+
+    def judged(shared, piece):
+        """Float knows all; 8 bits know the first two classes; 4 bits the first one."""
+        asked.append((piece.config.name, piece.left_out))
+        truth = shared[1][np.array(piece.left_out)]
+        found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
+        return {name: values.tolist() for name, values in found.items()}
+
+    monkeypatch.setattr(sweeping, "judge", judged)
+    points = sweeping.image_points(scene)
+    jobs, keep = Jobs(workers=1), Memo(tmp_path / "kept")
+    outcomes = sweeping.judge_points(scene, points, [[]], jobs, keep, "")
+    assert len(asked) == len(set(asked)) == 4 * sweeping.FOLDS
+    assert len({name for name, _ in asked[:4]}) == 4  # a fold of every network before the next fold
+    result = sweeping.sweep(points, outcomes, sweep_job.cost_of, len(scene))
+    eight, four = result["points"][:2]
+    assert [eight["accuracy"], four["accuracy"]] == pytest.approx([2 / 3, 1 / 3]) and eight[
+        "float_accuracy"
+    ] == 1
+    assert result["points"][result["recommended"]]["config"]["weight_bits"] == 8
+    figure = accuracy_chart(result | {"data": "shapes"})
+    assert len(figure.axes) == 2
 
 
 # ---------------------------------------------------------------------- front and choice
-def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0):
-    return dict(
-        name=f"{accuracy}/{latency}/{multiplies}",
-        accuracy=accuracy,
-        latency_s=latency,
-        multiplies_decision=multiplies,
-        weight_memory_bits=bits,
-        standard_error=error,
-        config={"lanes": lanes},
-        energy_j=1.0,
-    )
+def made(accuracy, latency, multiplies, bits=8):
+    config = {"lanes": 1, "weight_bits": bits}
+    figures = dict(accuracy=accuracy, latency_s=latency, multiplies_decision=multiplies, standard_error=0.1)
+    return dict(name="a", config=config, energy_j=1.0, **figures)
 
 
 figure = st.tuples(st.integers(0, 10), st.integers(1, 10), st.integers(1, 10)).map(
@@ -171,31 +155,17 @@ def test_the_front_is_what_nothing_beats(records):
     assert set(sweeping.pareto(records, "latency_s")) == expected
 
 
-bound = st.none() | st.integers(1, 10)
-
-
 @settings(deadline=None, derandomize=True)
-@given(figures, st.integers(1, 10), bound)
-def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, latency):
-    bounds = {"accuracy floor": floor / 10} | ({"latency budget": latency} if latency else {})
-
-    def misses(record, names):
-        over = {"accuracy floor": floor / 10 - record["accuracy"]}
-        over |= {"latency budget": record["latency_s"] - (latency or 99)}
-        return {name: over[name] for name in names if over[name] > 0}
-
-    choice, names = sweeping.recommend(records, bounds), bounds
-    chosen = records[choice["point"]]
-    meeting = [record for record in records if not misses(record, names)]
-    assert choice["met"] == bool(meeting)
-    if not meeting:
-        assert choice["misses"] == misses(chosen, names) != {}
-        return
-    assert sweeping.size(chosen) == min(map(sweeping.size, meeting))
-
-
-def test_energy_of_a_point_is_that_of_a_touch_and_of_waiting_for_it():
-    """151 uW at rest, on the lanes that suit the board; the sums are held by tests/scripts/test_cost_model.py."""
-    found, seconds = sweep_job.cost_of(suited := SMALL.with_lanes(4, "dsp")), 0.07
-    touch = cost_of(suited).energy_touch_j
-    assert found["energy_j"] == pytest.approx(151e-6 * seconds + touch) and found["compute_j"] < touch
+@given(figures, st.none() | st.integers(1, 10), st.none() | st.integers(1, 10))
+def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, tenths, budget):
+    floor = tenths and tenths / 10
+    number, sentence = sweeping.recommend(records, floor, budget)
+    chosen, fast = records[number], [r for r in records if r["latency_s"] <= (budget or 99)]
+    most = max(r["accuracy"] for r in fast or records)
+    if not fast:
+        assert chosen["latency_s"] == min(r["latency_s"] for r in records) and "latency budget" in sentence
+    elif floor and floor > most:
+        assert chosen in fast and chosen["accuracy"] == most and "none has the accuracy" in sentence
+    else:
+        meeting = [r for r in fast if r["accuracy"] >= (floor or most - 0.1)]
+        assert chosen in meeting and sweeping.size(chosen) == min(map(sweeping.size, meeting))

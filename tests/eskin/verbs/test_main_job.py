@@ -93,7 +93,7 @@ class Chain:
 
     def write_report(self, folder):
         self.call("report")
-        assert {"run.json", "model", "rtl", "trace.npz"} <= {path.name for path in folder.iterdir()}
+        assert {"run.json", "model", "rtl"} <= {path.name for path in folder.iterdir()}
         (folder / "report.html").write_text("page")
 
     def play(self, name, design, vectors):
@@ -138,7 +138,7 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
     assert not all(row["met"] for row in cosimulation(1)["budgets"]), "a reference row never decides"
     record = run(out)
     assert chain.calls == ORDER
-    files = "run.json evaluate.json cosim.json cosim_declared.json cosim_lowest.json model rtl trace.npz report.html"
+    files = "run.json evaluate.json cosim.json cosim_declared.json cosim_lowest.json model rtl report.html"
     assert {path.name for path in out.iterdir()} == {*files.split()}
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     assert record["passed"] and record == json.loads((out / "run.json").read_text())

@@ -6,7 +6,7 @@ from amaranth.back import rtlil
 from amaranth.hdl import Cat, Module, Signal, Value, unsigned
 from amaranth.lib.memory import Memory
 
-from eskin.rtl.common.collisions import NO_COLLISION, without_contents
+from eskin.rtl.common import NO_COLLISION, without_contents
 from tests.rtl.top import test_accelerator
 from tests.support.stream_bench import simulate
 

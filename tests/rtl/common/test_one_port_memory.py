@@ -8,8 +8,7 @@ from pathlib import Path
 
 from amaranth.back import rtlil
 
-from eskin.rtl.common.collisions import without_contents
-from eskin.rtl.common.one_port_memory import OnePortMemory
+from eskin.rtl.common import OnePortMemory, without_contents
 from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.fpga.tools import run_tool
 from tests.support.stream_bench import simulate

@@ -10,8 +10,7 @@ from amaranth.hdl import Const
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import class_distances, forget, narrowed, taught_in_use, teach
-from eskin.rtl.common.load_port import load_lines
-from eskin.rtl.common.status import TEACHING
+from eskin.rtl.common import TEACHING, load_lines
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.timing import readout_cycles

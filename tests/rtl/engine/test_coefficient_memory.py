@@ -5,7 +5,7 @@ import random
 
 from amaranth.hdl import Fragment
 
-from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.common import load_lines
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.program.cells import cell_program
 from eskin.rtl.program.memory_map import Memory

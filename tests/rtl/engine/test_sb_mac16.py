@@ -3,9 +3,6 @@
 import random
 from pathlib import Path
 
-import pytest
-from amaranth.hdl import Fragment
-
 from eskin.rtl.engine.lanes import lane_signature
 from eskin.rtl.engine.sb_mac16 import DspLane
 from tests.support.table import each_row
@@ -58,9 +55,3 @@ def test_the_block_does_what_the_behaviour_says(tmp_path, accumulates, acc_bits)
 def test_a_wrong_parameter_is_seen(tmp_path, accumulates, parameter, wrong):
     change = with_parameter(parameter, wrong)
     assert of_a_lane(tmp_path, accumulates, 32, change=change)[0] > OPERATIONS // 100
-
-
-def test_a_dsp_lane_is_no_wider_than_its_block():
-    wide = lane_signature(16, 16, 33, load_with_operands=False)
-    with pytest.raises(ValueError, match="16-bit operands and 32 bits of sum, not 16 x 16 and 33"):
-        Fragment.get(DspLane(wide), None)

@@ -4,7 +4,7 @@ What a write during a touch and an access to no register may not change is prove
 """
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.common import load_lines
 from eskin.rtl.host.control import HostControl
 from eskin.rtl.program.memory_map import (
     ID_VALUE,

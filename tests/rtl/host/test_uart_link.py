@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from eskin.cosim import link
 from eskin.golden.core import PRESETS, InputError
-from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.common import decision_layout
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from tests.support.strategies import examples

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from eskin.rtl.common.load_port import image_lines
+from eskin.rtl.common import image_lines
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.image.image_engine import ImageEngine
 from eskin.rtl.program.image_signature import with_parity

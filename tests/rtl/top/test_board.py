@@ -5,7 +5,7 @@ from amaranth.back import rtlil
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.common import decision_layout
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top import board
 from eskin.rtl.top.accelerator import Accelerator

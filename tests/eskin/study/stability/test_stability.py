@@ -199,7 +199,7 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
 
 def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypatch):
     def differs(bench, case, *where, **options):
-        return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1, "probe": None}
+        return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1}
 
     monkeypatch.setattr(stability_job, "play_case", differs)
     result = job(tmp_path, names=["state bits", "frames lost"], cosim=True)
@@ -209,22 +209,24 @@ def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypat
     assert "differ in frames lost" in (tmp_path / "out" / "stability.html").read_text()
 
 
-SPLIT = dict(groups=["trial"], accuracy=0.9, spread=0.0, threshold=7, coverage=0.95, without=0.9)
-FAULT = {"mean": 0.8, "worst": 0.7, "worst_taxel": 1}
-JUDGED = {"clean": [SPLIT], "margin": [SPLIT], **dict.fromkeys(("dead", "stuck", "stuck, masked"), FAULT)}
+FAULT = {"mean": 0.8, "worst": 0.7, "worst_taxel": "taxel 1"}
+JUDGED = {"accuracy": 0.9, "margin": dict(threshold=7, coverage=0.95, accuracy=0.9)}
+JUDGED |= dict.fromkeys(("dead", "stuck", "stuck, masked"), FAULT)
 
 
-def test_every_set_of_defences_is_judged_and_the_recommended_one_written(tmp_path, monkeypatch):
+def test_recordings_without_and_with_defences_are_judged_and_the_recommended_ones_written(
+    tmp_path, monkeypatch
+):
     judged = []
 
-    def judge_defences(recordings, row, *args, **options):
-        judged.append(row)
-        return {"name": row.name, **JUDGED}
+    def judge_defences(shared, piece):
+        judged.append(piece)
+        return {"name": piece[0], "hidden": 12, **JUDGED}
 
     monkeypatch.setattr(stability_job.defences, "judge_defences", judge_defences)
     result = job(tmp_path, names=["state bits"], defences=True)
-    assert [bool(row.config.faults.fault_frames) for row in judged] == [False, True, True, True, True]
-    assert [row["name"] for row in result["defences"]] == [row.name for row in judged]
+    assert [bool(config.faults.fault_frames) for _, config, _ in judged] == [False, True]
+    assert [row["name"] for row in result["defences"]] == ["none", "recommended"]
     taken = AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
     assert taken.network.margin_threshold == 7 and taken.hardware.checksum and taken.hardware.watchdog
 
