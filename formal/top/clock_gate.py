@@ -19,7 +19,6 @@ from eskin.rtl.top.accelerator import Accelerator
 from formal.proof import Bug, assume, before, free, keeps_its_beat, placed, proof, prove, registers
 
 ACCELERATOR, CONTROL = "rtl/top/accelerator.py", "rtl/host/control.py"
-FRONT_END = "rtl/frontend/front_end.py"
 CONFIG = PRESETS["thesis"].replace(
     taxels=4,
     hidden=4,
@@ -144,9 +143,9 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
         ),
         Bug(
             "frames that the ring drops are not waited for",
-            "self.ring.o.valid | self.ring.dropping",
-            "self.ring.o.valid",
-            file=FRONT_END,
+            "| offered | drop | counted)",
+            "| offered)",
+            file="rtl/frontend/pretrigger_ring.py",
         ),
         Bug("a chain at work is stopped", "bus.r_stb | state.busy |", "bus.r_stb |", file=CONTROL),
     ),
@@ -163,9 +162,9 @@ def stands_still(m: Module) -> None:
     bugs=(
         Bug(
             "beats in the detector are not waited for",
-            "Cat(self.detector.holds, expanding",
-            "Cat(expanding",
-            file=FRONT_END,
+            "parts = (self.detector, self.ring,",
+            "parts = (self.ring,",
+            file="rtl/frontend/front_end.py",
         ),
     ),
 )

@@ -3,7 +3,7 @@
 
 from collections.abc import Sequence
 
-from amaranth.hdl import Cat, Const, Module
+from amaranth.hdl import Cat, Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
@@ -91,13 +91,10 @@ class FrontEnd(wiring.Component):
         if self.expander is not None:
             windows = m.submodules.feature_expander = self.expander
             connect(m, self.expander.o, self.averager.i)
-        ringing = Const(0, 1)
         if self.ring is None:
             connect(m, self.detector.o, windows.i)
         else:
             m.submodules.pretrigger_ring = self.ring
-            if not self.config.opens_at_once:
-                ringing = self.detector.o.valid | self.ring.o.valid | self.ring.dropping
             connect(m, self.detector.o, self.ring.i)
             m.submodules.touch_marks = marks = TouchMarks(self.config)
             m.d.comb += [
@@ -109,10 +106,10 @@ class FrontEnd(wiring.Component):
                 self.ring.touch_last.eq(marks.end & windows.frame_last),
             ]
         connect(m, self.averager.o, self.normaliser.i)
-        expanding = 0 if self.expander is None else self.expander.holds
+        parts = (self.detector, self.ring, self.expander, self.averager)
         m.d.comb += [
-            self.passing.eq(Cat(self.detector.holds, expanding, self.averager.holds).any()),
-            self.moving.eq(Cat(self.averager.o.valid, self.normaliser.o.valid, ringing).any()),
+            self.passing.eq(Cat(part.holds for part in parts if part is not None).any()),
+            self.moving.eq(self.averager.o.valid | self.normaliser.o.valid),
         ]
         forward(m, self, self.normaliser, "o", "load", "mask", "wrong", "blank")
         forward(m, self, self.detector, "i", "mask", "status")

@@ -39,8 +39,8 @@ class PreTriggerRing(wiring.Component):
     touch_last : In(1)
         The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in
         which the beat is taken.
-    dropping : Out(1)
-        A frame goes now, or went in the cycle before.
+    holds : Out(1)
+        A beat is offered or fetched, a frame goes, or what follows from the number held is not yet known.
 
     Timing
     ------
@@ -59,7 +59,7 @@ class PreTriggerRing(wiring.Component):
                 "i": In(stream.Signature(frame_layout(config))),
                 "o": Out(stream.Signature(touch_layout(config))),
                 "touch_last": In(1),
-                "dropping": Out(1),
+                "holds": Out(1),
             }
         )
 
@@ -104,12 +104,12 @@ class PreTriggerRing(wiring.Component):
         # frame f has come in, frame s - 1 may have to go; from then to frame e
         starting = self.starting = Signal()
         touch = self.touch = Signal()
-        m.d.sync += [
-            surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + (frame // 2 or 1) - 1)),
-            dropped.eq(drop),
-            full.eq(exceeds(held, capacity - 1) | (starting & surplus)),
-            some.eq(held[2:].any() | (held[:2] > counted + fetch)),
-            counted.eq(fetch),
+        flags = [
+            (surplus, exceeds(held, (config.windows.pretrigger_frames + 1) * frame + (frame // 2 or 1) - 1)),
+            (dropped, drop),
+            (full, exceeds(held, capacity - 1) | (starting & surplus)),
+            (some, held[2:].any() | (held[:2] > counted + fetch)),
+            (counted, fetch),
         ]
         # the memory's output register is the output, or with one port what passes it by
         word_in = Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))
@@ -127,7 +127,7 @@ class PreTriggerRing(wiring.Component):
         ends = offered & self.o.ready & self.touch_last
         if config.hardware.one_port:
             nothing_left = ~push & (held == counted) & (~fetched | self.o.ready)
-            m.d.sync += passing.eq(touch & ~ends & nothing_left)
+            flags.append((passing, touch & ~ends & nothing_left))
         m.d.comb += [
             drop.eq(surplus & ~dropped & ~touch),
             fetch.eq(touch & some & ~room & (~fetched | (self.o.ready & ~self.touch_last))),
@@ -135,16 +135,18 @@ class PreTriggerRing(wiring.Component):
         begins = push & self.i.p.onset & ~touch
         if frame == 1:  # ``surplus`` is of the beats before this one, and it may be the one too many
             begun = self.begun = Signal()
-            m.d.sync += begun.eq(begins)
+            flags.append((begun, begins))
             begins = begun
-        m.d.sync += [
-            starting.eq(begins | (starting & surplus)),
-            touch.eq((starting & ~surplus) | (touch & ~ends)),
+        flags += [
+            (starting, begins | (starting & surplus)),
+            (touch, (starting & ~surplus) | (touch & ~ends)),
+            (fetched, fetch | (fetched & ~self.o.ready)),
         ]
+        m.d.sync += [flag.eq(value) for flag, value in flags]
         m.d.comb += [
             self.i.ready.eq(~full),
             push.eq(written),
-            self.dropping.eq(drop | dropped),
+            self.holds.eq(Cat(flag ^ value for flag, value in flags).any() | offered | drop | counted),
             write.data.eq(word_in),
             write.en.eq(push),
             read.en.eq(fetch),
@@ -153,7 +155,6 @@ class PreTriggerRing(wiring.Component):
         ]
         if config.faults.fault_frames:
             m.d.comb += self.o.p.masked.eq(word_out[bits])
-        m.d.sync += fetched.eq(fetch | (fetched & ~self.o.ready))
         with m.If(push):
             m.d.sync += write.addr.eq(write.addr + 1)
         # (Never both: a beat is fetched in a touch, a frame dropped between touches. ``fetch`` comes late: it
