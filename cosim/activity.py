@@ -50,7 +50,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
         else:
             operands.append(", ".join(net for port, net in ports.items() if OPERANDS[kind].fullmatch(port)))
     lines = ["// what the netlist does while recordings are played", "integer activity_file;"]
-    counts = {"cycles": "1"}
+    counts = {"cycles": "1", "busy": "64'(busy)"}
 
     def changes(name: str, width: int, value: str) -> str:
         """A value and the one a cycle before."""
@@ -77,8 +77,8 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
 
 
 def read_count(work: Path) -> Record:
-    """One run, from its work folder: cycles counted, toggles (of register bits, by block), multiplies (operands
-    changed)."""
+    """One run, from its work folder: cycles counted, and those in which the chain says that it is busy; toggles
+    (of register bits, by block), multiplies (operands changed)."""
     rows = [line.rsplit(" ", 1) for line in (work / FILE).read_text().splitlines()]
     counted = {label.removeprefix("toggles "): int(count) for label, count in rows}
-    return {"cycles": counted.pop("cycles"), "multiplies": counted.pop("multiplies"), "toggles": counted}
+    return {name: counted.pop(name) for name in ("cycles", "busy", "multiplies")} | {"toggles": counted}

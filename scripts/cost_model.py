@@ -23,7 +23,7 @@ from eskin.golden.data import Recordings
 from eskin.memo import Memo, code_version
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target
-from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
+from eskin.rtl.program.schedule import step_cycles
 from eskin.study.energy import PARTS, estimate
 from eskin.training.formats import with_network
 from eskin.verbs import energy_job
@@ -124,21 +124,18 @@ def counted(name: str, config: AcceleratorConfig) -> Record:
     model = random_integer_model(suited(config, target(BOARD)), 1)
     config = model.config
     recordings = with_touches(model, played(config), 1)[1]
-    touch, _ = mean_frame_cycles(config)
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         design = generate(config, model.arrays, work / "design")
         vectors = expected_of(model, recordings, work / "vectors.npz", [0])
-        activity, cells, exact = energy_job.counted(
-            config, model, design, vectors, BOARD, 1, work=work, slower=False
-        )
+        activity, cells, exact = energy_job.counted(config, model, design, vectors, BOARD, 1, work=work)
     if not exact:
         raise RuntimeError(f"{name}: the netlist differs from the model")
     energy = estimate(config, target(BOARD).device, activity, config.hardware.clock_hz)
     joule = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
     figures = (
         config.last_frame,
-        touch,
+        activity.frame_cycles,
         config.windows.steps,
         step_cycles(config),
         activity.step_multiplies,

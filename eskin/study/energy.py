@@ -117,12 +117,12 @@ more with an onset detector, and of an idle cycle. All but the last are fitted t
 
 def counted_activity(
     full: Record,
-    slow: Record | None = None,
+    slow: Record,
     *,
     frames: int,
+    touch_frames: int,
     steps: int,
     step_cycles: float,
-    frame_cycles: float,
     quiet_frame_cycles: float,
     recordings: int,
 ) -> Activity:
@@ -132,29 +132,24 @@ def counted_activity(
     Parameters
     ----------
     full, slow:
-        cycles, toggles (by block), multiplies of each run (eskin.cosim.activity.read_count).
-        Without a slower run idle cycles are taken to toggle IDLE_TOGGLES bits.
-    frames, steps:
-        In all, of one run.
-    step_cycles, frame_cycles, quiet_frame_cycles:
-        Most cycles of a step; cycles of a frame of a touch, and of another one.
+        cycles, busy (cycles), toggles (by block), multiplies of each run (eskin.cosim.activity.read_count).
+    frames, touch_frames, steps:
+        In all, of one run; those of touches.
+    step_cycles, quiet_frame_cycles:
+        Most cycles of a step; of the schedule: cycles of a frame without a touch.
     """
-    idle = IDLE_TOGGLES
-    if slow:  # the two runs differ in idle cycles alone, so does what changed in them
-        idle = max(
-            0.0,
-            (sum(slow["toggles"].values()) - sum(full["toggles"].values()))
-            / (slow["cycles"] - full["cycles"]),
-        )
+    quiet = (frames - touch_frames) * quiet_frame_cycles
+    # the two runs differ in idle cycles alone, so does what changed in them
+    idling = sum(slow["toggles"].values()) - sum(full["toggles"].values())
     compute = sum(full["toggles"].get(block, 0) for block in COMPUTE_BLOCKS)
     return Activity(
         step_cycles=step_cycles,
         step_toggles=compute / steps,
         step_multiplies=full["multiplies"] / steps,
-        frame_cycles=frame_cycles,
+        frame_cycles=(slow["busy"] - steps * step_cycles - quiet) / touch_frames,
         quiet_frame_cycles=quiet_frame_cycles,
         frame_toggles=(sum(full["toggles"].values()) - compute) / frames,
-        idle_toggles=idle,
+        idle_toggles=max(0.0, idling / (slow["cycles"] - full["cycles"])),
         source="counted in the co-simulated netlist",
         recordings=recordings,
     )

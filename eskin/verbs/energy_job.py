@@ -22,7 +22,7 @@ from eskin.golden.model import IntegerModel
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
-from eskin.rtl.program.schedule import mean_frame_cycles
+from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.study import energy
 from eskin.verbs.chip_energy import with_touches
@@ -97,42 +97,38 @@ def counted(
     recordings: int,
     *,
     work: Path,
-    slower: bool = True,
 ) -> tuple[energy.Activity, Record, bool]:
-    """Activity counted in the netlist of ``design``, its cells, and whether it was bit-exact. ``slower``: idle
-    cycles are counted by a second run at a slower pace."""
+    """Activity counted in the netlist of ``design``, its cells, and whether it was bit-exact."""
     hardware, cells = netlist_of(config, model.arrays, target, probes=False)
     text = instrument(hardware.sources[0].read_text(), block_of)
     (work / "counted.v").write_text(text)
     hardware = dataclasses.replace(hardware, sources=(work / "counted.v", *hardware.sources[1:]))
     options: Record = {"hardware": hardware, "builds": BUILD / "simulators"}
     results = [flow.cosim(design, vectors, work=work / "full", **options)]
-    counts = [read_count(work / "full")]
-    if slower:
-        options["clock_hz"] = slower_cycles(config, results[0]) * config.sensor.scan_rate_hz
-        results.append(flow.cosim(design, vectors, work=work / "slow", pace="declared", **options))
-        counts.append(read_count(work / "slow"))
+    options["clock_hz"] = slower_cycles(config, results[0]) * config.sensor.scan_rate_hz
+    results.append(flow.cosim(design, vectors, work=work / "slow", pace="declared", **options))
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
-    frame_cycles, quiet_frame_cycles = mean_frame_cycles(config)
     activity = energy.counted_activity(
-        *counts,
+        read_count(work / "full"),
+        read_count(work / "slow"),
         frames=results[0]["frames"],
+        touch_frames=recordings * config.last_frame,
         steps=results[0]["steps"],
         recordings=recordings,
-        frame_cycles=frame_cycles,
-        quiet_frame_cycles=quiet_frame_cycles,
+        quiet_frame_cycles=mean_frame_cycles(config)[1],
         step_cycles=cycles,
     )
     return activity, dict(cells), all(result["bit_exact"] for result in results)
 
 
 def slower_cycles(config: AcceleratorConfig, full: Record) -> int:
-    """Cycles a frame of the slower run, given the result of the one at full pace.
+    """Cycles a frame of the slower run, given the result of the one at full pace: a frame and a step follow each
+    other.
 
     Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely.
     """
     held = math.ceil(SLOWER_LEAST * full["simulated_cycles"] / full["frames"])
-    return max(SLOW_FACTOR * config.sensor.taxels, held)
+    return max(SLOW_FACTOR * config.sensor.taxels, held, frame_cycles(config) + step_cycles(config))
 
 
 def job(

@@ -16,7 +16,7 @@ from eskin.rtl.frontend.moving_sums import MovingSums
 from eskin.rtl.frontend.onset_filter import OnsetFilter
 from eskin.rtl.frontend.rest_level import RestLevel
 from eskin.rtl.frontend.touch_state import TouchState
-from eskin.rtl.program.timing import STATE_BEATS
+from eskin.rtl.program.timing import STATE_BEATS, detector_latency
 
 
 class OnsetDetector(wiring.Component):
@@ -55,7 +55,7 @@ class OnsetDetector(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
-        self.latency = 1 + (config.rest_level.rest != "none") + bool(config.rest_level.clip)
+        self.latency = detector_latency(config)
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),

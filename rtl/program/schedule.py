@@ -6,7 +6,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.scheduler import Schedule, Scheduler
-from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, FRAME_WAY_CYCLES, logit_to_decision
+from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, VERDICT_CYCLES, detector_latency, logit_to_decision
 
 IMAGE_START_CYCLES = 2
 """Cycles from the last pixel of an image to the start of the engine."""
@@ -63,20 +63,26 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
 
 
 def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
-    """Cycles that a frame takes on average: one of a touch, and one without a touch.
+    """Cycles for which a frame keeps the chain busy on average: one of a touch, its windows included and its steps
+    not, and one without a touch.
 
-    If hops run on, frames without a touch end blocks, but no window. Otherwise they end at the ring: a
-    cycle a taxel and the way to the ring. A touch that has caught up goes past a ring of one port.
+    A frame takes a cycle a taxel, the detector's latency, one cycle for the sum of its hop and one for the mean
+    beside other kinds; a second cycle a taxel where a block of activity ends, and the verdict where a
+    check of the onset ends. A ring takes three; without a touch frames end there. A frame that ends a window takes
+    as many as `frame_cycles`.
     """
     if config.is_image:
         return frame_cycles(config), frame_cycles(config)
-    config = config.replace(one_port=False)
-    plain, of_block = (frame_cycles(config, ends_window=False, ends_block=ends) for ends in (False, True))
-    blocks = (of_block - plain) / config.features.activity_block
+    kinds, rule, taxels = config.features.feature_kinds, config.onset_rule, config.sensor.taxels
+    plain = taxels + detector_latency(config) + 1
+    if rule.onset == "baseline":
+        plain += VERDICT_CYCLES / rule.onset_check_frames
+    ring = config.windows.window_mode == "touch" and not config.opens_at_once
+    running = plain + 3 * ring + (len(kinds) > 1 and "mean" in kinds)
+    if "activity" in kinds:
+        running += taxels / config.features.activity_block
     windows = len({end for _, end in config.window_spans}) / config.last_frame
-    touch = plain + blocks + windows * (frame_cycles(config) - of_block)
-    waits = config.windows.window_mode == "touch" and not config.opens_at_once
-    return touch, config.sensor.taxels + FRAME_WAY_CYCLES if waits else plain + blocks
+    return running + windows * (frame_cycles(config) - running), plain if ring else running
 
 
 def lowest_clock_hz(config: AcceleratorConfig) -> float:

@@ -8,12 +8,17 @@ from eskin.golden.core import AcceleratorConfig
 ELEMENT_OPERAND_BITS = 16
 
 
-FRAME_WAY_CYCLES = 3
-"""Cycles of a frame beyond those of its taxels: the way to the windows."""
 STATE_BEATS = 3
 """Read-after-write distance of the per-taxel state memories, in beats."""
-FRAME_EXTRA_CYCLES = FRAME_WAY_CYCLES + 4
-"""The way to the windows, 3 for the verdict on an onset, 1 for the read of the mean."""
+VERDICT_CYCLES = 3
+"""Cycles for which the last beat of a frame waits for the verdict on an onset."""
+FRAME_EXTRA_CYCLES = 4 + VERDICT_CYCLES
+"""Most cycles of a frame beyond those of its taxels: the way to the windows, the read of the mean, the verdict."""
+
+
+def detector_latency(config: AcceleratorConfig) -> int:
+    """Cycles from a sample to its deviation: 1 without rest level, 2 with, 3 with clip."""
+    return 1 + (config.rest_level.rest != "none") + bool(config.rest_level.clip)
 
 
 def logit_to_decision(config: AcceleratorConfig) -> int:

@@ -78,9 +78,19 @@ def test_the_fit_meets_what_the_source_measured():
 
 
 def test_idle_toggles_are_what_two_runs_differ_by():
-    full = {"cycles": 1000, "toggles": {"cell": 400, "classifier": 40, "ring": 600}, "multiplies": 300}
-    slow = {"cycles": 3000, "toggles": {"cell": 410, "classifier": 40, "ring": 4590}, "multiplies": 300}
-    counts = dict(frames=60, steps=4, step_cycles=77, frame_cycles=39, quiet_frame_cycles=19, recordings=1)
+    full = {
+        "cycles": 1000,
+        "busy": 900,
+        "toggles": {"cell": 400, "classifier": 40, "ring": 600},
+        "multiplies": 300,
+    }
+    slow = {
+        "cycles": 3000,
+        "busy": 1928,
+        "toggles": {"cell": 410, "classifier": 40, "ring": 4590},
+        "multiplies": 300,
+    }
+    counts = dict(frames=60, touch_frames=24, steps=4, step_cycles=77, quiet_frame_cycles=19, recordings=1)
     activity = counted_activity(full, slow, **counts)
     steps = (activity.step_cycles, activity.step_toggles, activity.step_multiplies)
     assert steps == (77, 110, 75)
