@@ -175,10 +175,10 @@ def keeps_its_beat(port: stream.Interface, name: str, state=prove) -> None:
     )
 
 
-def free_source(port: stream.Interface, name: str = "i") -> None:
+def free_source(port: stream.Interface) -> None:
     """A sender that keeps to the stream rule and sends anything at any time."""
     free(port.valid, port.payload)
-    keeps_its_beat(port, name, assume)
+    keeps_its_beat(port, "i", assume)
     if EAGER:
         assume(port.valid)
 

@@ -248,7 +248,7 @@ def _bugs(record: dict[str, Any]) -> str:
 
 
 COLUMNS = {
-    "proof": "{proof} ({verdict})".format_map,
+    "proof": "{title} ({verdict})".format_map,
     "what it proves": "{claim}".format_map,
     "method": "{method}, depth {depth}".format_map,
     "configuration reduced to": "{reduced}".format_map,
@@ -283,8 +283,8 @@ def main(arguments: list[str] | None = None) -> int:
             for number, bug in enumerate(proof.bugs)
             for result in [results[f"{proof.title} {number}"]]
         ]
-        fields = {name: getattr(proof, name) for name in ("claim", "method", "depth", "reduced")}
-        records.append({"proof": proof.title} | fields | results[f"{proof.title} None"] | {"bugs": bugs})
+        told = {name: getattr(proof, name) for name in ("title", "claim", "method", "depth", "reduced")}
+        records.append(told | results[f"{proof.title} None"] | {"bugs": bugs})
     cells = [[cell(record) for cell in COLUMNS.values()] for record in records]
     console.width = max(console.width, 140)  # where there is no terminal, too
     console.print(terminal_table("proofs", COLUMNS, cells))

@@ -109,7 +109,7 @@ class Activity:
 CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touches")
 """Keys of a choice of `estimate`."""
 COMPUTE_BLOCKS = ("cell", "classifier")
-STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 52.0, 12.0, 38.0, 4.0
+STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 23.0, 19.0, 37.0, 4.0
 """Register bits that change in a cycle, for a design that was not counted: of a step, of a frame, of a frame
 more with an onset detector, and of an idle cycle. All but the last are fitted to counted netlists
 (``python -m scripts.cost_model``)."""

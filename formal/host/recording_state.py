@@ -26,7 +26,9 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 )
 def finish_ends(m: Module) -> None:
     dut = placed_free(RecordingState(CONFIG))
-    still = ~dut.moving & ~dut.engine.working & dut.decider_idle & ~dut.finish_asked & ~dut.clear
+    still = (
+        ~dut.passing & ~dut.moving & ~dut.engine.working & dut.decider_idle & ~dut.finish_asked & ~dut.clear
+    )
     calm = Signal(range(21))  # cycles without anything under way and without a command
     m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
     prove((calm < 20) | ~still | ~dut.busy, "busy falls")

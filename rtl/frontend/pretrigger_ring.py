@@ -146,7 +146,7 @@ class PreTriggerRing(wiring.Component):
         m.d.comb += [
             self.i.ready.eq(~full),
             push.eq(written),
-            self.holds.eq(Cat(flag ^ value for flag, value in flags).any() | offered | drop | counted),
+            self.holds.eq(Cat(flag ^ value for flag, value in flags).any() | offered),
             write.data.eq(word_in),
             write.en.eq(push),
             read.en.eq(fetch),

@@ -108,7 +108,7 @@ class HostedChain(wiring.Component):
         needed = Signal()
         if self._config.hardware.clock_gate:
             due = 0 if self.watching is None else self.watching.due
-            m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
+            m.d.comb += needed.eq(ResetSignal() | control.awake | due)
         return needed
 
 

@@ -100,6 +100,7 @@ class ImageAccelerator(HostedChain):
         drive(
             m,
             control,
+            passing=self.i.valid,
             moving=self.i.valid | receiver.fill.valid,
             decider_idle=classifier.idle,
             check_failed=engine.check_failed,

@@ -15,20 +15,19 @@ KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="chan
 
 
 @each_row(
-    ("preset", "changes", "lanes", "plain", "ends", "quiet", "step"),
+    ("preset", "changes", "lanes", "plain", "ends", "mean", "quiet", "step"),
     [
-        ("thesis", {}, 6, 23, 71, 19, 195),
-        ("synthetic", KINDS | dict(activity_block=24), 4, 26, 202, 19, 565),
-        ("pvdf", {}, 4, 15, 31, 15, 215),
+        ("thesis", {}, 6, 23, 71, 21.163, 18, 195),
+        ("synthetic", KINDS | dict(activity_block=24), 4, 26, 202, 25.032, 19.188, 565),
+        ("pvdf", {}, 4, 15, 31, 12.374, 12.188, 215),
     ],
 )
-def test_cycles_of_three_designs(preset, changes, lanes, plain, ends, quiet, step):
+def test_cycles_of_three_designs(preset, changes, lanes, plain, ends, mean, quiet, step):
     config = PRESETS[preset].with_lanes(lanes, "plain").replace(**changes)
     assert frame_cycles(config, ends_window=False, ends_block=False) == plain
     assert frame_cycles(config) == ends and step_cycles(config) == step
-    touch, found = mean_frame_cycles(config)
-    assert found == quiet and plain < touch < plain + 2
-    assert mean_frame_cycles(config.replace(one_port=True)) == (touch, found)
+    assert mean_frame_cycles(config) == pytest.approx((mean, quiet), abs=1e-3)
+    assert mean_frame_cycles(config.replace(one_port=True)) == mean_frame_cycles(config)
 
 
 def test_a_table_of_the_page_is_replaced(monkeypatch):

@@ -34,7 +34,7 @@ BEGINS, DECIDED = (1, {"detector.started": 1}), (1, {"global_taken": 1})
 
 
 def test_finish_waits():
-    for waits in ({"moving": 1}, {"engine.working": 1}, {"decider_idle": 0}):
+    for waits in ({"passing": 1}, {"moving": 1}, {"engine.working": 1}, {"decider_idle": 0}):
         seen = play((1, {"finish_asked": 1} | waits), (40, waits), (30, {}))
         finishes = [cycle["finish"] for cycle in seen]
         assert not any(finishes[:41]) and sum(finishes) == 1, waits
