@@ -117,7 +117,7 @@ class DoesNotFit(Exception):
     shortage: {resource in words: (needed, available)}.
     """
 
-    def __init__(self, shortage: dict[str, tuple[int, int]]) -> None:
+    def __init__(self, shortage: dict[str, tuple[int, int]]):
         self.shortage = shortage
         super().__init__(
             ", ".join(

@@ -1,7 +1,6 @@
 """The accelerator for a user's system: behind a bus, or with its streams under AXI-Stream names
 (docs/specification.md, section 17). Wiring only."""
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
 from amaranth.hdl import Module
@@ -14,6 +13,7 @@ from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word
 from eskin.rtl.host.wishbone_front import WishboneFront
+from eskin.rtl.program.memory_map import Images
 from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
 
@@ -55,12 +55,12 @@ class BusTop(wiring.Component):
     def __init__(
         self,
         config: AcceleratorConfig,
-        images: Mapping[int, list[int]] | None = None,
+        images: Images | None = None,
         *,
         bus: Bus | None,
         axis: bool = False,
         depth: int = 2,
-    ) -> None:
+    ):
         self._config, self._axis = config, axis or bus is None
         self._front: Any = FRONTS[bus]() if bus else None
         self._core: Any
