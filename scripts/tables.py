@@ -10,8 +10,7 @@ designs [PRESET ...]
     that stops between samples.
 buses [SHELL ...]
     Bus shells: cells of the whole design (preset ``thesis``, one lane) less those of the bare one; the
-    highest clock of one placement (seed 1) with registers around all ports; cycles of a frame of 16 taxels
-    that goes in through the C driver, pair by pair, as fast as the Verilated design takes it.
+    highest clock of one placement (seed 1) with registers around all ports.
 features [KINDS ...]
     Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of
     another.
@@ -38,28 +37,24 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
-from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
 from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.schedule import decision_cycles, frame_cycles, schedule
-from eskin.rtl.top.bus_top import Bus, BusTop
+from eskin.rtl.top.bus_top import BusTop
 from eskin.verbs import build_job
 from tests.support.random_models import random_integer_model
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "figures.md"
-BOARD, LANES, FRAMES = "icebreaker", 4, 300
+BOARD, LANES = "icebreaker", 4
 READOUTS = {
     "dense": 0,
     "3 prototypes": 3,
@@ -88,8 +83,6 @@ FEATURES: dict[str, Record] = {
 BUSES: dict[str, Record] = {
     "Wishbone": {"bus": "wishbone"},
     "AXI4-Lite": {"bus": "axi4lite"},
-    "Wishbone, no queue": {"bus": "wishbone", "depth": 0},
-    "Wishbone, a queue of 4": {"bus": "wishbone", "depth": 4},
     "Wishbone, frames from a stream": {"bus": "wishbone", "axis": True},
 }
 
@@ -168,32 +161,15 @@ def clock_mhz(design: Any) -> str:
         return f"{place(netlist, board, pins, Path(folder) / 'placed', seed=1).fmax_hz / 1e6:.1f}"
 
 
-@cache
-def frame_through(bus: Bus) -> str:
-    """Mean of the cycles from one frame to the next, at rest."""
-    from tests.support.driver_board import Board  # as the tests drive the same pins
-
-    model = random_integer_model(PRESETS["thesis"].replace(lanes=1), 1)
-    with tempfile.TemporaryDirectory() as folder:
-        board = Board(generate(model.config, model.arrays, Path(folder) / "design", bus=bus), bus)
-        assert board.driver("present") and board.driver.load()
-        samples = np.full((FRAMES, model.config.sensor.taxels), 2000)
-        begin = board.device.state.cycle
-        board.driver.play(samples, lambda: board.device.get("irq"), pairs=True)
-        return f"{(board.device.state.cycle - begin) / FRAMES:.0f}"
-
-
 def bus_rows(asked: Sequence[str]) -> Iterator[Row]:
     """The bare design, then every shell."""
     config = random_integer_model(PRESETS["thesis"].replace(lanes=1), 1).config
     bare = cells_of(Chain(config))
-    yield "none (the whole design)", bare["lut"], bare["ff"], clock_mhz(Chain(config)), ""
+    yield "none (the whole design)", bare["lut"], bare["ff"], clock_mhz(Chain(config))
     for name in asked or BUSES:
-        design = BusTop(config, **BUSES[name])
-        cells = cells_of(design)
-        cycles = "" if BUSES[name].get("axis") else frame_through(BUSES[name]["bus"])
+        cells = cells_of(BusTop(config, **BUSES[name]))
         more = (cells[kind] - bare[kind] for kind in ("lut", "ff"))
-        yield name, *more, clock_mhz(BusTop(config, **BUSES[name])), cycles
+        yield name, *more, clock_mhz(BusTop(config, **BUSES[name]))
 
 
 # ---------------------------------------------------------------------- features, checks
@@ -299,7 +275,7 @@ TABLES: dict[str, tuple[str, Callable[[Sequence[str]], Iterator[Row]]]] = {
         "design | cells | memories | MHz | cycles a frame, touch | quiet | cycles a step | a touch | waiting",
         design_rows,
     ),
-    "buses": ("shell | LUT | flip-flops | MHz | cycles a frame", bus_rows),
+    "buses": ("shell | LUT | flip-flops | MHz", bus_rows),
     "features": (
         "features | lut | carry | ff | bram | spram | dsp | inputs | multiplies | step | decision | frame "
         "| frame_plain",
