@@ -41,8 +41,6 @@ class BusTop(wiring.Component):
         None: decisions are an AXI-Stream, registers the accelerator's own bus.
     axis:
         Frames come as an AXI-Stream; always without ``bus``.
-    depth:
-        As of `DecisionQueue`.
 
     Members
     -------
@@ -59,7 +57,6 @@ class BusTop(wiring.Component):
         *,
         bus: Bus | None,
         axis: bool = False,
-        depth: int = 2,
     ):
         self._config, self._axis = config, axis or bus is None
         self._front: Any = FRONTS[bus]() if bus else None
@@ -69,7 +66,7 @@ class BusTop(wiring.Component):
         else:
             self._core = make_accelerator(config, images, "sensor" if self._axis else "cpu")
         self._fed = "i" in self._core.signature.members and not self._axis
-        self._shell = BusShell(config, samples=self._fed, depth=depth) if bus else None
+        self._shell = BusShell(config, samples=self._fed) if bus else None
         super().__init__(
             members_but(self._core, "i", "o", "any_fault", "probe", *(["bus"] if bus else []))
             | (FRAMES if self._axis else {})
