@@ -51,12 +51,7 @@ class BusTop(wiring.Component):
     """
 
     def __init__(
-        self,
-        config: AcceleratorConfig,
-        images: Images | None = None,
-        *,
-        bus: Bus | None,
-        axis: bool = False,
+        self, config: AcceleratorConfig, images: Images | None = None, *, bus: Bus | None, axis: bool = False
     ):
         self._config, self._axis = config, axis or bus is None
         self._front: Any = FRONTS[bus]() if bus else None
