@@ -2,19 +2,15 @@
 against the formula."""
 
 import math
-from pathlib import Path
 
 import pytest
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.images import SIZES, network
 from eskin.golden.model import IntegerModel, run_images, write_image_vectors
-from eskin.rtl.fpga.export import verilog as text_of
-from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
-from eskin.rtl.top.board import Board
 from eskin.training.made_up import image_recordings, random_images
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
@@ -111,13 +107,9 @@ def test_the_generated_bench_passes_by_itself_and_sees_a_wrong_weight(small, tmp
 
 @pytest.mark.slow
 def test_images_over_the_serial_pins_of_the_board_with_damaged_packets(small, tmp_path):
-    config, images = small.config, random_images(small.config, 4, seed=2)
+    images = random_images(small.config, 4, seed=2)
     vectors = write_image_vectors(tmp_path / "vectors.npz", run_images(small, images).streams, images)
-    verilog = tmp_path / "board_top.sv"
-    verilog.write_text(text_of(Board(config, clock_hz=12e6, baud=3e6), "board_top"))
-    where = dict(work=tmp_path / "work", builds=Path("build/simulators"))
-    order, loads = [*range(4), *(k % 4 for k in range(14))], boot_writes(config, small.arrays)
-    map_ = register_map(config)
-    result = play_link(verilog, config, map_, loads, vectors, corruptions=True, seed=3, order=order, **where)
+    order = [*range(4), *(k % 4 for k in range(14))]
+    result = play_link(small, vectors, tmp_path / "work", corruptions=True, seed=3, order=order)
     assert not result["wrong"] and result["decisions"] >= 2 * 18
     assert any(any(played["noticed"]) for played in result["played"]), "the line was damaged"
