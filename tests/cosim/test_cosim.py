@@ -275,14 +275,6 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
         assert " probe__state__value " in waves and waves.count("\n#") > 2 * 500  # WAVES_AFTER of the bench
 
 
-def test_loading_many_words_is_no_standstill(play, design, tmp_path):
-    long = shutil.copytree(design, tmp_path / "long")
-    harmless = f"{Register.MEASURE:02x}0001\n" * (30 * (SMALL.step_ideal + 1000))
-    (long / "load.hex").write_text(harmless + (long / "load.hex").read_text())
-    result = play(design=long)
-    assert result["passed"] and result["gave_up"] is None
-
-
 # ---------------------------------------------------------------- runner
 def test_a_build_is_kept_a_changed_source_is_another_and_a_failing_one_shows_its_log(tmp_path):
     source = tmp_path / "accelerator.sv"
@@ -298,10 +290,8 @@ def test_a_build_is_kept_a_changed_source_is_another_and_a_failing_one_shows_its
     source.write_text(source.read_text() + "\n")
     assert build(4).folder != first.folder
     source.write_text("module accelerator (input clk;\n")
-    for _ in range(2):
-        said = "(?s)building the simulator failed.*accelerator.sv:1.*syntax error"
-        with pytest.raises(SimulationError, match=said):
-            build(4)
+    with pytest.raises(SimulationError, match="(?s)the simulator failed.*accelerator.sv:1.*syntax error"):
+        build(4)
 
 
 @pytest.mark.parametrize("simulator", ["verilator", "icarus"])

@@ -70,29 +70,26 @@ def test_every_map_is_exact(name, tmp_path):
     images = image_recordings(config, random_images(config, count, seed=2))
     result = cosimulate(model, images, work=tmp_path / "work", **{"simulator": "icarus"} | options)
     kept = sum(math.prod(one.result) for one in plan.passes[:-1])
-    assert result["bit_exact"], result["mismatch_list"]
-    assert result["stages"]["map"] == {"compared_values": count * kept, "mismatches": 0} and kept > 50
-    assert result["stages"]["logit"]["compared_values"] == count * config.classes
-    assert result["decisions"] == 2 * count, "a local one and a global one each"
-    cycles, registers = result["cycles"], result["registers"]
+    # of an image a local decision and a global one, six fields each
+    wanted = {"map": count * kept, "logit": count * config.classes, "decision": 12 * count}
+    assert result["bit_exact"] and kept > 50, result["mismatch_list"]
+    assert {stage: result["stages"][stage]["compared_values"] for stage in wanted} == wanted
+    cycles, registers, lanes = result["cycles"], result["registers"], config.hardware.lanes
     assert cycles["step_min"] == cycles["step_max"] == step_cycles(config)
-    if name in ("defended", "defended, declared"):
+    if name.startswith("defended"):
         assert registers["FAULTS"] & ~Fault.INPUT_STALLED == 0
     if name == "defended":
         assert cycles["decision_latency_max"] == decision_cycles(config)
         assert registers["LONGEST"] == plan.logit_cycles
-    if config.classes == len(LARGE):
-        lanes = config.hardware.lanes
+    large = config.classes == len(LARGE)
+    if large:
         assert cycles["step_max"] <= (1.15 if lanes == 16 else 1.05) * plan.multiplies / lanes
-        assert result["passed"] == (lanes > 1), (
-            "28 rows at 1000 Hz are over before one lane at 12 MHz has an image"
-        )
-    if "a refused write" in name:
-        assert result["passed"] and result["probe"]
+    # 28 rows at 1000 Hz are over before one lane at 12 MHz has an image, as 5 before 4 lanes at 60 kHz have one
+    late = name == "defended, declared" or (large and lanes == 1)
+    assert result["passed"] != late and result["probe"] == ("write" in name)
     if "netlist" in name:
-        placed = result["without_probes"]
-        assert result["passed"], placed["mismatch_list"]
-        memories = placed["cells"].get("SB_SPRAM256KA", 0), placed["cells"].get("SB_MAC16", 0)
+        cells = result["without_probes"]["cells"]
+        memories = cells.get("SB_SPRAM256KA", 0), cells.get("SB_MAC16", 0)
         assert memories == ((4, 8) if "icebreaker" in name else (0, 0))
 
 

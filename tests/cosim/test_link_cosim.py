@@ -137,9 +137,6 @@ def test_corruptions_are_noticed_and_every_decision_is_golden(board, count, seed
     kinds = Counter(tuple(played["done"][:2]) for played in done)
     assert len(done) >= count and len(kinds) == len(NoisyPort.KINDS) and not result["wrong"]
     noticed = sum(any(played["noticed"]) for played in done)
-    print(
-        f"{len(done)} corruptions, {noticed} noticed", *(result[name] for name in ("decisions", "repeated"))
-    )
     assert noticed > 0.7 * len(done)
 
 

@@ -190,16 +190,15 @@ def test_budgets_and_the_clock_that_meets_them():
     clock = needed_clock(thesis, cycles)
     assert clock == 1200e3  # 400 cycles within 1/3000 s
 
-    def rows(clock_hz: float, declared: bool = True, overruns: int = 0) -> dict:
-        played = {"cycles": cycles, "clock_hz": clock_hz, "overruns": overruns}
-        table = budgets(thesis, played | {"pace": "declared" if declared else "full"})
-        return {row["name"]: row for row in table if not row["reference"]}
+    def table(clock_hz: float, pace: str = "declared", overruns: int = 0) -> list:
+        played = {"cycles": cycles, "clock_hz": clock_hz, "overruns": overruns, "pace": pace}
+        return [row for row in budgets(thesis, played) if not row["reference"]]
 
-    assert {name: row["met"] for name, row in rows(clock).items()} == dict.fromkeys(
-        ("frame", "step", "decision"), True
-    )
-    assert rows(clock)["step"]["limit_s"] == pytest.approx(1e-3)
-    assert rows(clock)["frame"]["measured_s"] == pytest.approx(20 / 1200e3)
-    assert [name for name, row in rows(clock - 1e4).items() if not row["met"]] == ["decision"]
-    assert not rows(clock, overruns=1)["frame"]["met"]
-    assert list(rows(clock, declared=False, overruns=9)) == ["step"]
+    def met(*given) -> dict:
+        return {row["name"]: row["met"] for row in table(*given)}
+
+    frame, step, _ = table(clock)
+    assert (frame["measured_s"], step["limit_s"]) == pytest.approx((20 / 1200e3, 1e-3))
+    every = dict.fromkeys(("frame", "step", "decision"), True)
+    assert met(clock) == every and met(clock - 1e4) == every | {"decision": False}
+    assert met(clock, "declared", 1) == every | {"frame": False} and met(clock, "full", 9) == {"step": True}
