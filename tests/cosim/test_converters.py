@@ -83,14 +83,11 @@ def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
         band_high=REST + 200,
         **one,
     )
-    parts = []
-    for seed in range(5):
-        samples = touches(rows, columns, count=1, seed=seed, frames=60)[0]
-        parts.append(np.concatenate([*[samples[-3:]] * 3, samples, samples[-3:]]) * 4)
-    offsets = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
-    names = tuple(f"class {k}" for k in range(config.classes))
-    labels = np.arange(5) % config.classes
-    return config, Recordings(np.concatenate(parts), offsets, labels, names, config.sensor.sample_rate_hz)
+    slides = np.stack([touches(rows, columns, count=1, seed=k, frames=60)[0] for k in range(5)])
+    rest, labels = slides[:, -3:], np.arange(5) % config.classes
+    samples = 4 * np.concatenate([rest, rest, rest, slides, rest], axis=1)
+    offsets, names = samples.shape[1] * np.arange(6), tuple(f"class {k}" for k in range(config.classes))
+    return config, Recordings(np.vstack(samples), offsets, labels, names, config.sensor.sample_rate_hz)
 
 
 def case_of(name: str, shared_data: Path) -> tuple[AcceleratorConfig, Recordings]:
@@ -141,32 +138,6 @@ def test_exact_from_the_pins(name, shared_data, tmp_path):
     assert way["jitter_cycles"] < (1 if name in RANDOM else 1e-9)
 
 
-def play_with_a_fault(
-    config, kind: int, tmp_path, recordings=None, at: int = 150, frames: int = 3, lasts: int = 3
-):
-    """``frames`` broken frames from ``at`` on, by a fault that lasts so many frames: (fault bits, decisions
-    before, after; golden ones of the good frames before, after). While a chip is set up anew no frame is lost
-    in the simulation: the taxels wait."""
-    model = random_integer_model(config, 5)
-    config = model.config
-    recordings, codes = through_converter(recordings or random_recordings(config, (400,), seed=6), config)
-    design = generate(config, model.arrays, tmp_path / "design")
-    vectors = expected_of(model, recordings, tmp_path / "vectors.npz", codes=codes)
-    run_ = flow.Run.of(design, vectors, pace="declared", builds=BUILD / "simulators")
-    said = run_.play(tmp_path / "run", {"fault": (at, lasts, kind)}, bench="tests.support.broken_frames")
-    halves: tuple[list, list] = [], []
-    for word, cycle in said["decisions"]:
-        halves[cycle > said["taken"][at + frames - 1]].append(word)
-    golden = []
-    for low, high in ((0, at), (at + frames, len(recordings.samples))):
-        offsets = np.array([0, high - low])
-        part = dataclasses.replace(recordings, samples=recordings.samples[low:high], offsets=offsets)
-        golden.append(pack_decisions(config, run(model, part).streams["decision"][0]))
-    # no end of a recording where the frames break: no partial decision
-    golden[0] = [word for word in golden[0] if not word >> 30 & 1]
-    return said["faults"], halves, golden
-
-
 STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))
 FAST = dict(clock_hz=4e6, taxels=16)
 TOLD = [
@@ -190,16 +161,33 @@ FAULTS = [(fields, kind, flag) for fields, flags in TOLD for kind, flag in enume
     ],
 )
 def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(fields, kind, flagged, tmp_path):
+    """Broken frames in a recording; decisions are golden before them, and again behind them."""
+    at, frames, lasts = 150, 3, 3  # that are broken, from this one on, by a fault that lasts so many
     if isinstance(fields, str):
-        config, recordings = array_case(fields)
-        options = dict(recordings=recordings.subset([0]), at=3, frames=1, lasts=1)
+        model = random_integer_model(array_case(fields)[0], 5)
+        made, at, frames, lasts = array_case(fields)[1].subset([0]), 3, 1, 1
     else:
-        config = CONFIG.replace(**fields)
-        set_up_anew = config.interface.converter.name == "ddc232"
-        options = dict(frames=1, lasts=8) if set_up_anew else {}
-    faults, halves, golden = play_with_a_fault(config, kind, tmp_path, **options)
-    assert faults & flagged and len(golden[1]) > 3
-    assert halves[0] == golden[0] and halves[1] == golden[1]
+        model = random_integer_model(CONFIG.replace(**fields), 5)
+        made = random_recordings(model.config, (400,), seed=6)
+        if fields["converter"]["name"] == "ddc232":
+            frames, lasts = 1, 8  # it is set up anew; meanwhile the taxels wait, in the simulation
+    config = model.config
+    recordings, codes = through_converter(made, config)
+    design = generate(config, model.arrays, tmp_path / "design")
+    vectors = expected_of(model, recordings, tmp_path / "vectors.npz", codes=codes)
+    played = flow.Run.of(design, vectors, pace="declared", builds=BUILD / "simulators")
+    said = played.play(tmp_path / "run", {"fault": (at, lasts, kind)}, bench="tests.support.broken_frames")
+    halves: tuple[list, list] = [], []
+    for word, cycle in said["decisions"]:
+        halves[cycle > said["taken"][at + frames - 1]].append(word)
+    golden = []
+    for low, high in ((0, at), (at + frames, len(recordings.samples))):
+        offsets = np.array([0, high - low])
+        part = dataclasses.replace(recordings, samples=recordings.samples[low:high], offsets=offsets)
+        golden.append(pack_decisions(config, run(model, part).streams["decision"][0]))
+    # no end of a recording where the frames break: no partial decision
+    assert halves[0] == [word for word in golden[0] if not word >> 30 & 1]
+    assert halves[1] == golden[1] and len(golden[1]) > 3 and said["faults"] & flagged
 
 
 @pytest.mark.parametrize(("name", "model"), [("ad7476", "ad7476.sv"), ("adc128s102", "spi.sv")])
