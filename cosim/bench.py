@@ -17,6 +17,7 @@ from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Tim
 
 from eskin.cosim.scoreboard import REGISTERS, Mismatch, Recording, Scoreboard, flat_stages, loading
 from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core.converters import code_bits
 
 CYCLE_NS = 10
 STAGES = "sum fault feature state map logit step decision".split()
@@ -84,32 +85,30 @@ class HostBus:
     registers: name -> address. commands: those of register CONTROL, name -> bit.
     """
 
-    def __init__(self, dut, registers: Mapping[str, int], commands: Mapping[str, int]) -> None:
+    def __init__(self, dut, registers: Mapping[Any, int], commands: Mapping[str, int]) -> None:
         self._dut, self._registers, self._commands = dut, registers, commands
 
     async def write(self, register: str | int, word: int) -> None:
         """A 16-bit word to a register, by its name or its address."""
-        dut = self._dut
-        dut.bus__addr.value = self._registers[register] if isinstance(register, str) else register
-        dut.bus__w_data.value = word
-        dut.bus__w_stb.value = 1
-        await FallingEdge(dut.clk)
-        dut.bus__w_stb.value = 0
+        self._dut.bus__w_data.value = word
+        await self._access(register, self._dut.bus__w_stb)
 
     async def read(self, register: str, offset: int = 0) -> int:
         """A register, or the one ``offset`` behind it; fails on an X bit."""
-        dut = self._dut
-        dut.bus__addr.value = self._registers[register] + offset
-        dut.bus__r_stb.value = 1
-        await FallingEdge(dut.clk)
-        dut.bus__r_stb.value = 0
-        value = dut.bus__r_data.value
+        await self._access(register, self._dut.bus__r_stb, offset)
+        value = self._dut.bus__r_data.value
         assert value.is_resolvable, f"register {register} reads {value}"
         return value.to_unsigned()
 
     async def command(self, *names: str) -> None:
         """``ARM``, ``FINISH``, ``CLEAR_FAULTS``."""
         await self.write("CONTROL", sum(self._commands[name] for name in names))
+
+    async def _access(self, register: Any, strobe: Any, offset: int = 0) -> None:
+        self._dut.bus__addr.value = self._registers.get(register, register) + offset
+        strobe.value = 1
+        await FallingEdge(self._dut.clk)
+        strobe.value = 0
 
 
 class FrameSource:
@@ -124,20 +123,20 @@ class FrameSource:
 
     Attributes
     ----------
-    frames: sent so far. overruns: of these, those that were due before the hardware was ready. waited: cycles in which
+    frames: sent so far. overruns: of these, those with a ``period`` that were due before the hardware was ready. waited: cycles in which
     a number was offered and not taken. longest: cycles of a frame, from its first number's offer on. offered,
     taken: cycles of the first and the last number of each frame of the recording; scans: in which those of a converter
-    began.
+    began. jitter: largest distance of one from the declared rate, cycles.
     """
 
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
-        self._free = Event()
+        self._free, self.jitter = Event(), 0.0
         self.frames = self.overruns = self.waited = self.longest = self._sent = 0
         self.offered, self.taken, self.scans = list[int](), list[int](), list[int]()
         events.take |= {"sent": lambda _: self._free.set(), "waited": self._has_waited}
         events.take |= dict.fromkeys(("frame", "lost"), self._was_taken)
-        events.take["scan"] = lambda values: self.scans.extend(values.cycles.tolist())
+        events.take["scan"] = self._has_scanned
 
     def begin(self, stalls: np.random.Generator | None = None) -> None:
         """A recording begins: its first frame is due now. ``stalls`` draws gaps between numbers, and cycles in which no
@@ -172,17 +171,20 @@ class FrameSource:
         right = np.maximum(self._dues(1, len(self.taken) - 1), self.taken[:-1]) + 1
         return int(np.append(np.flatnonzero(self.offered[1:] != right) + 2, 0)[0])
 
-    def jitter(self) -> float:
-        """Largest distance of a scan's begin from the declared rate, cycles."""
-        late = np.array(self.scans) - self.scans[0] - np.arange(len(self.scans)) * self.period
-        return round(float(np.abs(late).max()), 3)
-
     def _dues(self, first: int, count: int) -> np.ndarray:
         return np.ceil(self._due + (first + np.arange(count)) * self.period) * (self.period > 0)
 
     def _has_waited(self, values: Values) -> None:
-        self.overruns += int((values.codes < 0).sum())  # the top bit: it was a frame's first number
+        self.overruns += bool(self.period) * int(
+            (values.codes < 0).sum()
+        )  # the top bit: it was a frame's first number
         self.waited += int((values.codes & 0x7FFFFFFF).sum())
+
+    def _has_scanned(self, values: Values) -> None:
+        for cycle in values.cycles.tolist():
+            self.scans.append(cycle)
+            due = self.scans[0] + (len(self.scans) - 1) * self.period
+            self.jitter = max(self.jitter, abs(cycle - due))
 
     def _was_taken(self, values: Values) -> None:
         self.offered += (values.cycles - values.codes + 1).tolist()
@@ -213,12 +215,7 @@ class Bench:
             dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
         )
         self.scoreboard = Scoreboard(self.config, probes=self.settings["probes"])
-        self.jitter = 0.0
-        self.result: dict[str, Any] = {
-            "probe": False,
-            "mismatch": None,
-            "registers": dict.fromkeys(REGISTERS),
-        }
+        self.result: dict[str, Any] = {"probe": False}
 
     async def start(self) -> None:
         """Reset, the monitors, register ID, the model."""
@@ -242,7 +239,6 @@ class Bench:
         )
         for address, word in self.boot:
             await self.bus.write(address, word)
-        await self.bus.write("MEASURE", self.map["measures"]["STEP"])
 
     async def play_recording(self, recording: Recording) -> None:
         """ARM, all frames, FINISH, and the registers at the end."""
@@ -270,12 +266,9 @@ class Bench:
         await self.bus.command("FINISH")
         await self.until(dut.idle)
         dut.measured.value = 0
-        if source.scans:
-            self.jitter = max(self.jitter, source.jitter())
         words = range(-(-self.config.sensor.taxels // 16) if self.config.faults.fault_frames else 0)
         status = {name: await self.bus.read(name) for name in REGISTERS}
         flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
-        self.result["registers"] = status
         self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.taken)
 
     async def write_weights(self) -> None:
@@ -317,18 +310,18 @@ class Bench:
         """The result. After a mismatch the waveform continues for a short time."""
         if error is not None and not isinstance(error, Mismatch):
             return  # no answer: the log says why
-        if error is not None:
-            self.result["mismatch"] = vars(error)
-            if "waves_from" in self.settings:
-                await Timer(WAVES_AFTER * CYCLE_NS, "ns")
-                self.dut.dump.value = 0
-                await FallingEdge(self.dut.clk)
+        if error is not None and "waves_from" in self.settings:
+            await Timer(WAVES_AFTER * CYCLE_NS, "ns")
+            self.dut.dump.value = 0
+            await FallingEdge(self.dut.clk)
         dut, source = self.dut, self.source
         self.result |= {"frames": source.frames, "overruns": source.overruns, "input_stalls": source.waited}
         self.result["simulated_cycles"] = dut.cycle.value.to_unsigned()
         if self.settings["frames"] == "codes":
             found = {name: getattr(dut, name).value.to_unsigned() for name in ("faults", "violations")}
-            self.result["conversion"] = found | {"jitter_cycles": self.jitter}
+            found |= {"jitter_cycles": round(source.jitter, 3), "code_bits": code_bits(self.config)}
+            found["converter"] = self.config.interface.converter.name
+            self.result |= {"conversion": found, "overruns": found["faults"] >> 2 & 1}
         Path("result.json").write_text(json.dumps(self.result | self.scoreboard.result(source.longest)))
 
     async def _guarded(self, task: Coroutine[Any, Any, None]) -> None:

@@ -13,8 +13,8 @@ import numpy as np
 
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import Mismatch
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError, converters
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError
+from eskin.golden.core.converters import converter_plan
 
 SLOWEST_CYCLES_PER_S = {
     "rtl verilator": 50e3,
@@ -121,12 +121,6 @@ class Run:
         }
         return cls(config, expected, hardware, simulator, Path(builds), clock_hz, settings)
 
-    @property
-    def plays_here(self) -> bool:
-        """Devices in this process can play it (`eskin.cosim.bulk`)."""
-        ours = self.hardware.target in (None, "asic") and self.settings["frames"] == "samples"
-        return ours and self.simulator == "verilator"
-
     def play(
         self,
         work: Path,
@@ -209,8 +203,13 @@ def cosim(
     probe = probe and run.config.hardware.loadable
     settings: Record = {"stalls": seed & 0x7FFFFFFF if stalls else None, "probe": probe}
     everything = {*run.settings["positions"]}
-    here = cocotb is not None and run.plays_here and not (stalls or probe)
+    here = cocotb is not None and run.simulator == "verilator" and run.hardware.target in (None, "asic")
+    here = here and not (stalls or probe or "codes" in run.settings["frames"])
     shown = everything & {*(cocotb or ())} if here else everything
+    given: Record = {"golden": "torch", "simulator": run.simulator, "level": run.hardware.level}
+    given |= {"target": run.hardware.target, "pace": run.settings["pace"], "clock_hz": run.clock_hz}
+    given |= {"lanes": run.config.hardware.lanes, "stalls": stalls, "seed": seed, "waves": None}
+    given |= {"cocotb_recordings": 0, "bulk_recordings": 0}
     results = []
     for way, positions in (("cocotb", sorted(shown)), ("bulk", sorted(everything - shown))):
         if not positions:
@@ -224,39 +223,10 @@ def cosim(
             raise InputError(
                 "the weight write during a touch needs one that stays open; take other recordings"
             )
-        kept = _keep_waves(run, said["mismatch"], settings, work) if waves and said["mismatch"] else None
-        given = {"stalls": stalls, "seed": seed, "waves": kept, f"{way}_recordings": len(positions)}
-        results.append(_result(run, said, given))
+        if waves and said["mismatch"]:
+            said["waves"] = _keep_waves(run, said["mismatch"], settings, work)
+        results.append({**given, **said, f"{way}_recordings": len(positions)})
     return joined(run.config, results)
-
-
-def _result(run: Run, said: Record, given: Record) -> Record:
-    """The result of recordings that were played in one way, as `cosim` describes it, for `joined`.
-
-    Parameters
-    ----------
-    said:
-        What the bench says (`eskin.cosim.bench.Bench`).
-    given:
-        Into the result as it is.
-    """
-    config, hardware, mismatch = run.config, run.hardware, said.pop("mismatch")
-    result = {"cocotb_recordings": 0, "bulk_recordings": 0, "golden": "torch", **said, **given}
-    result |= {"simulator": run.simulator, "level": hardware.level, "target": hardware.target}
-    result |= {"lanes": config.hardware.lanes, "clock_hz": run.clock_hz, "pace": run.settings["pace"]}
-    result |= {"mismatch_list": [], "gave_up": None}
-    result["cycles"]["step_ideal"] = config.step_ideal
-    if mismatch:
-        differs = Mismatch(**mismatch)
-        result["mismatch_list"] = [str(differs)]
-        result["stages"].setdefault(differs.stage, {"compared_values": 0})["mismatches"] = 1
-        if differs.stage == "input":
-            result["gave_up"] = {"recording": differs.recording, "frame": differs.frame}
-    if met := result.get("conversion"):
-        met |= {"converter": config.interface.converter.name, "code_bits": converters.code_bits(config)}
-        result["overruns"] = met["faults"] >> 2 & 1
-    result["overruns"] *= result["pace"] == "declared"
-    return result
 
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
@@ -264,7 +234,7 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
     chip that has no model of its own."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter.name
     models = (folder / f"{model}.sv" for model in (name, "spi"))
-    values = converters.converter_plan(config).parameters(config)
+    values = converter_plan(config).parameters(config)
     values |= {"CYCLE_PS": round(1e12 / config.hardware.clock_hz)}
     given = ",".join(f".{field}({value})" for field, value in values.items())
     wired = [f"-D{field}={values.get(field, 1)}" for field in ("LINES", "SELECTS")]

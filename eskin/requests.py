@@ -300,9 +300,6 @@ class QuantiseRequest(GroupOptions):
     taught: int | None = option(
         "Prototypes: slots per class for taught touches. Default: 3.", None, min=0, max=16
     )
-    unknown: float | None = option(
-        "Prototypes: share of known touches that may be flagged unsure.", None, min=0.0, max=0.5
-    )
     spare_classes: int | None = option(
         "Prototypes: number of last classes without recordings, to be taught later.", None, min=0, max=30
     )
@@ -327,7 +324,7 @@ class QuantiseRequest(GroupOptions):
     @property
     def readout_options(self) -> Record:
         """The user's options about prototypes."""
-        names = ("groups", "prototypes", "taught", "unknown", "spare_classes")
+        names = ("groups", "prototypes", "taught", "spare_classes")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 

@@ -187,6 +187,11 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
     (("quantise --readout",), ("image",), "--readout: models for images have none"),
     (
+        ("quantise --quantisation-aware",),
+        ("image",),
+        "--quantisation-aware: is for networks that read recordings",
+    ),
+    (
         ("enrol", "enrol --teach", "energy", "asic", "stability", "import", "watch"),
         ("image",),
         "is a network for images, which this verb does not take",

@@ -23,8 +23,6 @@ def sweep(request: SweepRequest) -> None:
     point = result["points"][result["recommended"]]
     bits = {name: point["config"].get(name) for name in ("weight_bits", "state_bits")}
     options = "".join(f" --{name.replace('_', '-')} {width}" for name, width in bits.items() if width)
-    if images and bits["weight_bits"] < 8:
-        options += f" --data {request.data} --quantisation-aware"
     train = f"eskin train --data {request.data} --config {request.out / sweep_job.CONFIG} --out MODEL"
     names = [f"unseen {split_name(split['groups'])} (%)" for split in point["splits"]]
     command = f"{train}, then eskin quantise MODEL{options}"

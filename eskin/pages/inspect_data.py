@@ -19,13 +19,9 @@ from eskin.training.derive import derive_config, find_onsets
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-HELD_SHARE = 0.05
-"""Share of a taxel's samples in stretches at an end of its range, while others move, from which it is called
-saturated."""
-HELD_S, HELD_FRAMES = 0.02, 4
-"""Seconds, and frames at least, that such a stretch lasts."""
-HELD_SPAN = 16
-"""Codes a taxel must span for that: a quiet sensor of few codes is at its extremes all the time."""
+HELD_SHARE, HELD_SPAN = 0.05, 16
+"""Share of a taxel's samples at an end of its range from which it is called saturated, and the codes that it must
+span: a quiet sensor of few codes is at its ends all the time."""
 LISTED = 10
 """Highest number of recordings that are listed."""
 CLASSES_SHOWN = 32
@@ -133,37 +129,13 @@ def _of_recordings(recordings: Recordings) -> Record:
 
 
 def held_shares(recordings: Recordings) -> np.ndarray:
-    """(taxels) share of each taxel's samples that lie in stretches at its own smallest or largest code,
-    HELD_S long at least, in which half of the other taxels move more than they do on the median. That is what
-    an amplifier or converter at its end looks like; a taxel that rests at its lowest code (its median) until
-    it is touched does not count."""
+    """(taxels) share of each taxel's samples at its smallest or largest code, which is what an amplifier or
+    converter at its end looks like; an end at which a taxel rests (its median) does not count."""
     samples = recordings.samples
-    low, high = samples.min(axis=0), samples.max(axis=0)
-    frames = max(HELD_FRAMES, round(HELD_S * recordings.sample_rate_hz))
-    rests = np.median(samples, axis=0) == low
-    held = np.zeros(samples.shape[1], dtype=np.int64)
-    steps = [np.abs(np.diff(recordings.recording(index), axis=0)) for index in range(len(recordings))]
-    usual = np.median(np.concatenate(steps), axis=0) if any(map(len, steps)) else np.zeros(samples.shape[1])
-    for index in range(len(recordings)):
-        part = recordings.recording(index)
-        for end in (low, high):
-            for taxel in np.flatnonzero((part == end).any(axis=0) & (high > low) & ~(rests & (end == low))):
-                at_end = np.concatenate([[False], part[:, taxel] == end[taxel], [False]])
-                starts, stops = np.flatnonzero(np.diff(at_end)).reshape(-1, 2).T
-                for start, stop in zip(starts, stops, strict=True):
-                    if stop - start >= frames and _others_move(
-                        steps[index][start : stop - 1], usual, high > low, int(taxel)
-                    ):
-                        held[taxel] += stop - start
-    return held / len(samples)
-
-
-def _others_move(steps: np.ndarray, usual: np.ndarray, alive: np.ndarray, taxel: int) -> bool:
-    """True if half of the other taxels that are ``alive`` change, and on average by more than usual, from
-    frame to frame."""
-    neighbours = (np.arange(len(usual)) != taxel) & alive
-    means = steps.mean(axis=0)[neighbours]
-    return bool(neighbours.any() and np.mean((means > 0) & (means >= usual[neighbours])) >= 0.5)
+    rest, shares = np.median(samples, axis=0), np.zeros(samples.shape[1])
+    for end in (samples.min(axis=0), samples.max(axis=0)):
+        shares += np.where(rest == end, 0.0, (samples == end).mean(axis=0))
+    return shares
 
 
 def _state(span: int, held: float) -> str:

@@ -154,8 +154,7 @@ def judge_points(
     version: str,
 ) -> list[Record]:
     """The outcome of each point on the splits, which are group names. ``version`` names data and code in the keys
-    of finished trainings. Images have one split, of which no groups are random folds; weights of 8 bits are
-    rounded after the training, those of 4 bits are trained on."""
+    of finished trainings. Images have one split, of which no groups are random folds."""
     if points[0].config.is_image:
         return _judge_images(recordings, points, list(splits[0]), jobs, keep)
     pieces, keys = {}, []
@@ -175,7 +174,7 @@ def _judge_images(
     seeds = list(range(IMAGE_SEEDS))
     configs = {name: image_config(recordings, name) for name in dict.fromkeys(p.network for p in points)}
     pieces = {
-        name: fold_jobs(recordings, config, groups, FOLDS, seeds, ImageRecipe(), min(IMAGE_BITS))
+        name: fold_jobs(recordings, config, groups, FOLDS, seeds, ImageRecipe())
         for name, config in configs.items()
     }
     images = {size_of(points[0].config): images_of(recordings)}
@@ -184,8 +183,7 @@ def _judge_images(
     outcomes = []
     for point in points:
         at = list(pieces).index(point.network)
-        integers = "w8" if point.config.weight_bits == 8 else "tuned"
-        of_point = pieces[point.network], results[at], seeds, integers
+        of_point = pieces[point.network], results[at], seeds, f"w{point.config.weight_bits}"
         split = split_of(recordings, configs[point.network], groups, *of_point)
         split["decision_time_s"] = split["per_step"][0]["time_s"]
         outcomes.append({"splits": [{key: split[key] for key in SPLIT}]})

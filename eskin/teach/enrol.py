@@ -196,10 +196,6 @@ def _check_touches(few: Recordings, rows: np.ndarray, labels: np.ndarray, config
 
 
 # ---------------------------------------------------------------------- the verb
-MOST_SATURATED = 0.05
-"""Share of the new touches' features, and of the logits of all touches, that may stand at a limit of their
-formats."""
-
 MAX_LOSS = 0.01
 """Accuracy on the old recordings that enrolment may cost."""
 
@@ -236,15 +232,14 @@ def enrol(
     -------
     What training.json keeps in ``enrolments``: data, old_data, seed, touches (class name -> number),
     setting, before and after (share of the new recordings decided as labelled, which the network has now been
-    trained on), old_before and old_after (of the old ones; None without),
-    saturated: {feature, logit} (shares), wall_s, passed (no fewer of the new recordings right than before,
+    trained on), old_before and old_after (of the old ones; None without), wall_s, passed (no fewer of the new recordings right than before,
     and at most MAX_LOSS of the old ones lost).
 
     Raises
     ------
     InputError
-        Recordings of another sensor, an unknown class, a class without a touch, a folder that must not be
-        written, or signals of the new mounting that the formats cannot hold.
+        Recordings of another sensor, an unknown class, a class without a touch, or a folder that must not be
+        written.
     """
     begin = time.perf_counter()
     check_other_folder(model_dir, out)
@@ -270,7 +265,6 @@ def enrol(
             f"recordings '{old.source}': have no touch; leave --with out, or check their onsets with 'eskin inspect'"
         )
     (enrolled,) = fit([pair], data, recipe, [new], None if old is None else [former], seed, progress)
-    saturated = _saturated(enrolled, data, new, former, few.source)
 
     def share(of: Pair, part: np.ndarray) -> float | None:
         return float(right(of.integer, data)[part].mean()) if part.any() else None
@@ -285,7 +279,6 @@ def enrol(
         "after": share(enrolled, is_new),
         "old_before": share(pair, ~is_new),
         "old_after": share(enrolled, ~is_new),
-        "saturated": saturated,
         "wall_s": time.perf_counter() - begin,
     }
     harmless = old is None or result["old_after"] >= result["old_before"] - MAX_LOSS
@@ -305,35 +298,6 @@ def enrol(
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
     enrolled.real.save(out, record, enrolled.integer)
     return result
-
-
-def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, source: str) -> dict[str, float]:
-    """Shares of the new touches' features and of all touches' logits, of completed steps, at a limit of their
-    formats.
-
-    Raises
-    ------
-    InputError
-        More than MOST_SATURATED.
-    """
-    config, shares = pair.integer.config, {}
-    for signal, rows, fmt in (
-        ("feature", new, config.formats.feature_format),
-        ("logit", np.concatenate([new, rest]), config.formats.logit_format),
-    ):
-        touches = data.touches.take(rows)
-        decided = decide_touches(pair.integer, touches)
-        codes = {"feature": decided.features, "logit": decided.logits}[signal]
-        complete = np.arange(codes.shape[1]) < touches.completed[:, None]
-        shares[signal] = float(np.mean((codes[complete] == fmt.min_code) | (codes[complete] == fmt.max_code)))
-        if shares[signal] > MOST_SATURATED:
-            raise InputError(
-                f"recordings '{source}': {shares[signal]:.0%} of their {signal}s are at the limits of "
-                f"{signal}_format, {fmt}, and "
-                "another format would be another bitstream; train a model on these recordings together with "
-                "the old ones"
-            )
-    return shares
 
 
 def right(model: IntegerModel, data: Dataset) -> np.ndarray:

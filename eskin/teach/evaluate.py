@@ -255,21 +255,16 @@ def summary(group: Sequence[str], by_seed: Sequence[Sequence[Record]]) -> Record
 
     Returns
     -------
-    rows: {group, value, k, layers, before, after, others_before, others_after, recordings, others, lacking,
-    spread: {the four}}, means over seeds; mean: k -> the four over all values, weighted by their recordings, and
-    spread: the standard deviation of that mean over seeds (None: one seed).
+    rows: {group, value, k, layers, before, after, others_before, others_after, recordings, others, lacking}, means
+    over seeds; mean: k -> the four over all values, weighted by their recordings.
     """
     first = by_seed[0]
     figures = np.array([[[row[name] for name in FIGURES] for row in rows] for rows in by_seed], dtype=float)
     weights = np.array([[row["recordings"]] * 2 + [row["others"]] * 2 for row in first])
 
-    def plain(values: np.ndarray) -> Record:
-        pairs = zip(FIGURES, values.tolist(), strict=True)
-        return {name: None if np.isnan(value) else value for name, value in pairs}
-
     def told(of_seeds: np.ndarray) -> Record:
-        spread = of_seeds.std(axis=0, ddof=1) if len(of_seeds) > 1 else np.full(len(FIGURES), np.nan)
-        return plain(of_seeds.mean(axis=0)) | {"spread": plain(spread)}
+        pairs = zip(FIGURES, of_seeds.mean(axis=0).tolist(), strict=True)
+        return {name: None if np.isnan(value) else value for name, value in pairs}
 
     shared = ("value", "k", "recordings", "others", "lacking")
     head = {"group": " and ".join(group), "layers": "all"}

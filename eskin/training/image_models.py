@@ -128,7 +128,7 @@ def train_image_model(
     records: list[Record] = []
     if folds:
         jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
-        pieces = [fold_jobs(recordings, network, groups, folds, many, judged_by, 0) for network in candidates]
+        pieces = [fold_jobs(recordings, network, groups, folds, many, judged_by) for network in candidates]
         sized = {size_of(candidates[0]): images}
         results = judged_pieces(
             sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge
@@ -171,14 +171,12 @@ def fold_jobs(
     folds: int,
     seeds: Sequence[int],
     recipe: ImageRecipe,
-    bits: int,
 ) -> list[list[ImageFold]]:
-    """A list for each seed, with a piece for each fold; ``bits``: the training is also continued with weights
-    of this width, 0: not."""
+    """A list for each seed, with a piece for each fold."""
     pieces = []
     for seed in seeds:
         parts = split_folds(recordings, groups, folds, seed if not groups else None)
-        pieces.append([ImageFold(config, tuple(map(int, part)), seed, recipe, bits) for part in parts])
+        pieces.append([ImageFold(config, tuple(map(int, part)), seed, recipe) for part in parts])
     return pieces
 
 
@@ -207,7 +205,7 @@ def judged_pieces(
     of_images = {size: content_key(pixels, labels, code) for size, pixels in images.items()}
 
     def key(piece: ImageFold) -> str:
-        options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
+        options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe)]
         return content_key(of_images[size_of(piece.config)], piece.config.to_dict(), *options)
 
     # a fold of every network before the next fold: then an interrupted sweep has cached results of all

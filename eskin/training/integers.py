@@ -14,7 +14,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, find_touches, images_of, load_config
 from eskin.golden.model.model import TRAINING_FILE
 from eskin.training.datasets import find_dataset, touch_rows
-from eskin.training.fit import fine_tune, one_thread
+from eskin.training.fit import fine_tune
 from eskin.training.image_formats import (
     check_weight_bits,
     choose_image_formats,
@@ -35,8 +35,7 @@ from eskin.training.quantise import (
     signals,
 )
 from eskin.training.recipe import noted_recipe
-from eskin.training.train_images import ImageRecipe, tune_network
-from eskin.training.trained import Trained, load_trained, written_by
+from eskin.training.trained import Trained, load_trained
 
 
 def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Record) -> dict[str, Range]:
@@ -93,7 +92,9 @@ def quantise(
     if aware and recordings is None:
         raise InputError("quantise, aware: needs the recordings of the training; give recordings")
     if load_config(model_dir).is_image:
-        return _quantise_images(model_dir, recordings, aware, **widths)
+        if aware:
+            raise InputError("--quantisation-aware: is for networks that read recordings; leave it out")
+        return _quantise_images(model_dir, recordings, **widths)
     trained = load_trained(model_dir, ranges=recordings is None)
     model, record = trained.model, trained.record
     asked: Record = readout if isinstance(readout, Mapping) else {}
@@ -120,12 +121,11 @@ def quantise(
         integer = prototypes_from_recordings(
             integer, recordings, groups, **{k: v for k, v in options.items() if k != "groups"}
         )
-    trained.check_kept(integer.config, {**widths, **asked})
     record |= {
         "quantisation_aware": bool(aware),
         "widths": widths,
         "ranges": range_records(integer.config, ranges),
-        **written_by(model.config, integer),
+        "quantised": {"config": integer.config.to_dict()},
     }
     model.save(model_dir, record, integer, trained.check_unchanged)
     return integer
@@ -167,10 +167,7 @@ def _of_prototypes(trained: Trained, asked: Record, recordings: Recordings | Non
             "training; give them (--data), or --readout dense"
         )
     if config.has_prototypes:
-        kept = {name: config.value(name) for name in KEPT_OF_READOUT}
-        if asked.get("unknown") is not None:
-            del kept["unknown_above"]
-        return {**kept, **asked}
+        return {name: config.value(name) for name in KEPT_OF_READOUT} | asked
     if config.network.decision != "vote":  # which counts steps, for logits and prototypes alike
         for field in IN_LOGITS:
             if config.value(field):
@@ -184,7 +181,6 @@ def _of_prototypes(trained: Trained, asked: Record, recordings: Recordings | Non
 def _quantise_images(
     model_dir: str | Path,
     recordings: Recordings | None = None,
-    aware: Progress | None = None,
     *,
     weight_bits: int | None = None,
     **other: Any,
@@ -213,22 +209,14 @@ def _quantise_images(
     else:
         check_fit(recordings, model.config)
         images = images_of(recordings)
-        model = model if aware else equalised(model, images, bits)
+        model = equalised(model, images, bits)
         ranges = profile_images(model, images)
-    if aware and recordings is not None:
-        recipe, seed = ImageRecipe(**record.get("recipe", {})), int(record.get("seed", 0))
-        with one_thread():
-            model, integer = tune_network(
-                model, images, recordings.labels, weight_bits=bits, recipe=recipe, seed=seed, progress=aware
-            )
-    else:
-        integer = integers_of(model, choose_image_formats(model, ranges, bits))
-    trained.check_kept(integer.config, {"weight_bits": weight_bits})
+    integer = integers_of(model, choose_image_formats(model, ranges, bits))
     record |= {
-        "quantisation_aware": bool(aware),
+        "quantisation_aware": False,
         "widths": {"weight_bits": bits},
         "ranges": ranges,
-        **written_by(trained.model.config, integer),
+        "quantised": {"config": integer.config.to_dict()},
     }
     # the float network too: it is the same function at other scales, with which the integers are compared
     # layer by layer

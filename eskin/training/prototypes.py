@@ -75,7 +75,6 @@ def with_prototypes(
     prototypes: int = PROTOTYPES,
     taught: int = TAUGHT,
     state_code_bits: int = CODE_BITS,
-    unknown: float | None = None,
     unknown_above: int = 0,
     spare_classes: int = 0,
     source: str = "recordings",
@@ -90,16 +89,13 @@ def with_prototypes(
         that no prototype was made of costs the others HALVING_COSTS at most.
     prototypes:
         A class at most.
-    unknown:
-        Share of a left-out group's touches that may be further from every prototype than `unknown_above`,
-        which is computed from it. None: `unknown_above` is given.
     spare_classes:
         Number of last classes of ``model`` of which there are no touches.
 
     Raises
     ------
     InputError
-        A class without a whole touch; ``unknown`` with a single group.
+        A class without a whole touch.
     """
     values_of = decide_touches(dense(model), touches)
     values = values_of.hidden if model.config.recurrent else values_of.logits
@@ -125,18 +121,13 @@ def with_prototypes(
         )
         return _filled(model, config, stored)
 
-    if unknown is not None and len(np.unique(groups)) < 2:
-        raise InputError(
-            f"{source}: form one group, and --unknown needs another to leave out; name groups with --group, or leave --unknown out"
-        )
     codes = trajectory_codes(config, values, values)
-    furthest, lost, counted = [], 0, 0
+    lost, counted = 0, 0
     for part in np.array_split(np.unique(groups), min(PARTS, len(np.unique(groups)))):
         held_out = np.isin(groups, part)
         if not all((labels[~held_out] == label).any() for label in range(trained)):
             continue
         without = of(~held_out)
-        furthest.append(class_distances(without, codes[held_out])[:, -1].min(axis=-1))
         if taught:
             new = np.flatnonzero(groups == part[0])
             touches_of = [new[labels[new] == label][:taught] for label in range(trained)]
@@ -152,14 +143,6 @@ def with_prototypes(
                 lost += sign * int((decided != labels[~held_out]).sum())
             counted += int((~held_out).sum())
     rule["taught_shift"] = int(counted > 0 and lost <= HALVING_COSTS * counted)
-    if unknown is not None:
-        if not furthest:
-            raise InputError(
-                f"{source}: each group holds a class of its own, so --unknown can leave none out; "
-                "name another with --group, or leave --unknown out"
-            )
-        limit = np.quantile(np.concatenate(furthest), 1.0 - unknown) / config.windows.steps
-        rule["unknown_above"] = int(np.clip(np.ceil(limit), 1, config.distance_bound // config.windows.steps))
     whole = of(np.ones(len(labels), dtype=bool))
     return IntegerModel(config.with_readout(**rule), whole.arrays, whole.source)
 

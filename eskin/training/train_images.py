@@ -8,7 +8,6 @@ and biases at the end, so the stored network is the one that hardware computes.
 
 import math
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,18 +16,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from eskin.golden.core import AcceleratorConfig, Arrays, Conv, Dense, InputError, Pool, QFormat, Record
+from eskin.golden.core import AcceleratorConfig, Arrays, Conv, InputError, Pool, Record
 from eskin.golden.core.images import PIXEL_FORMAT
-from eskin.golden.model import FloatModel, IntegerModel, float_images, layer_formats, run_images
-from eskin.golden.model.straight_through import straight_through
+from eskin.golden.model import FloatModel, float_images, run_images
 from eskin.memo import code_version
-from eskin.training.image_formats import (
-    choose_image_formats,
-    equalised,
-    integers_of,
-    profile_images,
-    quantised,
-)
+from eskin.training.image_formats import equalised, quantised
 from eskin.training.losses import Progress
 
 
@@ -40,9 +32,6 @@ class ImageRecipe:
     alone; label_smoothing; dropout: before the last layer. Each image of each batch anew: turn (degrees, +-),
     mirror (both axes, each with probability 1/2), shift (share of the side, +-), zoom and intensity (share,
     +-), noise (standard deviation, share of full scale, where the image is not 0).
-
-    tuning_epochs, tuning_rate: of training with rounded weights and maps, which starts from the float network
-    with batch norm folded.
     """
 
     epochs: int = 100
@@ -57,8 +46,6 @@ class ImageRecipe:
     zoom: float = 0.1
     intensity: float = 0.2
     noise: float = 0.02
-    tuning_epochs: int = 30
-    tuning_rate: float = 1e-3
 
 
 class ImageNetwork(nn.Module):
@@ -145,40 +132,6 @@ def _batches(count: int, recipe: ImageRecipe, generator: torch.Generator) -> lis
     return list(order[: count - count % recipe.batch].split(recipe.batch))
 
 
-def _optimise(
-    parameters: list[Tensor],
-    forward: Callable[[Tensor], Tensor],
-    images: np.ndarray,
-    labels: np.ndarray,
-    recipe: ImageRecipe,
-    schedule: tuple[int, float],
-    generator: torch.Generator,
-    progress: Progress | None,
-) -> None:
-    epochs, rate = schedule
-    decayed = [parameter for parameter in parameters if parameter.ndim > 1]
-    plain = [parameter for parameter in parameters if parameter.ndim <= 1]
-    groups = [
-        {"params": decayed, "weight_decay": recipe.weight_decay},
-        {"params": plain, "weight_decay": 0.0},
-    ]
-    optimiser = torch.optim.AdamW(groups, lr=rate)
-    updates = epochs * max(len(images) // recipe.batch, 1)
-    steps = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=updates)
-    pixels = torch.from_numpy(images.astype(np.float32))[:, None] / 2**PIXEL_FORMAT.frac_bits
-    targets = torch.from_numpy(labels.astype(np.int64))
-    loss_of = nn.CrossEntropyLoss(label_smoothing=recipe.label_smoothing)
-    for epoch in range(epochs):
-        for rows in _batches(len(images), recipe, generator):
-            loss = loss_of(forward(augmented(pixels[rows], recipe, generator)), targets[rows])
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            steps.step()
-        if progress:
-            progress(epoch + 1, epochs)
-
-
 def train_network(
     config: AcceleratorConfig,
     images: np.ndarray,
@@ -203,89 +156,38 @@ def train_network(
         network: Any = ImageNetwork(config, recipe.dropout)
         network.to(memory_format=torch.channels_last)
         network.train()
-        schedule = (recipe.epochs, recipe.learning_rate)
-        _optimise(list(network.parameters()), network, images, labels, recipe, schedule, generator, progress)
+        parameters = list(network.parameters())
+        groups = [
+            {"params": [one for one in parameters if one.ndim > 1], "weight_decay": recipe.weight_decay},
+            {"params": [one for one in parameters if one.ndim <= 1], "weight_decay": 0.0},
+        ]
+        optimiser = torch.optim.AdamW(groups, lr=recipe.learning_rate)
+        updates = recipe.epochs * max(len(images) // recipe.batch, 1)
+        steps = torch.optim.lr_scheduler.OneCycleLR(optimiser, recipe.learning_rate, total_steps=updates)
+        pixels = torch.from_numpy(images.astype(np.float32))[:, None] / 2**PIXEL_FORMAT.frac_bits
+        targets = torch.from_numpy(labels.astype(np.int64))
+        loss_of = nn.CrossEntropyLoss(label_smoothing=recipe.label_smoothing)
+        for epoch in range(recipe.epochs):
+            for rows in _batches(len(images), recipe, generator):
+                loss = loss_of(network(augmented(pixels[rows], recipe, generator)), targets[rows])
+                optimiser.zero_grad()
+                loss.backward()
+                optimiser.step()
+                steps.step()
+            if progress:
+                progress(epoch + 1, recipe.epochs)
     return equalised(FloatModel(config, network.folded()), images)
-
-
-# ---------------------------------------------------------------------- training with rounded weights
-def tune_network(
-    model: FloatModel,
-    images: np.ndarray,
-    labels: np.ndarray,
-    *,
-    weight_bits: int,
-    recipe: ImageRecipe,
-    seed: int,
-    progress: Progress | None = None,
-) -> tuple[FloatModel, IntegerModel]:
-    """Continue the training of a float network with weights and maps rounded as in the integer one
-    (straight-through gradients); returns it and its integers.
-
-    The formats are chosen beforehand, from the float network, and do not change.
-    """
-    model = equalised(model, images, weight_bits)
-    config = choose_image_formats(model, profile_images(model, images), weight_bits)
-    names = list(model.arrays)
-    values = {name: torch.tensor(model.arrays[name], dtype=torch.float32).requires_grad_() for name in names}
-    generator = torch.Generator().manual_seed(seed + 1)
-
-    def forward(pixels: Tensor) -> Tensor:
-        return _rounded_forward(config, values, pixels)
-
-    schedule = (recipe.tuning_epochs, recipe.tuning_rate)
-    _optimise(
-        [values[name] for name in names], forward, images, labels, recipe, schedule, generator, progress
-    )
-    tuned = FloatModel(
-        model.config, {name: value.detach().double().numpy() for name, value in values.items()}
-    )
-    return tuned, integers_of(tuned, config)
-
-
-def _round_to(value: Tensor, fmt: QFormat) -> Tensor:
-    scale = 2.0**fmt.frac_bits
-    held = value.clamp(fmt.min_code / scale, fmt.max_code / scale)
-    return straight_through(
-        torch.floor(held.detach() * scale + 0.5).clamp(fmt.min_code, fmt.max_code) / scale, held
-    )
-
-
-def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], values: Tensor) -> Tensor:
-    formats = {stage.number: (weight, after) for stage, weight, _, after in layer_formats(config)}
-    values = _round_to(values, PIXEL_FORMAT)
-    for stage in config.stages:
-        if isinstance(stage.layer, Pool):
-            values = nn.functional.max_pool2d(values, 2, ceil_mode=True)
-            continue
-        rounding, after = formats[stage.number]
-        weight, bias = _round_to(arrays[f"W_{stage.number}"], rounding), arrays[f"b_{stage.number}"]
-        if isinstance(stage.layer, Dense):
-            if values.ndim == 4:
-                values = values.permute(0, 2, 3, 1).flatten(1)
-            values = nn.functional.linear(values, weight, bias)
-        else:
-            values = nn.functional.conv2d(
-                values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2
-            )
-        if not stage.last:
-            values = _round_to(values, after)
-    return values
 
 
 # ---------------------------------------------------------------------- pieces of work
 @dataclass(frozen=True)
 class ImageFold:
-    """One network of a cross-validation: trained without the images ``left_out`` and judged on them.
-
-    tuned_bits: weight bits for additional quantisation-aware training; 0: none.
-    """
+    """One network of a cross-validation: trained without the images ``left_out`` and judged on them."""
 
     config: AcceleratorConfig
     left_out: tuple[int, ...]
     seed: int
     recipe: ImageRecipe
-    tuned_bits: int = 0
 
 
 CODE = partial(
@@ -293,7 +195,6 @@ CODE = partial(
     "golden/core/formats.py",
     "golden/core/images.py",
     "golden/model/image_network.py",
-    "golden/model/straight_through.py",
     "training/image_formats.py",
     "training/train_images.py",
 )
@@ -306,9 +207,9 @@ def size_of(config: AcceleratorConfig) -> str:
 
 
 def judge(shared: tuple[Arrays, np.ndarray], piece: ImageFold) -> Record:
-    """Decisions on the images left out: ``float``, ``w8`` (rounded after training), ``tuned``
-    (trained on with few bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared:
-    images by their size (`size_of`), and labels."""
+    """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (weights rounded after training to 8 and 4
+    bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared: images by their size
+    (`size_of`), and labels."""
     from eskin.training.fit import one_thread
 
     begin = time.perf_counter()
@@ -321,10 +222,8 @@ def judge(shared: tuple[Arrays, np.ndarray], piece: ImageFold) -> Record:
         )
         decided = {"float": float_images(model, images[out], maps=False)}
         decided["w8"] = run_images(quantised(model, images[train]), images[out], maps=False)
-        if piece.tuned_bits:
-            options: Record = {"weight_bits": piece.tuned_bits, "recipe": piece.recipe, "seed": piece.seed}
-            tuned = tune_network(model, images[train], labels[train], **options)[1]
-            decided["tuned"] = run_images(tuned, images[out], maps=False)
+        coarse = quantised(equalised(model, images[train], 4), images[train], 4)
+        decided["w4"] = run_images(coarse, images[out], maps=False)
     return {name: trace.decision.tolist() for name, trace in decided.items()} | {
         "wall_s": round(time.perf_counter() - begin, 1)
     }

@@ -7,7 +7,6 @@ asked about.
 """
 
 import dataclasses
-from collections import defaultdict
 from collections.abc import Sequence
 from operator import ne
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 
 from eskin.cosim.device import Design, Device
 from eskin.cosim.latency import limits
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import find_touches
@@ -26,7 +25,7 @@ from eskin.rtl.asic.synthesis import models
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
-from eskin.study.energy import BATTERY_J, TOUCHES_PER_S
+from eskin.study.energy import TOUCHES_PER_S
 
 BUILDS = Path("build/simulators")
 ZEPTO = 1e-21
@@ -77,10 +76,10 @@ def _resting(recordings: Recordings, frames: int) -> Recordings:
     return dataclasses.replace(one, samples=samples, offsets=np.array([0, len(samples)]))
 
 
-def counting(nets: Nets, cost: Costs) -> tuple[str, list[str]]:
-    """The netlist in Verilog, and the kinds of what it counts: output ``count__K`` is the energy so far of kind K, in
-    `ZEPTO` joule; kind ``edges`` counts edges behind the gate before all others (without one, all)."""
-    counted: defaultdict[str, list[tuple[str, float]]] = defaultdict(list)
+def counting(nets: Nets, cost: Costs) -> str:
+    """The netlist in Verilog. Output ``joule`` is the energy so far in `ZEPTO` joule, and ``edges`` the number of
+    edges behind the gate before all others (without one, of all)."""
+    counted: dict[str, list[tuple[str, float]]] = {"joule": [], "edges": []}
 
     def joined(bits: Sequence[int | str]) -> str:
         names = [f"n{bit}" if isinstance(bit, int) else f"1'b{bit}" for bit in reversed(bits)]
@@ -104,34 +103,34 @@ def counting(nets: Nets, cost: Costs) -> tuple[str, list[str]]:
         if kind.kind == "memory":
             enable, write, read = (pins[f"A_{pin}"] for pin in ("MEN", "WEN", "REN"))
             for access, when in (("write", write), ("read", f"{read} & ~{write}")):
-                count(ACCESSES, kind.access_j[access], pins["A_CLK"], f"{enable} & {when}")
+                count("joule", kind.access_j[access], pins["A_CLK"], f"{enable} & {when}")
     for net, joule in cost.joule.items():
         if cost.kind[net] == "clock":
-            count("clock", joule, f"n{net}")
+            count("joule", joule, f"n{net}")
         else:
-            counted[cost.kind[net]].append((f"n{net}", joule))
+            counted["joule"].append((f"n{net}", joule))
     (first, *others) = (name for name, *_ in nets.receivers[nets.clock])
     gate = nets.cells[first].gate_pins.get("output")
     trunk = nets.module["cells"][first]["connections"][gate][0] if gate and not others else nets.clock
     count("edges", ZEPTO, f"n{trunk}")
-    for place, each in enumerate(counted.values()):
+    for output, each in counted.items():
         top, amounts = (
             len(each) - 1,
             (f"cost[{k}] = 64'd{round(joule / ZEPTO)};" for k, (_, joule) in enumerate(each)),
         )
         values = ",\n".join(value for value, _ in reversed(each))
         lines += [
-            f"generate if (1) begin : counter_{place}",
+            f"generate if (1) begin : counter_{output}",
             f"reg [63:0] sum = 0; reg [63:0] cost [0:{top}]; reg [{top}:0] was; wire [{top}:0] now = {{{values}}}; integer k;",
-            *("initial begin", *amounts, f"end assign count__{place} = sum;"),
+            *("initial begin", *amounts, f"end assign {output}__count = sum;"),
             f"always @(posedge clk) begin for (k = 0; k <= {top}; k = k + 1) if (now[k] != was[k]) sum = sum + cost[k];",
             "was <= now; end end endgenerate",
         ]
     heads = [f"{port['direction']} [{len(port['bits']) - 1}:0] {name}" for name, port in ports.items()]
-    heads += [f"output [63:0] count__{place}" for place in range(len(counted))]
+    heads += [f"output [63:0] {output}__count" for output in counted]
     cells = {cell.name: cell for cell in nets.cells.values()}
     text = [f"module accelerator ({', '.join(heads)});", *lines, "endmodule", models(cells.values())]
-    return "\n".join(text), [*counted]
+    return "\n".join(text)
 
 
 def measured(
@@ -154,21 +153,16 @@ def measured(
     config = model.config
     chosen = _resting(with_touches(model, recordings, 1)[1], config.windows.hop)
     trace, cost = run(model, chosen), costs(nets, voltage, wire)
-    text, kinds = counting(nets, cost)
-    device = Device(Design(text, BUILDS, "a chip's energy", quick=True), config.sensor.sample_bits)
+    device = Device(Design(counting(nets, cost), BUILDS, quick=True), config.sensor.sample_bits)
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
     device.settle()
     device.forget()  # what a chain not yet reset may have offered
     marks = []
     for frame in chosen.recording(0):
-        marks.append(
-            [device.state.decisions, *(device.get(f"count__{place}") for place in range(len(kinds)))]
-        )
+        marks.append([device.state.decisions, device.get("edges__count"), device.get("joule__count")])
         device.frames(frame[None], 2 * config.sensor.taxels + DRAIN_CYCLES)
     # from each frame to the next one's first taxel
-    decided, *counts = np.diff(marks, axis=0).T
-    of_kind = dict(zip(kinds, counts, strict=True))
-    edges = of_kind.pop("edges")
+    decided, edges, joule = np.diff(marks, axis=0).T
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
     decisions = device.streams()["decision"][0].view(np.uint32).tolist()
@@ -176,24 +170,19 @@ def measured(
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
-    joule = {kind: count * ZEPTO for kind, count in of_kind.items()}
-    joule["clock"] = joule.get("clock", 0) + cost.root_j * edges
-    return summary(config, decided, edges, joule, onset, cost.root_j, leakage_w, clock) | {
+    spent = joule * ZEPTO + cost.root_j * edges
+    return summary(config, decided, edges, spent, onset, cost.root_j, leakage_w, clock) | {
         "bit_exact": not differing and bool(decisions),
         "mismatches": differing,
         "compared_values": len(expected),
     }
 
 
-ACCESSES = "reads and writes"
-"""Kinds of access that macros charge for."""
-
-
 def summary(
     config: AcceleratorConfig,
     decisions: np.ndarray,
     edges: np.ndarray,
-    of_kind: Arrays,
+    frame: np.ndarray,
     onset: int,
     root_j: float,
     leakage_w: float,
@@ -205,12 +194,11 @@ def summary(
     ----------
     decisions, edges:
         Of each frame; edges of the clock behind its first gate.
-    of_kind:
-        Joule of each frame by what changes, edges of the clock included.
+    frame:
+        Joule of each frame, edges of the clock included.
     onset:
         Number of the frame at which the touch begins.
     """
-    frame = np.sum(list(of_kind.values()), axis=0)
     decided = np.flatnonzero(decisions)
     near = np.zeros(len(frame), bool)
     around = NEAR + schedule(config).step_cycles // (2 * config.sensor.taxels + DRAIN_CYCLES)
@@ -228,30 +216,16 @@ def summary(
     ) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
         return float(frame[which].mean() + root_j * (period - edges[which].mean()))
 
-    def step_energy(values: np.ndarray) -> float:
-        return float((values[near].sum() - near.sum() * values[plain].mean()) / steps)
-
-    step = step_energy(frame)
-    parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
-    parts["clock"] += hop * root_j * (period - float(edges[plain].mean()))
-    parts |= {"step": step, "leakage": leakage_w * hop / rate}
+    step = float((frame[near].sum() - near.sum() * frame[plain].mean()) / steps)
     idle_w = leakage_w + rate * whole(quiet)
     average_w = idle_w + TOUCHES_PER_S * steps * step
     energies = {
         "step_j": step,
-        "interval_j": sum(parts.values()),
+        "interval_j": hop * whole(plain) + step + leakage_w * hop / rate,
         "waiting_cycle_j": root_j,
         "leakage_w": leakage_w,
         "touch_j": frames * whole(plain) + steps * step + leakage_w * frames / rate,
         "idle_w": idle_w,
         "average_w": average_w,
     }
-    return energies | {
-        "band": BAND,
-        "interval_parts_j": parts,
-        "interval_frames": hop,
-        "clock_hz": clock_hz,
-        "clocked_share": float(edges[plain].mean()) / period,
-        "battery_hours": BATTERY_J / average_w / 3600,
-        "method": METHOD,
-    }
+    return energies | {"band": BAND, "interval_frames": hop, "clock_hz": clock_hz, "method": METHOD}

@@ -253,9 +253,7 @@ class _Hardware:
         pair = clean.subset(touched[np.argsort(clean.lengths[touched])[:2]])
         rows, offsets = run_golden(model, pair).streams["decision"]
         expected = [pack_decision(model.config, row) for row in rows]
-        design = Design(
-            export(model.config, model.arrays), flow.BUILD / "simulators", "leaving a recording at any cycle"
-        )
+        design = Design(export(model.config, model.arrays), flow.BUILD / "simulators")
         boot = boot_writes(model.config, model.arrays)
 
         def play(way: str, at: int = FOREVER) -> tuple[list[int], list[int], int]:

@@ -54,7 +54,7 @@ def opened_source(
         from eskin.cosim.device import Accelerator, Design
 
         config, arrays = model.config, model.arrays
-        design = Design(export(config, arrays), BUILDS, "watching the simulated hardware")
+        design = Design(export(config, arrays), BUILDS)
         boot = boot_writes(config, arrays)
         source = SimulationSource(model, Accelerator(design, config, register_map(config), boot))
     try:

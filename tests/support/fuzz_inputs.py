@@ -423,7 +423,7 @@ enrol ../in/model --data @ --out taught
 enrol ../in/prototypes --teach @ --out taught
 evaluate ../in/prototypes --data @
 quantise model --data @ --readout prototypes
-quantise model --data @ --readout prototypes --group person --unknown # --spare-classes #
+quantise model --data @ --readout prototypes --group person --spare-classes #
 enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1
 run --data @ --config ../in/config.json
 energy ../in/model --data @

@@ -127,7 +127,7 @@ class Taught:
 
 def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, seed: int) -> Taught:
     """Every recording, with commands in and between them, and some reloads."""
-    both = Taught(model, Design(export(model.config, model.arrays), builds, "a test"), seed)
+    both = Taught(model, Design(export(model.config, model.arrays), builds), seed)
     for index in range(len(recordings)):
         both.play(recordings.recording(index))
         for _ in range(both.rng.randrange(3)):

@@ -112,7 +112,7 @@ def test_images_share_one_training_and_each_is_judged_by_its_bits(tmp_path, monk
         """Float knows all; 8 bits know the first two classes; 4 bits the first one."""
         asked.append((piece.config.name, piece.left_out))
         truth = shared[1][np.array(piece.left_out)]
-        found = {"float": truth, "w8": np.minimum(truth, 1), "tuned": 0 * truth}
+        found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
         return {name: values.tolist() for name, values in found.items()}
 
     monkeypatch.setattr(sweeping, "judge", judged)

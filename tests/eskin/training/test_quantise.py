@@ -133,20 +133,19 @@ def edit(folder, **fields):
 
 
 def test_what_config_json_says_stays(tmp_path):
-    """Edited before the first quantisation and between two."""
+    """Edited before the first quantisation and between two; formats are chosen anew each time."""
     folder = tmp_path / "model"
     saved(folder)
-    edit(folder, table_entries=256, watchdog=True, class_names=("up", "down", "beat"))
+    edit(folder, watchdog=True, class_names=("up", "down", "beat"))
     quantise(folder, weight_bits=6)
     edit(folder, lanes=2, onset_threshold=9, decision="early", early_steps=2, early_margin=5)
-    for entries in (256, 512):
-        edit(folder, table_entries=entries)
-        quantise(folder)
+    for entries in (256, None):
+        quantise(folder, table_entries=entries)
         after = load_config(folder)
         assert after.hardware.watchdog and after.network.class_names == ("up", "down", "beat")
         assert (after.hardware.lanes, after.onset_rule.onset_threshold) == (2, 9)
         assert (after.network.decision, after.network.early_margin) == ("early", 5)
-        assert after.formats.table_entries == entries
+        assert after.formats.table_entries == (entries or 512) and after.weight_bits == 8
 
 
 @each_row(
@@ -156,8 +155,9 @@ def test_what_config_json_says_stays(tmp_path):
         (
             {"weight_format": QFormat(1, 7)},
             {},
-            r"field weight_format: is SQ\(1,7\) in config.json, and the integers",
+            r"field weight_format: is SQ\(1,7\) in config.json, and quantise",
         ),
+        ({"table_entries": 256}, {"table_entries": 256}, "field table_entries: is 256 in config.json"),
         (
             {"hop": 9, "window": 18},
             {},

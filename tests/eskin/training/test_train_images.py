@@ -12,24 +12,15 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
 from eskin.memo import Memo
 from eskin.training.evaluate import evaluate
-from eskin.training.image_formats import (
-    _scale,
-    choose_image_formats,
-    equalised,
-    integers_of,
-    profile_images,
-    quantised,
-)
+from eskin.training.image_formats import _scale, equalised, quantised
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.training.integers import quantise
-from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
+from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
 
 LAYERS = ("conv 3 4", "pool", "conv 3 6", "pool", "dense 3")
-QUICK = ImageRecipe(
-    epochs=30, batch=16, turn=0.0, mirror=False, shift=0.05, zoom=0.0, dropout=0.1, tuning_epochs=8
-)
+QUICK = ImageRecipe(epochs=30, batch=16, turn=0.0, mirror=False, shift=0.05, zoom=0.0, dropout=0.1)
 
 
 def config() -> AcceleratorConfig:
@@ -68,16 +59,6 @@ def test_batch_norm_is_folded_into_what_hardware_computes():
     folded = float_images(FloatModel(config(), network.folded()), images).logits
     direct = network(torch.from_numpy(images.astype(np.float32))[:, None] / 256).detach().numpy()
     assert np.allclose(folded, direct, atol=1e-4) and np.ptp(folded) > 0.1
-
-
-def test_training_with_four_bits_loses_little(trained):
-    scene, test = shapes(30, 0), shapes(60, 9)
-    images = images_of(scene)
-    rounded = integers_of(trained, choose_image_formats(trained, profile_images(trained, images), 4))
-    _, tuned = tune_network(trained, images, scene.labels, weight_bits=4, recipe=QUICK, seed=0)
-    assert tuned.config.weight_bits == 4 and all(np.abs(tuned.arrays[f"W_{n}"]).max() <= 8 for n in (0, 2, 4))
-    right = [run_images(each, images_of(test)).accuracy(test.labels) for each in (tuned, rounded)]
-    assert right[0] >= 0.9 and right[0] >= right[1] - 0.02
 
 
 def test_a_turned_bar_keeps_its_length():

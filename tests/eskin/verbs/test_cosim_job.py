@@ -114,6 +114,8 @@ def test_joined_counts_and_extremes():
     assert (both["recordings"], both["wall_s"], both["compared_values"]) == (12, 4.0, 10)
     assert both["bit_exact"] and not both["passed"], "an overrun misses the frame's budget"
     assert joined(SMALL, [first, first])["passed"]
+    placed = [first | {"without_probes": {"bit_exact": exact}} for exact in (True, False)]
+    assert not joined(SMALL, placed)["passed"], "the placed netlist of a later part differs"
     wrong = first | {"stages": {"sum": {"compared_values": 5, "mismatches": 1}}, "mismatch_list": ["x"]}
     differs = joined(SMALL, [first, wrong])
     assert (differs["mismatch_list"], differs["bit_exact"], differs["verdict"]) == (["x"], False, "differs")

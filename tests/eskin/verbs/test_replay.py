@@ -241,7 +241,7 @@ def board_of(model: IntegerModel) -> PinPort:
     """The pins of a simulated board that was just switched on."""
     config, clock_hz = model.config, model.config.hardware.clock_hz
     board = text_of(Board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
-    simulated = device.Device(device.Design(board, Path("build/simulators"), "a test", "board_top"))
+    simulated = device.Device(device.Design(board, Path("build/simulators"), top="board_top"))
     simulated.put("rx", 1)
     simulated.reset()
     return PinPort(simulated, CLOCKS_PER_BIT)
