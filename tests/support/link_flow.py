@@ -13,10 +13,10 @@ import numpy as np
 
 from eskin.cosim import runner
 from eskin.cosim.device import Design, Device
-from eskin.cosim.link import Link
 from eskin.cosim.scoreboard import UNEXPECTED_FAULTS
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import IntegerModel
+from eskin.live.link import Link
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.top.board import Board

@@ -20,7 +20,7 @@ from eskin.rtl.top.board import Board
 from eskin.teach.taught import load_taught
 from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs import replay_job
-from tests.cosim.test_link_cosim import CONFIG
+from tests.eskin.live.test_link import CONFIG
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions

@@ -1,4 +1,4 @@
-"""The serial link's host (cosim/link.py): against devices in Python that are late, and at the pins of the simulated
+"""The serial link's host (eskin/live/link.py): against devices in Python that are late, and at the pins of the simulated
 board, with every kind of damage."""
 
 from collections import Counter
@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from eskin.cosim import link
 from eskin.golden.model import run, write_vectors
 from eskin.golden.model.position import PositionStream
+from eskin.live import link
 from eskin.rtl.fpga.generate import register_map
 from eskin.training.made_up import random_recordings
 from tests.support.link_flow import play_link
