@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cosim import device, link
+from eskin.cosim import device
 from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel
