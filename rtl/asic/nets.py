@@ -29,7 +29,7 @@ class Nets:
     pin, place in a wide pin) that read it; clock: the clock's own net.
     """
 
-    def __init__(self, module: Mapping[str, Any], library: Mapping[str, Cell]) -> None:
+    def __init__(self, module: Mapping[str, Any], library: Mapping[str, Cell]):
         self.module, self.clock = module, module["ports"]["clk"]["bits"][0]
         self.cells = {name: library[cell["type"].lstrip("\\")] for name, cell in module["cells"].items()}
         self.driver: dict[int, tuple[str, str]] = {}
