@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cosim import device, link
+from eskin.cosim import device
 from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import forget, taught_in_use
+from eskin.live import link
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
