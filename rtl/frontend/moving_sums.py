@@ -36,7 +36,7 @@ class MovingSums(wiring.Component):
         The last taxel of a block has been compared.
     """
 
-    def __init__(self, config: AcceleratorConfig, complement: Shape) -> None:
+    def __init__(self, config: AcceleratorConfig, complement: Shape):
         self._config = config
         index = range(config.sensor.taxels)
         super().__init__(
