@@ -1,7 +1,7 @@
-"""The Python interface behind ``import eskin`` (docs/python.md): a model that predicts, streams, explains and
-proves itself.
+"""The Python interface behind ``import eskin`` (docs/python.md): a model that predicts, streams and
+explains itself.
 
-It combines golden model and hardware, as the command line does; only training loads torch.
+Only training loads torch.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,10 +46,6 @@ if TYPE_CHECKING:
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
 """One recording (frames, taxels), several of them, or a set of recordings."""
 
-
-Simulator = Literal["verilator", "icarus"]
-CHOICES = {"simulator": get_args(Simulator), "level": ("rtl", "netlist"), "pace": ("full", "declared")}
-"""Words that `Model.cosim` takes."""
 
 NO_CLASS = "none"
 """Name of the decision -1."""
@@ -562,58 +558,6 @@ class Model(Estimator):
             )
         check_fit(recordings, self.config)
         return recordings
-
-    # ------------------------------------------------------------------ hardware
-    def cosim(
-        self,
-        recordings: Frames,
-        *,
-        lanes: int | None = None,
-        lane_type: str | None = None,
-        simulator: Simulator = "verilator",
-        progress: Progress | None = None,
-        **options: Any,
-    ) -> Record:
-        """Generate the accelerator, simulate it on the recordings, and compare every stage bit for bit; needs
-        the extra ``sim``.
-
-        Parameters
-        ----------
-        recordings : array, list of arrays, or Recordings
-            As for `predict`.
-        lanes, lane_type
-            Other lanes than the configuration's.
-        simulator : {"verilator", "icarus"}
-            Icarus is four-state and slow, and needs no C++ compiler.
-        progress : callable
-            Called with (what, done, total).
-        **options
-            ``pace``, ``clock_hz``, ``stalls``, ``seed``, ``level``, ``target`` as for `eskin cosim`.
-
-        Raises
-        ------
-        InputError
-            As `predict`; a simulator, level or pace that does not exist, or lanes that do not work.
-
-        Returns
-        -------
-        dict
-            What ``eskin cosim --json`` writes: ``bit_exact``, ``mismatches``, ``compared_values``,
-            ``cycles``, ``budgets``, ...
-        """
-        from eskin.jobs import Jobs
-        from eskin.verbs import cosim_job
-
-        options = {"lanes": lanes, "lane_type": lane_type, "simulator": simulator, **options}
-        for name, words in CHOICES.items():
-            if name in options and options[name] not in words:
-                raise InputError(f"cosim, {name}: is {options[name]!r}; give one of {', '.join(words)}")
-        played = self.recordings(recordings)
-        with tempfile.TemporaryDirectory() as work:
-            jobs = Jobs(progress=progress, version=cosim_job.CODE)
-            return cosim_job.cosimulate(
-                self.integer, played, range(len(played)), work=Path(work), jobs=jobs, **options
-            )
 
 
 def train(

@@ -98,7 +98,7 @@ def companions(path: Path) -> dict[str, list[Path]]:
     if place.parts[0] == "rtl":
         candidates = (
             model
-            for name in ("golden/core", "golden/model", "cosim")
+            for name in ("golden/core", "golden/model", "eskin/live")
             for model in sorted((ROOT / name).glob("*.py"))
         )
         paths["proof"] = [ROOT / "formal" / place.relative_to("rtl")]

@@ -31,7 +31,7 @@ import shutil
 import signal
 import sys
 import tomllib
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -268,14 +268,11 @@ def _refuses(statement: ast.stmt) -> bool:
 
 def _signals(function: ast.FunctionDef) -> Iterator[str]:
     """Names that the function gives to ``Signal(...)``."""
-    for node in ast.walk(function):
-        match node:
-            case ast.Assign(targets=[ast.Tuple(elts=names), *_], value=ast.Tuple(elts=values)):
-                pairs = list(zip(names, values, strict=False))
-            case ast.Assign(targets=[target, *_], value=value):
-                pairs = [(target, value)]
-            case _:
-                continue
+    for node in (node for node in ast.walk(function) if isinstance(node, ast.Assign)):
+        target, value = node.targets[0], node.value
+        pairs = [(target, value)]
+        if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+            pairs = list(zip(target.elts, value.elts, strict=False))
         for name, part in pairs:
             if isinstance(name, ast.Name) and isinstance(part, ast.Call) and _name(part.func) == "Signal":
                 yield name.id
@@ -303,26 +300,20 @@ def is_fault(mutant: Mutant, text: str) -> bool:
 def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = frozenset()) -> list[Mutant]:
     """``count`` mutants of these files (or all): files in turn, in a file its kinds in turn, those chosen
     least so far first."""
-    pools: dict[str, dict[str, list[Mutant]]] = {file: defaultdict(list) for file in texts}
+    waiting: dict[str, list[Mutant]] = {}
     for file, text in texts.items():
         of_file = mutants(file, text, skip)
-        for mutant in random.Random(f"{seed} {file}").sample(of_file, len(of_file)):
-            pools[file][mutant.kind].append(mutant)
+        waiting[file] = random.Random(f"{seed} {file}").sample(of_file, len(of_file))[::-1]
     chosen: list[Mutant] = []
     here, overall = Counter[tuple[str, str]](), Counter[str]()
-    while len(chosen) < count and any(pool for kinds in pools.values() for pool in kinds.values()):
-        for file, kinds in pools.items():
-            ready = [kind for kind in KINDS if kinds[kind]]
-            if not ready or len(chosen) == count:
-                continue
-            kind = min(
-                ready,
-                key=lambda kind, file=file: (here[file, kind], overall[kind], KINDS.index(kind)),  # type: ignore[misc]
-            )
-            mutant = kinds[kind].pop()
-            if is_fault(mutant, texts[file]):
-                here[file, kind] += 1
-                overall[kind] += 1
+    rank = lambda mutant: (here[mutant.file, mutant.kind], overall[mutant.kind], KINDS.index(mutant.kind))
+    while len(chosen) < count and any(waiting.values()):
+        for file in (file for file, rest in waiting.items() if rest):
+            mutant = min(waiting[file], key=rank)
+            waiting[file].remove(mutant)
+            if len(chosen) < count and is_fault(mutant, texts[file]):
+                here[file, mutant.kind] += 1
+                overall[mutant.kind] += 1
                 chosen.append(mutant)
     return chosen
 
@@ -373,14 +364,12 @@ class _Judges:
     def __init__(self, tests: list[str]) -> None:
         self._named = tuple(test for test in tests if "::" in test)
 
-    def pytest_collection_modifyitems(self, config, items) -> None:
-        slow = [
+    def pytest_collection_modifyitems(self, items) -> None:
+        items[:] = [
             item
             for item in items
-            if item.get_closest_marker("slow") and not item.nodeid.startswith(self._named)
+            if item.nodeid.startswith(self._named) or not item.get_closest_marker("slow")
         ]
-        config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if item not in slow]
 
     def pytest_configure(self) -> None:
         from hypothesis import Phase, settings

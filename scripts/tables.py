@@ -10,8 +10,7 @@ designs [PRESET ...]
     that stops between samples.
 buses [SHELL ...]
     Bus shells: cells of the whole design (preset ``thesis``, one lane) less those of the bare one; the
-    highest clock of one placement (seed 1) with registers around all ports; cycles of a frame of 16 taxels
-    that goes in through the C driver, pair by pair, as fast as the Verilated design takes it.
+    highest clock of one placement (seed 1) with registers around all ports.
 features [KINDS ...]
     Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of
     another.
@@ -38,36 +37,24 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
-from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
 from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import prototype_words
-from eskin.rtl.program.schedule import (
-    decision_cycles,
-    frame_cycles,
-    lowest_clock_hz,
-    mean_frame_cycles,
-    schedule,
-    step_cycles,
-)
-from eskin.rtl.top.bus_top import Bus, BusTop
-from eskin.study.energy import estimate, scheduled_activity
+from eskin.rtl.program.schedule import decision_cycles, frame_cycles, schedule
+from eskin.rtl.top.bus_top import BusTop
 from eskin.verbs import build_job
 from tests.support.random_models import random_integer_model
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "figures.md"
-BOARD, LANES, FRAMES = "icebreaker", 4, 300
+BOARD, LANES = "icebreaker", 4
 READOUTS = {
     "dense": 0,
     "3 prototypes": 3,
@@ -96,8 +83,6 @@ FEATURES: dict[str, Record] = {
 BUSES: dict[str, Record] = {
     "Wishbone": {"bus": "wishbone"},
     "AXI4-Lite": {"bus": "axi4lite"},
-    "Wishbone, no queue": {"bus": "wishbone", "depth": 0},
-    "Wishbone, a queue of 4": {"bus": "wishbone", "depth": 4},
     "Wishbone, frames from a stream": {"bus": "wishbone", "axis": True},
 }
 
@@ -126,33 +111,33 @@ def cells_of(design: Any) -> dict[str, int]:
 
 
 # ---------------------------------------------------------------------- designs
-def placed(config: AcceleratorConfig, seeds: int = 3) -> Row:
-    """Columns behind the first, of a design on the board."""
+def built(config: AcceleratorConfig, **options: Any) -> Record:
+    """Result of ``eskin build`` for a random model on the board."""
     model = random_integer_model(config, 1)
-    request = build_job.BuildRequest(
-        lanes_asked=True,
-        config=model.config,
-        arrays=model.arrays,
-        target=target(BOARD),
-        link=False,
-        seeds=seeds,
-    )
+    of_model: Record = {"config": model.config, "arrays": model.arrays}
+    request = build_job.BuildRequest(target=target(BOARD), lanes_asked=True, **of_model, **options)
+    return build_job.build(request)[0]
+
+
+def placed(config: AcceleratorConfig, seeds: int = 3) -> Row:
+    """Columns behind the first, of a design on the board; and the energy of a step."""
     try:
-        built = build_job.build(request)[0]
+        result = built(config, link=False, seeds=seeds)
     except build_job.BuildError as misfit:
         return (misfit,)
-    energy = built["energy"]
+    energy = result["energy"]
     activity = energy["activity"]
     touch_j = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
     return (
-        built["logic_cells"],
-        f"{built['bram']} + {built['spram']}",
-        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in built["seeds"].values()),
+        result["logic_cells"],
+        f"{result['bram']} + {result['spram']}",
+        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result["seeds"].values()),
         f"{activity['frame_cycles']:.1f}",
         f"{activity['quiet_frame_cycles']:.1f}",
         activity["step_cycles"],
         f"{1e6 * touch_j:.2f} uJ",
         f"{1e6 * energy['choices'][1]['idle_w']:.1f} uW",
+        energy["per_step_j"],
     )
 
 
@@ -162,7 +147,7 @@ def design_rows(asked: Sequence[str]) -> Iterator[Row]:
         front = PRESETS[name].replace(feature_shift=())
         gru = network(front, "gru", 12)
         for config, lanes in ((gru, 1), (gru, LANES), (network(front, "linear", None), LANES)):
-            yield f"{name}, {config.network.cell}, P = {lanes}", *placed(config.with_lanes(lanes, "dsp"))
+            yield f"{name}, {config.network.cell}, P = {lanes}", *placed(config.with_lanes(lanes, "dsp"))[:8]
 
 
 # ---------------------------------------------------------------------- buses
@@ -176,32 +161,15 @@ def clock_mhz(design: Any) -> str:
         return f"{place(netlist, board, pins, Path(folder) / 'placed', seed=1).fmax_hz / 1e6:.1f}"
 
 
-@cache
-def frame_through(bus: Bus) -> str:
-    """Mean of the cycles from one frame to the next, at rest."""
-    from tests.support.driver_board import Board  # as the tests drive the same pins
-
-    model = random_integer_model(PRESETS["thesis"].replace(lanes=1), 1)
-    with tempfile.TemporaryDirectory() as folder:
-        board = Board(generate(model.config, model.arrays, Path(folder) / "design", bus=bus), bus)
-        assert board.driver("present") and board.driver.load()
-        samples = np.full((FRAMES, model.config.sensor.taxels), 2000)
-        begin = board.device.state.cycle
-        board.driver.play(samples, lambda: board.device.get("irq"), pairs=True)
-        return f"{(board.device.state.cycle - begin) / FRAMES:.0f}"
-
-
 def bus_rows(asked: Sequence[str]) -> Iterator[Row]:
     """The bare design, then every shell."""
     config = random_integer_model(PRESETS["thesis"].replace(lanes=1), 1).config
     bare = cells_of(Chain(config))
-    yield "none (the whole design)", bare["lut"], bare["ff"], clock_mhz(Chain(config)), ""
+    yield "none (the whole design)", bare["lut"], bare["ff"], clock_mhz(Chain(config))
     for name in asked or BUSES:
-        design = BusTop(config, **BUSES[name])
-        cells = cells_of(design)
-        cycles = "" if BUSES[name].get("axis") else frame_through(BUSES[name]["bus"])
+        cells = cells_of(BusTop(config, **BUSES[name]))
         more = (cells[kind] - bare[kind] for kind in ("lut", "ff"))
-        yield name, *more, clock_mhz(BusTop(config, **BUSES[name])), cycles
+        yield name, *more, clock_mhz(BusTop(config, **BUSES[name]))
 
 
 # ---------------------------------------------------------------------- features, checks
@@ -221,12 +189,8 @@ def check_rows(asked: Sequence[str]) -> Iterator[Row]:
     is not there either."""
     base = PRESETS["thesis"].with_lanes(LANES, "dsp")
     for name, fields in CHECKS.items():
-        model = random_integer_model(base.replace(**dict.fromkeys(fields, True)), 1)
-        request = build_job.BuildRequest(
-            lanes_asked=True, config=model.config, arrays=model.arrays, target=target(BOARD)
-        )
-        cells = build_job.build(request)[0]
-        yield name, *(cells[kind] for kind in ("logic_cells", "ff", "bram")), step_cycles(model.config)
+        cells = built(base.replace(**dict.fromkeys(fields, True)))
+        yield name, *(cells[kind] for kind in ("logic_cells", "ff", "bram")), cells["cycles"]["step"]
 
 
 def readout_rows(asked: Sequence[str]) -> Iterator[Row]:
@@ -237,18 +201,12 @@ def readout_rows(asked: Sequence[str]) -> Iterator[Row]:
             base = base.replace(decision="last")
         if count := READOUTS[name]:
             base = base.with_readout(prototypes=count, **TAUGHT)
-        cells, memories, mhz, _, _, step, touch, waiting = placed(base, seeds=1)
-        config = random_integer_model(base, 1).config
-        pass_cycles = prototype_words(config) + config.windows.steps if count else 0
-        activity = scheduled_activity(config, step, *mean_frame_cycles(config), 1)
-        energy = estimate(config, target(BOARD).device, activity, lowest_clock_hz(config))
-        teaching = (
-            f"{pass_cycles} cycles, {1e6 * pass_cycles * energy['per_step_j'] / step:.2f} uJ"
-            if count
-            else "-"
-        )
-        decision = decision_cycles(config)
-        yield name, cells, memories, mhz, f"{step}, {decision}", touch, teaching, waiting
+        cells, memories, mhz, _, _, step, touch, waiting, step_j = placed(base, seeds=1)
+        config, teaching = random_integer_model(base, 1).config, "-"
+        if count:
+            pass_cycles = prototype_words(config) + config.windows.steps
+            teaching = f"{pass_cycles} cycles, {1e6 * pass_cycles * step_j / step:.2f} uJ"
+        yield name, cells, memories, mhz, f"{step}, {decision_cycles(config)}", touch, teaching, waiting
 
 
 def run_rows(asked: Sequence[str]) -> Iterator[Row]:
@@ -317,7 +275,7 @@ TABLES: dict[str, tuple[str, Callable[[Sequence[str]], Iterator[Row]]]] = {
         "design | cells | memories | MHz | cycles a frame, touch | quiet | cycles a step | a touch | waiting",
         design_rows,
     ),
-    "buses": ("shell | LUT | flip-flops | MHz | cycles a frame", bus_rows),
+    "buses": ("shell | LUT | flip-flops | MHz", bus_rows),
     "features": (
         "features | lut | carry | ff | bram | spram | dsp | inputs | multiplies | step | decision | frame "
         "| frame_plain",

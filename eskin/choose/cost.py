@@ -69,22 +69,17 @@ class CostModel:
         }
 
 
-def pareto(
-    records: Sequence[Mapping[str, Any]],
-    cost: str,
-    accuracy: Callable[[Mapping[str, Any]], float] | None = None,
-) -> list[int]:
+def pareto(records: Sequence[Mapping[str, Any]], cost: str) -> list[int]:
     """Indices of the records on the Pareto front of ``cost`` (lower is better) and accuracy (higher is
     better), sorted by cost."""
-    gain = accuracy or (lambda record: record["accuracy"])
-    order = sorted(range(len(records)), key=lambda i: (records[i][cost], -gain(records[i])))
+    order = sorted(range(len(records)), key=lambda i: (records[i][cost], -records[i]["accuracy"]))
     front: list[int] = []
     for i in order:
-        last = records[front[-1]] if front else None
+        gain, last = records[i]["accuracy"], records[front[-1]] if front else None
         if (
             last is None
-            or gain(records[i]) > gain(last)
-            or (gain(records[i]), records[i][cost]) == (gain(last), last[cost])
+            or gain > last["accuracy"]
+            or (gain, records[i][cost]) == (last["accuracy"], last[cost])
         ):
             front.append(i)
     return front

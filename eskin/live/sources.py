@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.cosim.link import Link, LinkError
 from eskin.cosim.scoreboard import UNEXPECTED_FAULTS, pack_decision, unpack_decision
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream
 from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.stream import Decision
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
+from eskin.live.link import Link, LinkError
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
     from eskin.cosim.device import Accelerator

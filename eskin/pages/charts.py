@@ -12,13 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from matplotlib.text import Text
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
+from eskin.choose.cost import pareto
+from eskin.golden.core import Record
 from eskin.pages.views import count
 
-CLASS_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line
-styles."""
+CHOSEN, OTHERS = "#0072B2", "#E69F00"
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -64,19 +64,47 @@ def share_bars(shares: Sequence[float], spreads: Sequence[float | None]) -> np.n
     return np.array([np.minimum(spread, share), np.minimum(spread, 1.0 - share)])
 
 
-def panel_row(number: int, width: float, height: float, *, sharey: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure of ``width`` x ``height`` inches with ``number`` panels in a row; panels with a common scale
-    have grid lines."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    panels = figure.subplots(1, number, squeeze=False, sharey=sharey)[0]
-    for axes in panels:
-        axes.grid(sharey, axis="y")
-    return figure, list(panels)
+def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor: float) -> None:
+    """Accuracy of ``rows`` against a cost, with the front of those that none beats in both; the chosen one is named.
 
-
-def cost_axis(axes: Axes) -> None:
-    """A logarithmic axis of a cost, with plain numbers."""
+    rows: accuracy, standard_error, the cost, chosen, fits (its mark is filled), name; of those judged under
+    disturbance also stress and stressed_accuracy, to which a line leads down.
+    """
+    # rounded, so that costs that are equal but for their last bits are one
+    shown = [row | {cost: float(f"{factor * row[cost]:.6g}")} for row in rows]
+    line = [(shown[index][cost], shown[index]["accuracy"]) for index in pareto(shown, cost)]
+    axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
+    for row in shown:
+        place, chosen = (row[cost], row["accuracy"]), row["chosen"]
+        colour = CHOSEN if chosen else OTHERS
+        if row.get("stress"):
+            # a share of false onsets is drawn as what is left
+            figures = [abs(one["figure"] - (one["bound"] < 0.5)) for one in row["stress"]]
+            down = row["stressed_accuracy"], min(figures)
+            axes.vlines(place[0], min(down), place[1], color=colour, linewidth=0.8, alpha=0.6, zorder=1)
+            axes.plot([place[0]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
+        axes.errorbar(
+            *place,
+            yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
+            fmt="o",
+            capsize=2,
+            elinewidth=0.8,
+            color=colour,
+            markersize=9 if chosen else 6,
+            markerfacecolor=colour if row["fits"] else "white",
+            zorder=3 if chosen else 2,
+        )
+        if chosen:
+            style: Record = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "ha": "center"}
+            axes.annotate(f"chosen: {row['name']}", place, (0, 9), zorder=4, **style)
+    axes.margins(x=0.15, y=0.15)
+    if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
+        # a gate that always opens lies below the drawing
+        axes.set_ylim(min(stressed) - 0.05, min(axes.get_ylim()[1], 1.03))
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.xaxis.set_major_formatter(lambda cost, _: count(cost) if cost >= 10 else f"{cost:g}")
+    axes.xaxis.set_major_formatter(lambda value, _: count(value) if value >= 10 else f"{value:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set(xlabel=label, ylabel="accuracy, integer, cross-validated")
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
+    axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))

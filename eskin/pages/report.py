@@ -25,7 +25,6 @@ import jinja2
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from eskin.choose.choice_table import (
     front_end_brief,
@@ -36,9 +35,8 @@ from eskin.choose.choice_table import (
     where_it_fails,
     windows_brief,
 )
-from eskin.choose.cost import pareto
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, Record
-from eskin.pages.charts import STYLE, cost_axis, panel_row, share_bars, svg
+from eskin.pages.charts import STYLE, draw_costs, svg
 from eskin.pages.views import page, short_name, tables, words, write_text
 from eskin.training.formats import describe_formats
 
@@ -46,7 +44,6 @@ PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
 CONFUSED_WITH = 3
 """Number of wrong decisions that are listed for a class."""
-FLOAT_COLOUR, INTEGER_COLOUR = "#E69F00", "#0072B2"
 
 
 # ---------------------------------------------------------------------- the files
@@ -193,73 +190,16 @@ def confusions(split: Record, class_names: Sequence[str]) -> list[Record]:
 
 
 # ---------------------------------------------------------------------- charts
-COSTS = {
-    "energy_touch_j": ("energy of a touch (µJ)", 1e6),
-    "decision_time_s": ("time to the decision (s)", 1),
-}
-"""Costs against which accuracy is drawn: key of a candidate, label, factor."""
-
-
 def draw_candidates(rows: Sequence[Record]) -> Figure:
-    """Accuracy of every candidate against energy of a touch and against the time to the decision, with the
-    front of those that none beats in both; the taken one is named. What fits the board is filled."""
+    """Accuracy of every candidate against energy of a touch (`eskin.pages.charts.draw_costs`)."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
-    # a cost that all share tells nothing
-    costs = {
-        key: words for key, words in COSTS.items() if len({f"{row[key]:.4}" for row in rows if row[key]}) > 1
-    } or COSTS
-    figure, panels = panel_row(len(costs), 10.4, 3.6)
-    for axes, (key, (label, factor)) in zip(panels, costs.items(), strict=True):
-        # rounded, so that costs that are equal but for their last bits are one
-        shown = [row | {key: float(f"{factor * row[key]:.6g}")} for row in rows if row[key] is not None]
-        front = pareto(shown, key)
-        line = [(shown[index][key], shown[index]["accuracy"]) for index in front]
-        axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
-        for row in shown:
-            place = row[key], row["accuracy"]
-            colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
-            if row.get("stress"):
-                # a share of false onsets is drawn as what is left
-                figures = [abs(one["figure"] - (one["bound"] < 0.5)) for one in row["stress"]]
-                down = row["stressed_accuracy"], min(figures)
-                axes.vlines(
-                    row[key], min(down), row["accuracy"], color=colour, linewidth=0.8, alpha=0.6, zorder=1
-                )
-                axes.plot([row[key]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
-            axes.errorbar(
-                *place,
-                yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
-                fmt="o",
-                capsize=2,
-                elinewidth=0.8,
-                color=colour,
-                markersize=9 if row["chosen"] else 6,
-                markerfacecolor=colour if row["fits"] else "white",
-                zorder=3 if row["chosen"] else 2,
-            )
-            if row["chosen"]:  # the table below has the recipe and every kind
-                text = f"chosen: {network_name(row)}"
-                style: Record = {
-                    "textcoords": "offset points",
-                    "fontsize": 8,
-                    "weight": "bold",
-                    "ha": "center",
-                }
-                axes.annotate(text, place, (0, 9), zorder=4, **style)
-        axes.margins(x=0.15, y=0.15)
-        if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
-            # a gate that always opens lies below the drawing
-            axes.set_ylim(min(stressed) - 0.05, min(axes.get_ylim()[1], 1.03))
-        cost_axis(axes)
-        axes.set_xlabel(label)
-    axes = panels[0]
+    figure = Figure(figsize=(10.4, 3.6), layout="constrained")
+    axes = figure.subplots()
+    named = [row | {"name": network_name(row)} for row in rows]
+    draw_costs(axes, named, "energy_touch_j", "energy of a touch (µJ)", 1e6)
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
-    axes.set(
-        title=f"grey: the best at each cost; {filled}{'; lines down: under disturbance' * bool(stressed)}",
-        ylabel="accuracy, integer, cross-validated",
-    )
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
-    axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    under = "; lines down: under disturbance" * any(row.get("stress") for row in rows)
+    axes.set_title(f"grey: the best at each cost; {filled}{under}")
     return figure
 
 

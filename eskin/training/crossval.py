@@ -56,13 +56,12 @@ def cross_validate(
     Returns
     -------
     A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread
-    and integer_spread (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy
-    over all folds), per_step (step, time_s since the onset, float_accuracy, integer_accuracy),
+    and integer_spread (standard deviation over folds x seeds), integer_by_seed (accuracy over all folds), per_step
+    (step, time_s since the onset, float_accuracy, integer_accuracy),
     decision_time_s (of the global decision since the onset, mean, integer; None: no decision), logit_error
     (mean and max distance of integer logits from float ones over all completed steps; None: no step),
     per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer
-    model, summed over seeds: rows = true class, columns = decided, last column = none), per_class (integer
-    accuracy).
+    model, summed over seeds: rows = true class, columns = decided, last column = none).
     """
     recipe, datasets = recipe or choose_recipe(config), datasets or Datasets(recordings)
     tests = [split_folds(recordings, groups, folds, None) for groups in splits]
@@ -313,9 +312,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> Rec
 
     errors = np.concatenate([run.logit_error for runs in decided for run in runs])
 
-    def by_seed(key: str) -> list[float]:
-        return np.average([fold["by_seed"][key] for fold in per_fold], axis=0, weights=weights).tolist()
-
+    by_seed = np.average([fold["by_seed"]["integer_accuracy"] for fold in per_fold], axis=0, weights=weights)
     return {
         "groups": groups,
         "folds": len(tests),
@@ -323,8 +320,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> Rec
         **over_folds(per_fold),
         "float_spread": spread("float_accuracy"),
         "integer_spread": spread("integer_accuracy"),
-        "float_by_seed": by_seed("float_accuracy"),
-        "integer_by_seed": by_seed("integer_accuracy"),
+        "integer_by_seed": by_seed.tolist(),
         "per_step": step_rows(zip(times, *steps, strict=True)),
         "per_fold": per_fold,
         "decision_time_s": float(np.mean(np.asarray(times)[decided_steps])) if len(decided_steps) else None,
@@ -332,8 +328,4 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> Rec
         if len(errors)
         else {"mean": None, "max": None},
         "confusion": confusion.tolist(),
-        "per_class": {
-            name: float(confusion[c, c] / max(confusion[c].sum(), 1))
-            for c, name in enumerate(recordings.class_names)
-        },
     }

@@ -225,11 +225,15 @@ class _Steps:
     ) -> Path:
         """The folder of a stage: found finished, or made now, by ``make(folder, notify, *given)``."""
         key = content_key([name, code_version(*packages), self.base, options])
+        begin, made = time.perf_counter(), []
         with self.stages(name) as notify:
-            folder, wall_s, cached = self.work.finished(
-                f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify, *given)
-            )
-        self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
+
+            def fill(folder: Path) -> None:
+                make(folder, notify, *given)
+                made.append(folder)
+
+            folder = Memo(self.work.folder).folder(f"{name.replace(' ', '-')}.{key[:20]}", fill)
+        self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin, "cached": not made})
         return folder
 
     def all(self, result: Path, begin: float) -> Record:
@@ -594,29 +598,11 @@ class _Work:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Drop what is unfinished; without a finished stage there is nothing to resume and the whole folder
-        goes."""
-        for name in ("unfinished", "result"):
-            shutil.rmtree(self.folder / name, ignore_errors=True)
-        if not any(entry.is_dir() for entry in self.folder.iterdir()):
+        """Without a finished stage there is nothing to resume and the whole folder goes."""
+        shutil.rmtree(self.folder / "result", ignore_errors=True)
+        if not any(self.folder.glob("*/finished")):
             shutil.rmtree(self.folder, ignore_errors=True)
         self.lock.close()
-
-    def finished(self, name: str, make: Callable[[Path], None]) -> tuple[Path, float, bool]:
-        """The stage folder ``name``, made by ``make`` if it does not exist; the seconds that took; whether it
-        existed."""
-        folder = self.folder / name
-        cached = (folder / "wall_s").exists()
-        if not cached:
-            fresh = self.folder / "unfinished"
-            shutil.rmtree(fresh, ignore_errors=True)
-            fresh.mkdir()
-            begin = time.perf_counter()
-            make(fresh)
-            # written last, and the rename is atomic: a folder of this name with this file is whole
-            (fresh / "wall_s").write_text(f"{time.perf_counter() - begin:.3f}")
-            os.rename(fresh, folder)
-        return folder, float((folder / "wall_s").read_text()), cached
 
     def publish(self, result: Path) -> None:
         """Let ``result`` take the place of ``out``; the stages are not needed any more."""

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.link import BURST, Link, Transport
 from eskin.cosim.scoreboard import Mismatch, Recording, Scoreboard
-from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, images_of, run_images
 from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
+from eskin.live.link import BURST, Link, Transport
+from eskin.live.serial_port import SerialPort
 from eskin.live.sources import on_port
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import TeachRegister, taught_arrays

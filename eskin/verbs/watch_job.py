@@ -9,13 +9,13 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from eskin.cosim.link import Link
-from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core import Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.live.hub import Hub
+from eskin.live.link import Link
 from eskin.live.player import Controls, Player, hello
+from eskin.live.serial_port import SerialPort
 from eskin.live.server import PageServer
 from eskin.live.sources import BoardSource, Listener, ModelSource, SimulationSource, on_port
 from eskin.pages.watch_page import guessed_shape, page

@@ -30,7 +30,7 @@ class OnePortMemory(wiring.Component):
     Nothing may rely on a word that was not written.
     """
 
-    def __init__(self, words: int) -> None:
+    def __init__(self, words: int):
         self._words = words
         super().__init__(
             {

@@ -49,7 +49,7 @@ class Classifier(wiring.Component):
         one came early. Also when the recording ends after an early decision.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         super().__init__(
             {

@@ -24,7 +24,7 @@ class EarlyRule(wiring.Component):
         Combinational from ``best`` and ``margin``, 0 cycles.
     """
 
-    def __init__(self, config: AcceleratorConfig, margin_bits: int) -> None:
+    def __init__(self, config: AcceleratorConfig, margin_bits: int):
         self._config = config
         super().__init__(
             {

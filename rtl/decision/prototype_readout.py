@@ -88,7 +88,7 @@ class PrototypeReadout(wiring.Component):
         Of `eskin.rtl.common.status`.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         self._teaches = config.readout_rule.taught > 0
         score = shape_of(config.score_format)

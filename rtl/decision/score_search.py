@@ -28,7 +28,7 @@ class Search(wiring.Component):
         Pulse: the search ends with this cycle.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._classes, width = config.classes, max(config.score_format.width, 10)  # votes are scores too
         super().__init__(
             {

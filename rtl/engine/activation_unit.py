@@ -38,7 +38,7 @@ class ActivationUnit(wiring.Component):
     Latency 1 cycle, one look-up a cycle.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being
         # made. With one lane the block memories of an iCE40 UP5K do not reach for both, which costs more

@@ -47,7 +47,7 @@ class CoefficientMemory(wiring.Component):
         The host's writes.
     """
 
-    def __init__(self, config: AcceleratorConfig, program: CellProgram, image: Sequence[int] = ()) -> None:
+    def __init__(self, config: AcceleratorConfig, program: CellProgram, image: Sequence[int] = ()):
         self._config, self._layout, self._image = config, Layout(config, program), list(image)
         address = range(self._layout.gate_depth)
         super().__init__(

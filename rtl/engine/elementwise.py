@@ -40,7 +40,7 @@ class ElementwiseUnit(wiring.Component):
         Table index of the result, registered at ``tick``.
     """
 
-    def __init__(self, config: AcceleratorConfig, plan: Schedule) -> None:
+    def __init__(self, config: AcceleratorConfig, plan: Schedule):
         self._config, self._plan = config, plan
         state = signed(config.formats.state_format.width)
         super().__init__(

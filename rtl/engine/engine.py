@@ -4,8 +4,6 @@ them.
 Rows and cells: docs/specification.md, sections 4 and 5.
 """
 
-from collections.abc import Mapping
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
@@ -116,9 +114,9 @@ class Engine(wiring.Component):
     def __init__(
         self,
         config: AcceleratorConfig,
-        images: Mapping[int, list[int]] | None = None,
+        images: memory_map.Images | None = None,
         program: CellProgram | None = None,
-    ) -> None:
+    ):
         self._config, self._images = config, images or {}
         self.plan: Schedule = schedule(config, program)
         super().__init__(
@@ -434,7 +432,7 @@ class _AddendMemory(wiring.Component):
     told (`begins_as_told`), constants that are not loaded are a ROM.
     """
 
-    def __init__(self, config: AcceleratorConfig, plan: Schedule, image: list[int]) -> None:
+    def __init__(self, config: AcceleratorConfig, plan: Schedule, image: list[int]):
         self._config, self._plan, self._image = config, plan, image
         address, word = range(plan.addend_words), signed(config.accumulator_bits)
         super().__init__(

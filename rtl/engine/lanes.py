@@ -55,7 +55,7 @@ def lane_signature(
 class LaneSignature(wiring.Signature):
     """`lane_signature`, which keeps its parameters."""
 
-    def __init__(self, members: dict, load_with_operands: bool, accumulates: bool) -> None:
+    def __init__(self, members: dict, load_with_operands: bool, accumulates: bool):
         super().__init__(members)
         self.load_with_operands, self.accumulates = load_with_operands, accumulates
 

@@ -45,7 +45,7 @@ class MemoryCheck(wiring.Component):
     the decision it may have changed is offered.
     """
 
-    def __init__(self, code: Microcode) -> None:
+    def __init__(self, code: Microcode):
         self._code = code
         config = code.plan.config
         super().__init__(

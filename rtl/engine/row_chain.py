@@ -28,7 +28,7 @@ class RowChain(wiring.Component):
         After a swap the sum of lane 0, after p shifts that of lane p.
     """
 
-    def __init__(self, accumulator_bits: int, count: int) -> None:
+    def __init__(self, accumulator_bits: int, count: int):
         acc = signed(accumulator_bits)
         lanes = data.ArrayLayout(acc, count)
         super().__init__(

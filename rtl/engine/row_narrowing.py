@@ -26,7 +26,7 @@ class RowNarrowing(wiring.Component):
         In state_format and logit_format.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         super().__init__(
             {

@@ -42,7 +42,7 @@ class Sequencer(wiring.Component):
         With ``checksum``: the word does not have its parity.
     """
 
-    def __init__(self, code: Microcode) -> None:
+    def __init__(self, code: Microcode):
         self._code = code
         super().__init__(
             {

@@ -36,7 +36,7 @@ class WindowQueue(wiring.Component):
         A window arrives while both buffers are full.
     """
 
-    def __init__(self, config: AcceleratorConfig, taxel_bits: int) -> None:
+    def __init__(self, config: AcceleratorConfig, taxel_bits: int):
         self._inputs = config.inputs
         layout = centred_layout(config)
         super().__init__(

@@ -11,7 +11,7 @@ from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.rtl.common import without_contents
 from eskin.rtl.fpga.readable import ports_named, readable
 from eskin.rtl.fpga.tools import run_tool
-from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.program.memory_map import Images, memory_images
 from eskin.rtl.top.image_accelerator import make_accelerator
 
 TOP = "accelerator"
@@ -26,7 +26,7 @@ def export(config: AcceleratorConfig, arrays: Arrays | None = None, name: str = 
     return verilog(make_accelerator(config, rom(config, arrays)), name)
 
 
-def rom(config: AcceleratorConfig, arrays: Arrays | None) -> dict[int, list[int]] | None:
+def rom(config: AcceleratorConfig, arrays: Arrays | None) -> Images | None:
     """Memory contents of a ROM design; None where the host loads them."""
     return None if config.hardware.loadable or arrays is None else memory_images(config, arrays)
 

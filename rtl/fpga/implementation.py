@@ -58,41 +58,34 @@ FAMILIES = {
     ),
 }
 
-KINDS = {
-    "ICESTORM_DSP": "dsp",
-    "MULT18X18D": "dsp",
-    "ALU54B": "dsp",
-    "ICESTORM_RAM": "bram",
-    "DP16KD": "bram",
-    "ICESTORM_SPRAM": "spram",
-    "TRELLIS_FF": "ff",
-    **dict.fromkeys(("SP", "SDP", "DP"), "bram"),
-    **dict.fromkeys(("MULT9X9", "MULT18X18", "MULT36X36"), "dsp"),
-    **dict.fromkeys(("DFF", *(f"DFF{kind}" for kind in "E S SE R RE P PE C CE".split())), "ff"),
-}
+
+def _each(names: dict[str, str]) -> dict[str, str]:
+    return {name: what for what, several in names.items() for name in several.split()}
+
+
+KINDS = _each(
+    {
+        "dsp": "ICESTORM_DSP MULT18X18D ALU54B MULT9X9 MULT18X18 MULT36X36",
+        "bram": "ICESTORM_RAM DP16KD SP SDP DP",
+        "spram": "ICESTORM_SPRAM",
+        "ff": "TRELLIS_FF DFF DFFE DFFS DFFSE DFFR DFFRE DFFP DFFPE DFFC DFFCE",
+    }
+)
 """Type of a placed cell that is one thing: the column it is counted in."""
 
 COLUMNS = ("cells", "lut", "ff", "carry", "dsp", "bram", "spram")
 """Counts of a block. cells: logic cells (on iCE40 a LUT, a flip-flop, a carry or some of them together)."""
 
-RESOURCES = {
-    "ICESTORM_LC": "logic cells",
-    "ICESTORM_RAM": "block memories",
-    "ICESTORM_SPRAM": "large memories",
-    "ICESTORM_DSP": "multipliers",
-    "SB_IO": "pins",
-    "TRELLIS_COMB": "logic cells",
-    "TRELLIS_FF": "flip-flops",
-    "DP16KD": "block memories",
-    "MULT18X18D": "multipliers",
-    "TRELLIS_IO": "pins",
-    "LUT4": "logic cells",
-    "ALU": "logic cells",
-    "DFF": "flip-flops",
-    "BSRAM": "block memories",
-    "MULT18X18": "multipliers",
-    "IOB": "pins",
-}
+RESOURCES = _each(
+    {
+        "logic cells": "ICESTORM_LC TRELLIS_COMB LUT4 ALU",
+        "block memories": "ICESTORM_RAM DP16KD BSRAM",
+        "large memories": "ICESTORM_SPRAM",
+        "multipliers": "ICESTORM_DSP MULT18X18D MULT18X18",
+        "pins": "SB_IO TRELLIS_IO IOB",
+        "flip-flops": "TRELLIS_FF DFF",
+    }
+)
 """Resources that a part can run out of, in words."""
 
 
@@ -117,7 +110,7 @@ class DoesNotFit(Exception):
     shortage: {resource in words: (needed, available)}.
     """
 
-    def __init__(self, shortage: dict[str, tuple[int, int]]) -> None:
+    def __init__(self, shortage: dict[str, tuple[int, int]]):
         self.shortage = shortage
         super().__init__(
             ", ".join(

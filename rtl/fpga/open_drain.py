@@ -14,7 +14,7 @@ class OpenDrain(wiring.Component):
     drives it high.
     """
 
-    def __init__(self, inner: wiring.Component) -> None:
+    def __init__(self, inner: wiring.Component):
         self._inner = inner
         super().__init__(members_but(inner, "pins"))
 

@@ -88,7 +88,7 @@ class Chain(wiring.Component):
         The link reads them, and their cells count with it.
     """
 
-    def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True) -> None:
+    def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True):
         self._accelerator = make_accelerator(config, images)
         members = dict(self._accelerator.signature.members)
         bus = bus_signature().members
@@ -119,7 +119,7 @@ class Harness(wiring.Component):
     shift_out : Out(1)
     """
 
-    def __init__(self, design: wiring.Component) -> None:
+    def __init__(self, design: wiring.Component):
         self._chain = design
         super().__init__({**inputs("shift_in", "capture"), "shift_out": Out(1)})
 
@@ -147,7 +147,7 @@ class PoweredOn(wiring.Component):
         A power of two, `Family.power_on_cycles`; 0: the design has no reset.
     """
 
-    def __init__(self, inner: wiring.Component, hold: int = 0) -> None:
+    def __init__(self, inner: wiring.Component, hold: int = 0):
         self._inner, self._hold = inner, hold
         super().__init__({"clk": In(1), **dict(inner.signature.members)})
 

@@ -1,6 +1,5 @@
 """The contents of a board's part, the pins, and the wires between them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +8,7 @@ from eskin.rtl.fpga.open_drain import OpenDrain
 from eskin.rtl.fpga.synthesis import Chain, Harness, PoweredOn
 from eskin.rtl.fpga.targets import Target
 from eskin.rtl.interface.i2c_master import I2C_PINS
+from eskin.rtl.program.memory_map import Images
 from eskin.rtl.top.board import Board, ClassPins, class_pin_count
 
 STIMULATOR_PIN = 8
@@ -43,9 +43,7 @@ class Wiring:
     sensing: bool = False
     flash: bool = False
 
-    def design(
-        self, images: Mapping[int, list[int]] | None, clock_hz: float, baud: float | None
-    ) -> PoweredOn:
+    def design(self, images: Images | None, clock_hz: float, baud: float | None) -> PoweredOn:
         """The design, reset at power-on until its part is ready; alone, that belongs to the board's top,
         which is not there."""
         # long enough whichever of them it is

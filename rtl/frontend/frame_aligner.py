@@ -31,7 +31,7 @@ class FrameAligner(wiring.Component):
         One cycle: ``first`` or ``last`` did not agree with the taxel count.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._taxels = config.sensor.taxels
         super().__init__(
             {

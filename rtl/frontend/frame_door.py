@@ -24,7 +24,7 @@ class FrameDoor(wiring.Component):
     Latency 0, a beat a cycle; a beat that is dropped takes a cycle, whatever ``o`` waits for.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._scan_every = config.sensor.scan_every
         beat = stream.Signature(sample_layout(config))
         super().__init__({"every": In(1), "i": In(beat), "o": Out(beat)})

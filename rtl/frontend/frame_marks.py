@@ -34,7 +34,7 @@ class FrameMarks(wiring.Component):
         The last frame of a hop; the same, but not of the first hop; the recording's first frame.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         super().__init__({"taken": In(1), **outputs(*marks_of(config))})
 
@@ -86,7 +86,7 @@ class TouchMarks(wiring.Component):
         As of ``eskin.rtl.common.layouts.window_layout``.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         # of the first frame of a touch
         alone = int(config.last_frame == 1)

@@ -38,7 +38,7 @@ class MovingSums(wiring.Component):
         A beat that has left is still added or compared.
     """
 
-    def __init__(self, config: AcceleratorConfig, complement: Shape) -> None:
+    def __init__(self, config: AcceleratorConfig, complement: Shape):
         self._config = config
         index = range(config.sensor.taxels)
         super().__init__(

@@ -40,7 +40,7 @@ class RegisteredAdder(wiring.Component):
         After the edge, until the next ``step``.
     """
 
-    def __init__(self, config: AcceleratorConfig, bits: int, *, carry: int = 0, before: int = 0) -> None:
+    def __init__(self, config: AcceleratorConfig, bits: int, *, carry: int = 0, before: int = 0):
         lanes = config.hardware.lanes
         # several lanes have one more beside them, for element-wise operations
         idle = config.hardware.lane_type == "dsp" and lanes + (lanes > 1) + before < BLOCKS

@@ -38,7 +38,7 @@ class RestLevel(wiring.Component):
         holds the next frame up until then.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config, self.reciprocal = config, None
         frames, span = config.rest_level.rest_frames, config.sample_format
         self.level_frac = max(4, ceil_log2(frames))

@@ -30,7 +30,7 @@ class TouchState(wiring.Component):
         One cycle: the frame of an onset left (opens at once: the first frame left).
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         super().__init__(
             inputs("frame_left", "last", "judged", "met", "boundary", "recording_first")

@@ -50,7 +50,7 @@ class BusShell(wiring.Component):
         Level, a cycle after the event.
     """
 
-    def __init__(self, config: AcceleratorConfig, *, samples: bool = True, depth: int = 2) -> None:
+    def __init__(self, config: AcceleratorConfig, *, samples: bool = True, depth: int = 2):
         self._config, self._samples = config, samples
         self.queue = DecisionQueue(config, depth)
         super().__init__(

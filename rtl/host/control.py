@@ -98,7 +98,7 @@ class HostControl(wiring.Component):
     Parts: `RecordingState`, `MemoryLoader` and `CycleCounter` (register ``MEASURE`` names what it counts).
     """
 
-    def __init__(self, config: AcceleratorConfig, fed_by: FedBy | None = None) -> None:
+    def __init__(self, config: AcceleratorConfig, fed_by: FedBy | None = None):
         self._config, self._fed_by = config, fed_by
         super().__init__(
             {

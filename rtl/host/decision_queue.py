@@ -70,7 +70,7 @@ class DecisionQueue(wiring.Component):
     Latency: a cycle; with depth 0 none.
     """
 
-    def __init__(self, config: AcceleratorConfig, depth: int) -> None:
+    def __init__(self, config: AcceleratorConfig, depth: int):
         self._config, self._depth = config, depth
         super().__init__(
             {

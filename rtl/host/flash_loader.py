@@ -54,7 +54,7 @@ class FlashLoader(wiring.Component):
     From reset to ``done`` or ``failed``: at most 32 + wake_cycles + 4 (32 + 48 + 24 writes + 32) + 6 cycles.
     """
 
-    def __init__(self, number: int, writes: int, *, wake_cycles: int, offset: int = FLASH_OFFSET) -> None:
+    def __init__(self, number: int, writes: int, *, wake_cycles: int, offset: int = FLASH_OFFSET):
         self._number, self._writes, self._wake_cycles, self._offset = number, writes, wake_cycles, offset
         super().__init__({"pins": Out(flash_pins), "bus": Out(bus_signature()), **outputs("done", "failed")})
 

@@ -30,7 +30,7 @@ class MemoryLoader(wiring.Component):
         The word is not taken: ``locked``, or behind the memory's end (``checksum``).
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         controls = inputs("chosen", "written", "locked")
         if config.readout_rule.taught:

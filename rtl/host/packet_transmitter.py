@@ -38,7 +38,7 @@ class PacketTransmitter(wiring.Component):
     ``divisor`` cycles after it can.
     """
 
-    def __init__(self, config: AcceleratorConfig, divisor: int) -> None:
+    def __init__(self, config: AcceleratorConfig, divisor: int):
         self._divisor = divisor
         super().__init__(
             {

@@ -40,7 +40,7 @@ class RecordingState(wiring.Component):
         is due are not the same.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         status = {"detector": In(detector_status(config)), "engine": In(ENGINE)}
         super().__init__(

@@ -61,7 +61,7 @@ class UartReceiver(wiring.Component):
     A spike therefore makes a byte, which the packet's checks must refuse anyway.
     """
 
-    def __init__(self, divisor: int) -> None:
+    def __init__(self, divisor: int):
         self._divisor = divisor
         super().__init__({"rx": In(1), "data": Out(8), "valid": Out(1)})
 
@@ -108,7 +108,7 @@ class UartTransmitter(wiring.Component):
     A byte takes 10 * ``divisor`` cycles.
     """
 
-    def __init__(self, divisor: int) -> None:
+    def __init__(self, divisor: int):
         self._divisor = divisor
         super().__init__({"i": In(stream.Signature(8)), "tx": Out(1, init=1)})
 

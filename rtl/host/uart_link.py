@@ -54,7 +54,7 @@ class UartLink(wiring.Component):
     A packet acts on ``frame`` or ``bus`` 4 cycles after the middle of its last flag's stop bit.
     """
 
-    def __init__(self, config: AcceleratorConfig, divisor: int) -> None:
+    def __init__(self, config: AcceleratorConfig, divisor: int):
         self._config, self._divisor = config, divisor
         super().__init__(
             {

@@ -26,7 +26,7 @@ class BiasMemory(wiring.Component):
     load : In(1), load_address : In(16), load_word : In(16)
     """
 
-    def __init__(self, plan: ImagePlan) -> None:
+    def __init__(self, plan: ImagePlan):
         self._plan = plan
         reading = {
             "restart": In(1),

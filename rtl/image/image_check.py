@@ -35,7 +35,7 @@ class ImageCheck(wiring.Component):
         before the last logit is given.
     """
 
-    def __init__(self, plan: ImagePlan) -> None:
+    def __init__(self, plan: ImagePlan):
         self._plan = plan
         words = {"word": In(16), "weights": In(plan.lanes * plan.weight_bits), "addend": In(ADDEND_BITS + 1)}
         super().__init__(

@@ -53,7 +53,7 @@ class ImageEngine(wiring.Component):
         For benches: each value of a map as it is written.
     """
 
-    def __init__(self, plan: ImagePlan, lane_type: str = "plain") -> None:
+    def __init__(self, plan: ImagePlan, lane_type: str = "plain"):
         self._plan, self._lane_type = plan, lane_type
         super().__init__(
             {

@@ -33,7 +33,7 @@ class ImageReceiver(wiring.Component):
         A touch is an image from its first pixel until the next recording; it starts when that pixel is taken.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         fill = data.StructLayout({"valid": 1, "address": plan_of(config).address_bits, "value": 8})
         super().__init__(

@@ -20,7 +20,7 @@ class MapMemory(wiring.Component):
     write : In(1), write_address : In, write_value : In(8)
     """
 
-    def __init__(self, plan: ImagePlan) -> None:
+    def __init__(self, plan: ImagePlan):
         self._plan = plan
         super().__init__(
             {

@@ -32,7 +32,7 @@ class PassFetch(wiring.Component):
         The host's writes.
     """
 
-    def __init__(self, plan: ImagePlan) -> None:
+    def __init__(self, plan: ImagePlan):
         self._words, self._checksum = plan.program_words, plan.checksum
         super().__init__(
             {

@@ -37,7 +37,7 @@ class SumDrain(wiring.Component):
         A logit, as late.
     """
 
-    def __init__(self, plan: ImagePlan) -> None:
+    def __init__(self, plan: ImagePlan):
         self._plan = plan
         logit = data.StructLayout({"valid": 1, "value": signed(plan.logit_format.width)})
         super().__init__(

@@ -38,7 +38,7 @@ class TapSequencer(wiring.Component):
     Timing: `eskin.rtl.program.image_passes.Pass.cycles`.
     """
 
-    def __init__(self, plan: ImagePlan) -> None:
+    def __init__(self, plan: ImagePlan):
         self._plan = plan
         super().__init__(
             {

@@ -26,7 +26,7 @@ class WeightMemory(wiring.Component):
         high half of the dense layers' word.
     """
 
-    def __init__(self, plan: ImagePlan) -> None:
+    def __init__(self, plan: ImagePlan):
         self._plan = plan
         super().__init__(
             {

@@ -63,7 +63,7 @@ class Acquisition(wiring.Component):
     begins while the converter is being set up.
     """
 
-    def __init__(self, config: AcceleratorConfig, clock_hz: float | None = None) -> None:
+    def __init__(self, config: AcceleratorConfig, clock_hz: float | None = None):
         self._config, self._clock_hz = config, clock_hz or config.hardware.clock_hz
         plan = converter_plan(config, self._clock_hz)
         self.converter = COMPONENTS[type(plan)](plan, config.sensor.taxels)

@@ -55,7 +55,7 @@ class Ddc232Converter(wiring.Component):
     setup's time: every other state counts down to one of them.
     """
 
-    def __init__(self, plan: DdcPlan, taxels: int) -> None:
+    def __init__(self, plan: DdcPlan, taxels: int):
         self._plan = plan
         super().__init__(converter_ports(taxels, plan.bits) | {"pins": Out(DDC_PINS)})
 

@@ -36,7 +36,7 @@ class FrameGuard(wiring.Component):
     The first beat is offered 2 cycles after ``finished``, then a beat every 2 cycles while they are taken.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         put = data.StructLayout(
             {"valid": 1, "place": range(config.sensor.taxels), "sample": shape_of(config.sample_format)}

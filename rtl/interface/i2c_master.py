@@ -58,7 +58,7 @@ class I2cMaster(wiring.Component):
     of its registers it is idle after one byte's time at most.
     """
 
-    def __init__(self, quarter: int) -> None:
+    def __init__(self, quarter: int):
         self._quarter = quarter
         super().__init__(
             {

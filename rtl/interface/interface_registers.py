@@ -42,7 +42,7 @@ class InterfaceRegisters(wiring.Component):
         amplitude above 255 is 255.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config, self._registers = config, interface_registers(config)
         told = In(data.StructLayout({"valid": 1, "payload": position_layout}))
         super().__init__(

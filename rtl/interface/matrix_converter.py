@@ -33,7 +33,7 @@ class MatrixConverter(wiring.Component):
     The others are those of `converter_ports`. A frame takes ``plan.scan_cycles`` at most.
     """
 
-    def __init__(self, plan: MatrixPlan) -> None:
+    def __init__(self, plan: MatrixPlan):
         self._plan = plan
         super().__init__(
             converter_ports(plan.rows * plan.columns, plan.port.code_bits) | {"pins": Out(matrix_pins(plan))}
@@ -89,13 +89,8 @@ class MatrixConverter(wiring.Component):
         with m.If(self.start & ~self.busy):
             m.d.sync += [
                 self.busy.eq(1),
-                converting.eq(0),
-                cell.eq(0),
+                *(signal.eq(signal.init) for signal in (converting, cell)),
                 settle.eq(plan.settle),
-                wrong.eq(0),
-                low.eq(1),
-                high.eq(1),
-                pins.row.eq(0),
-                pins.column.eq(0),
+                *(signal.eq(signal.init) for signal in (wrong, low, high, pins.row, pins.column)),
             ]
         return m

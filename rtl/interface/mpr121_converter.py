@@ -86,7 +86,7 @@ class Mpr121Converter(wiring.Component):
     The others are those of `converter_ports`.
     """
 
-    def __init__(self, plan: MprPlan) -> None:
+    def __init__(self, plan: MprPlan):
         self._plan = plan
         super().__init__(
             converter_ports(plan.rows * plan.columns, mpr121.CODE_BITS + 1) | {"pins": Out(I2C_PINS)}

@@ -24,7 +24,7 @@ class SampleClock(wiring.Component):
     Jitter: none if p is 1, otherwise below one cycle; it does not accumulate.
     """
 
-    def __init__(self, p: int, q: int) -> None:
+    def __init__(self, p: int, q: int):
         self._p, self._q = p, q
         super().__init__({"run": In(1), "tick": Out(1)})
 

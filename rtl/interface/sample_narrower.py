@@ -19,7 +19,7 @@ class SampleNarrower(wiring.Component):
     sample : Out(sample_format)
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         super().__init__({"code": In(code_bits(config)), "sample": Out(shape_of(config.sample_format))})
 

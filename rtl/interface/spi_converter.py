@@ -27,7 +27,7 @@ class SpiConverter(wiring.Component):
     The others are those of `converter_ports`.
     """
 
-    def __init__(self, plan: SpiPlan, taxels: int) -> None:
+    def __init__(self, plan: SpiPlan, taxels: int):
         self._plan, self._taxels = plan, taxels
         super().__init__(
             converter_ports(taxels, plan.code_bits) | {"pins": Out(spi_pins(plan.lines, plan.selects))}

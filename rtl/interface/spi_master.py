@@ -53,7 +53,7 @@ class SpiMaster(wiring.Component):
     registers the port is idle again after at most twice that, for its two counters only count down.
     """
 
-    def __init__(self, plan: SpiPlan) -> None:
+    def __init__(self, plan: SpiPlan):
         self._plan = plan
         bits, lines, selects = plan.chip.bits, plan.lines, plan.selects
         super().__init__(

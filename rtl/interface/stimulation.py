@@ -43,7 +43,7 @@ class Stimulation(wiring.Component):
         As of `StimulatorFrames`.
     """
 
-    def __init__(self, config: AcceleratorConfig, clock_hz: float) -> None:
+    def __init__(self, config: AcceleratorConfig, clock_hz: float):
         interface = config.interface
         self._config, self._divisor = config, uart_divisor(clock_hz, STIMULATOR_BAUD)
         self._hold, self._on = (

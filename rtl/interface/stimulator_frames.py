@@ -52,7 +52,7 @@ class StimulatorFrames(wiring.Component):
         OFF was the last frame, and no byte of another has been offered.
     """
 
-    def __init__(self, interface: Interface, on_cycles: int) -> None:
+    def __init__(self, interface: Interface, on_cycles: int):
         self._limits = {name: getattr(interface, f"{name}_limit") for name in SETTINGS}
         self._on_cycles = on_cycles
         super().__init__(

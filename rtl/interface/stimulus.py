@@ -30,7 +30,7 @@ class Stimulus(wiring.Component):
         From registers, a cycle later.
     """
 
-    def __init__(self, config: AcceleratorConfig, hold_cycles: int) -> None:
+    def __init__(self, config: AcceleratorConfig, hold_cycles: int):
         self._config, self._hold = config, hold_cycles
         by_decision = config.interface.stimulator == "decisions"
         layout = decision_layout(config) if by_decision else position_layout

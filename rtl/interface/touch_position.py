@@ -41,7 +41,7 @@ class TouchPosition(wiring.Component):
     The next frame must not end earlier.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._config = config
         super().__init__(
             {

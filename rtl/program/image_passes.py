@@ -237,7 +237,7 @@ class ImagePlan:
         logit_format: QFormat,
         lanes: int,
         checksum: bool = False,
-    ) -> None:
+    ):
         self.stages, self.weight_bits, self.logit_format = tuple(stages), weight_bits, logit_format
         self.lanes, self.checksum = lanes, checksum
         self.dense_lanes = min(lanes, DENSE_WORD_BITS // weight_bits)

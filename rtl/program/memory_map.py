@@ -283,6 +283,10 @@ class Memory(IntEnum):
     )
 
 
+Images = dict[int, list[int]]
+"""Contents of memories by MEMORY_SELECT value."""
+
+
 def memories(config: AcceleratorConfig) -> list[Memory]:
     """Memories that the host loads beside the lanes' weights."""
     return [memory for memory in Memory if memory != Memory.PROTOTYPES or config.has_prototypes]
@@ -298,9 +302,7 @@ class ImageMemory(IntEnum):
     DENSE_HIGH = 0x43
 
 
-def memory_images(
-    config: AcceleratorConfig, arrays: Arrays, program: CellProgram | None = None
-) -> dict[int, list[int]]:
+def memory_images(config: AcceleratorConfig, arrays: Arrays, program: CellProgram | None = None) -> Images:
     """Integer contents of every memory by MEMORY_SELECT value.
 
     Lanes: weight codes in the order the schedule reads them (0 for a lane without a row), set by set where a
@@ -325,7 +327,7 @@ def memory_images(
         rows = arrays[matrix].reshape(-1, *arrays[matrix].shape[-2:])[number]
         return int(rows[group.first_row + lane, column]) if lane < group.rows else 0
 
-    images: dict[int, list[int]] = {
+    images: Images = {
         lane: [weight(number, lane, *word) for number in range(config.sets) for word in plan.weight_words]
         for lane in range(config.hardware.lanes)
     }
@@ -392,7 +394,7 @@ def taught_arrays(
     return {"taught": taught, "taught_count": counts}
 
 
-def prototype_image(config: AcceleratorConfig, arrays: Arrays) -> dict[int, list[int]]:
+def prototype_image(config: AcceleratorConfig, arrays: Arrays) -> Images:
     """The memory PROTOTYPES, where there is one: the codes of `prototype_words`, then ``taught_count``."""
     if not config.has_prototypes:
         return {}
@@ -409,7 +411,7 @@ def prototype_image(config: AcceleratorConfig, arrays: Arrays) -> dict[int, list
     return {Memory.PROTOTYPES: words + counts}
 
 
-def image_memories(plan: ImagePlan, arrays: Arrays) -> dict[int, list[int]]:
+def image_memories(plan: ImagePlan, arrays: Arrays) -> Images:
     """Contents of every memory of a design for images, by MEMORY_SELECT value."""
     conv, dense, biases = plan.conv_weights(arrays), plan.dense_weights(arrays), plan.addends(arrays)
     return {

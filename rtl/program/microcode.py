@@ -79,7 +79,7 @@ class Layout:
         Words of the memories.
     """
 
-    def __init__(self, config: AcceleratorConfig, program: CellProgram) -> None:
+    def __init__(self, config: AcceleratorConfig, program: CellProgram):
         self.config, self.program = config, program
         hidden, lengths = config.network.hidden, len(config.window_lengths)
         self.state_bases: dict[str, int] = {}
@@ -161,7 +161,7 @@ class Microcode:
         Slot that is held until the window is complete.
     """
 
-    def __init__(self, plan: Schedule) -> None:
+    def __init__(self, plan: Schedule):
         self.plan, self.layout = plan, Layout(plan.config, plan.program)
         self._operand = "vector" if plan.shared else "element"
         self._slots: dict[int, dict[str, int]] = {}  # fields set so far, by slot

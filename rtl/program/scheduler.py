@@ -209,7 +209,7 @@ class Scheduler:
 
     NEVER, AHEAD, LONGEST = 10**9, 4, 10**6
 
-    def __init__(self, config: AcceleratorConfig, program: CellProgram, yields: bool = False) -> None:
+    def __init__(self, config: AcceleratorConfig, program: CellProgram, yields: bool = False):
         self.config, self.program, self.yields = config, program, yields
         self.groups, self.bias_rows, self.partial_rows = groups_of(config, program)
         self.shared = shares_lane(config)

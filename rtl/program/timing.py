@@ -73,7 +73,7 @@ class Timing:
         The new state can be addressed; the tanh index is at the table port; its tanh can be addressed in the T memory.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         kind = config.hardware.lane_type
         self.acc, self.gap, self.chain = 3, int(kind == "dsp"), int(config.hardware.lanes > 1)
         self.added = self.acc - 1

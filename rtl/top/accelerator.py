@@ -3,7 +3,6 @@
 Frames to decisions: docs/specification.md, sections 2 to 7.
 """
 
-from collections.abc import Mapping
 from functools import reduce
 from operator import or_
 
@@ -19,7 +18,7 @@ from eskin.rtl.engine.engine import Engine
 from eskin.rtl.frontend.frame_door import FrameDoor
 from eskin.rtl.frontend.front_end import FrontEnd
 from eskin.rtl.host.control import FedBy, HostControl, bus_signature
-from eskin.rtl.program.memory_map import Memory
+from eskin.rtl.program.memory_map import Images, Memory
 from eskin.rtl.top.clock_gate import gated
 from eskin.rtl.top.watchdog import Watchdog
 
@@ -33,12 +32,7 @@ class HostedChain(wiring.Component):
 
     probes: tuple[str, ...]
 
-    def __init__(
-        self,
-        config: AcceleratorConfig,
-        images: Mapping[int, list[int]] | None = None,
-        fed_by: FedBy | None = None,
-    ) -> None:
+    def __init__(self, config: AcceleratorConfig, images: Images | None = None, fed_by: FedBy | None = None):
         self._config, self._images = config, None if config.hardware.loadable else images
         self._fed_by = fed_by
         self.watching = Watchdog(config) if config.hardware.watchdog else None

@@ -1,7 +1,6 @@
 """Top module of a board: chain, link, decision pins; or, with its own sensors, converter and stimulator too. It is the
 same on every target."""
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
 from amaranth.hdl import Const, Module, Signal, Value
@@ -19,6 +18,7 @@ from eskin.rtl.interface.interface_registers import InterfaceRegisters
 from eskin.rtl.interface.stimulation import Stimulation, reset_settings
 from eskin.rtl.interface.touch_position import TouchPosition
 from eskin.rtl.program.flash_image import design_number, write_count
+from eskin.rtl.program.memory_map import Images
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.sensing import Sensing
 
@@ -117,7 +117,7 @@ class Board(wiring.Component):
     def __init__(
         self,
         config: AcceleratorConfig,
-        images: Mapping[int, list[int]] | None = None,
+        images: Images | None = None,
         *,
         clock_hz: float | None = None,
         baud: float | None = BAUD,
@@ -125,7 +125,7 @@ class Board(wiring.Component):
         sensing: bool = False,
         flash: bool = False,
         shell: bool = False,
-    ) -> None:
+    ):
         if flash and (baud or shell):
             raise InputError(
                 "flash: the model comes from the flash or from a host; leave out flash, or link and shell"

@@ -1,7 +1,6 @@
 """The accelerator for a user's system: behind a bus, or with its streams under AXI-Stream names
 (docs/specification.md, section 17). Wiring only."""
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
 from amaranth.hdl import Module
@@ -14,6 +13,7 @@ from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word
 from eskin.rtl.host.wishbone_front import WishboneFront
+from eskin.rtl.program.memory_map import Images
 from eskin.rtl.top.board import Board
 from eskin.rtl.top.image_accelerator import make_accelerator
 
@@ -41,8 +41,6 @@ class BusTop(wiring.Component):
         None: decisions are an AXI-Stream, registers the accelerator's own bus.
     axis:
         Frames come as an AXI-Stream; always without ``bus``.
-    depth:
-        As of `DecisionQueue`.
 
     Members
     -------
@@ -53,14 +51,8 @@ class BusTop(wiring.Component):
     """
 
     def __init__(
-        self,
-        config: AcceleratorConfig,
-        images: Mapping[int, list[int]] | None = None,
-        *,
-        bus: Bus | None,
-        axis: bool = False,
-        depth: int = 2,
-    ) -> None:
+        self, config: AcceleratorConfig, images: Images | None = None, *, bus: Bus | None, axis: bool = False
+    ):
         self._config, self._axis = config, axis or bus is None
         self._front: Any = FRONTS[bus]() if bus else None
         self._core: Any
@@ -69,7 +61,7 @@ class BusTop(wiring.Component):
         else:
             self._core = make_accelerator(config, images, "sensor" if self._axis else "cpu")
         self._fed = "i" in self._core.signature.members and not self._axis
-        self._shell = BusShell(config, samples=self._fed, depth=depth) if bus else None
+        self._shell = BusShell(config, samples=self._fed) if bus else None
         super().__init__(
             members_but(self._core, "i", "o", "any_fault", "probe", *(["bus"] if bus else []))
             | (FRAMES if self._axis else {})

@@ -1,8 +1,6 @@
 """The whole chain for images, wiring only: frames in, decisions out, the host bus beside it, probes for
 benches."""
 
-from collections.abc import Mapping
-
 from amaranth.hdl import Module, Mux, ResetInserter, Signal
 from amaranth.lib import wiring
 
@@ -13,6 +11,7 @@ from eskin.rtl.host.control import FedBy
 from eskin.rtl.image.image_engine import ImageEngine
 from eskin.rtl.image.image_receiver import ImageReceiver
 from eskin.rtl.program.image_passes import plan_of
+from eskin.rtl.program.memory_map import Images
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.accelerator import Accelerator, HostedChain
 
@@ -114,7 +113,7 @@ class ImageAccelerator(HostedChain):
 
 
 def make_accelerator(
-    config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, fed_by: FedBy | None = None
+    config: AcceleratorConfig, images: Images | None = None, fed_by: FedBy | None = None
 ) -> Accelerator | ImageAccelerator:
     """The chain of the configuration; parameters as of `Accelerator`.
 

@@ -1,8 +1,6 @@
 """The accelerator behind a converter: pins in, decisions out (docs/specification.md section 12). Wiring, and
 the effect of a broken frame."""
 
-from collections.abc import Mapping
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -12,7 +10,7 @@ from eskin.rtl.common import decision_layout, drive, forward, outputs, sample_la
 from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.interface.acquisition import Acquisition
 from eskin.rtl.interface.converter_ports import FAULT_BITS
-from eskin.rtl.program.memory_map import Control, Register
+from eskin.rtl.program.memory_map import Control, Images, Register
 from eskin.rtl.top.accelerator import Accelerator
 
 
@@ -49,11 +47,11 @@ class Sensing(wiring.Component):
     def __init__(
         self,
         config: AcceleratorConfig,
-        images: Mapping[int, list[int]] | None = None,
+        images: Images | None = None,
         *,
         clock_hz: float | None = None,
         fed_by: FedBy | None = None,
-    ) -> None:
+    ):
         self.acquisition = Acquisition(config, clock_hz)
         self.accelerator = Accelerator(config, images, fed_by)
         frame = data.StructLayout({"valid": 1, "ready": 1, "payload": sample_layout(config)})

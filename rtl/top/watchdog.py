@@ -54,7 +54,7 @@ class Watchdog(wiring.Component):
         One cycle: clear the chain.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig):
         self._bound = bound(config)
         super().__init__({"due": In(1), "done": In(1), "hung": Out(1)})
 

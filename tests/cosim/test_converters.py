@@ -13,11 +13,12 @@ from eskin.data import synthetic_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault
 from eskin.golden.data import Recordings
-from eskin.golden.model import run, through_converter, write_vectors
-from eskin.rtl.fpga.generate import generate, pack_decision
+from eskin.golden.model import run, through_converter
+from eskin.rtl.fpga.generate import generate
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import BUILD, cosimulate
+from eskin.verbs.flow import BUILD, cosimulate, expected_of
 from tests.support.array_touches import REST, touches
+from tests.support.link_flow import pack_decisions
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL, behind
 from tests.support.touch_cuts import beginnings
@@ -82,14 +83,11 @@ def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
         band_high=REST + 200,
         **one,
     )
-    parts = []
-    for seed in range(5):
-        samples = touches(rows, columns, count=1, seed=seed, frames=60)[0]
-        parts.append(np.concatenate([*[samples[-3:]] * 3, samples, samples[-3:]]) * 4)
-    offsets = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
-    names = tuple(f"class {k}" for k in range(config.classes))
-    labels = np.arange(5) % config.classes
-    return config, Recordings(np.concatenate(parts), offsets, labels, names, config.sensor.sample_rate_hz)
+    slides = np.stack([touches(rows, columns, count=1, seed=k, frames=60)[0] for k in range(5)])
+    rest, labels = slides[:, -3:], np.arange(5) % config.classes
+    samples = 4 * np.concatenate([rest, rest, rest, slides, rest], axis=1)
+    offsets, names = samples.shape[1] * np.arange(6), tuple(f"class {k}" for k in range(config.classes))
+    return config, Recordings(np.vstack(samples), offsets, labels, names, config.sensor.sample_rate_hz)
 
 
 def case_of(name: str, shared_data: Path) -> tuple[AcceleratorConfig, Recordings]:
@@ -123,45 +121,21 @@ def test_exact_from_the_pins(name, shared_data, tmp_path):
     config, recordings = case_of(name, shared_data)
     model = random_integer_model(config, 3 if name in RECORDED else 5)
     result = cosimulate(model, recordings, work=tmp_path)
-    way, sensor = result["conversion"], config.sensor
-    cells = (
+    way, sensor, clock_hz = result["conversion"], config.sensor, config.hardware.clock_hz
+    row = (
         name,
-        f"{sensor.taxels} at {sensor.sample_rate_hz:g} Hz",
-        f"{config.hardware.clock_hz / 1e6:g} MHz",
+        sensor.taxels,
+        sensor.sample_rate_hz,
+        clock_hz,
+        result["compared_values"],
+        way["jitter_cycles"],
     )
-    cells += result["compared_values"], f"{way['jitter_cycles']:g}"
-    print("\n|", *(f"{cell} |" for cell in cells))  # a row of docs/figures.md
+    print("\n", *row, sep=" | ")  # a row of docs/figures.md
     assert result["passed"] and result["pace"] == "declared", result["mismatch_list"]
     assert result["recordings"] == len(recordings) and result["compared_values"] > 300
     assert result["decisions"] > (10 if name in ARRAYS else 0)
     assert way["faults"] == way["violations"] == result["overruns"] == 0
     assert way["jitter_cycles"] < (1 if name in RANDOM else 1e-9)
-
-
-def play_with_a_fault(
-    config, kind: int, tmp_path, recordings=None, at: int = 150, frames: int = 3, lasts: int = 3
-):
-    """``frames`` broken frames from ``at`` on, by a fault that lasts so many frames: (fault bits, decisions
-    before, after; golden ones of the good frames before, after). While a chip is set up anew no frame is lost
-    in the simulation: the taxels wait."""
-    model = random_integer_model(config, 5)
-    config = model.config
-    recordings, codes = through_converter(recordings or random_recordings(config, (400,), seed=6), config)
-    design = generate(config, model.arrays, tmp_path / "design")
-    vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings, codes=codes)
-    run_ = flow.Run.of(design, vectors, pace="declared", builds=BUILD / "simulators")
-    said = run_.play(tmp_path / "run", {"fault": (at, lasts, kind)}, bench="tests.support.broken_frames")
-    halves: tuple[list, list] = [], []
-    for word, cycle in said["decisions"]:
-        halves[cycle > said["taken"][at + frames - 1]].append(word)
-    golden = []
-    for low, high in ((0, at), (at + frames, len(recordings.samples))):
-        offsets = np.array([0, high - low])
-        part = dataclasses.replace(recordings, samples=recordings.samples[low:high], offsets=offsets)
-        golden.append([pack_decision(config, row) for row in run(model, part).streams["decision"][0]])
-    # no end of a recording where the frames break: no partial decision
-    golden[0] = [word for word in golden[0] if not word >> 30 & 1]
-    return said["faults"], halves, golden
 
 
 STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))
@@ -187,17 +161,33 @@ FAULTS = [(fields, kind, flag) for fields, flags in TOLD for kind, flag in enume
     ],
 )
 def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(fields, kind, flagged, tmp_path):
-    options: dict = {}
+    """Broken frames in a recording; decisions are golden before them, and again behind them."""
+    at, frames, lasts = 150, 3, 3  # that are broken, from this one on, by a fault that lasts so many
     if isinstance(fields, str):
-        config, recordings = array_case(fields)
-        options = dict(recordings=recordings.subset(np.array([0])), at=3, frames=1, lasts=1)
+        model = random_integer_model(array_case(fields)[0], 5)
+        made, at, frames, lasts = array_case(fields)[1].subset([0]), 3, 1, 1
     else:
-        config = CONFIG.replace(**fields)
-        if config.interface.converter.name == "ddc232":  # it is set up anew
-            options = dict(frames=1, lasts=8)
-    faults, halves, golden = play_with_a_fault(config, kind, tmp_path, **options)
-    assert faults & flagged and len(golden[1]) > 3
-    assert halves[0] == golden[0] and halves[1] == golden[1]
+        model = random_integer_model(CONFIG.replace(**fields), 5)
+        made = random_recordings(model.config, (400,), seed=6)
+        if fields["converter"]["name"] == "ddc232":
+            frames, lasts = 1, 8  # it is set up anew; meanwhile the taxels wait, in the simulation
+    config = model.config
+    recordings, codes = through_converter(made, config)
+    design = generate(config, model.arrays, tmp_path / "design")
+    vectors = expected_of(model, recordings, tmp_path / "vectors.npz", codes=codes)
+    played = flow.Run.of(design, vectors, pace="declared", builds=BUILD / "simulators")
+    said = played.play(tmp_path / "run", {"fault": (at, lasts, kind)}, bench="tests.support.broken_frames")
+    halves: tuple[list, list] = [], []
+    for word, cycle in said["decisions"]:
+        halves[cycle > said["taken"][at + frames - 1]].append(word)
+    golden = []
+    for low, high in ((0, at), (at + frames, len(recordings.samples))):
+        offsets = np.array([0, high - low])
+        part = dataclasses.replace(recordings, samples=recordings.samples[low:high], offsets=offsets)
+        golden.append(pack_decisions(config, run(model, part).streams["decision"][0]))
+    # no end of a recording where the frames break: no partial decision
+    assert halves[0] == [word for word in golden[0] if not word >> 30 & 1]
+    assert halves[1] == golden[1] and len(golden[1]) > 3 and said["faults"] & flagged
 
 
 @pytest.mark.parametrize(("name", "model"), [("ad7476", "ad7476.sv"), ("adc128s102", "spi.sv")])
@@ -208,20 +198,5 @@ def test_a_chip_without_a_model_of_its_own_is_played_by_that_of_any_spi_converte
     clock = SimpleNamespace(clock_hz=1e9)
     config = SimpleNamespace(interface=SimpleNamespace(converter=chip), hardware=clock)
     sources, options = flow.converter_model(config)
-    assert [path.name for path in sources] == ["pins.svh", model]
-    assert options[1:3] == (f"-DCONVERTER_{name}", "-DMODEL_PARAMETERS=.LINES(2),.CYCLE_PS(1000)")
-    assert all(path.is_file() for path in sources)
-
-
-def test_without_a_converter_nothing_of_the_interface_is_built(tmp_path):
-    """The converter's fields change no text of the design, and nothing is generated for it."""
-    model = random_integer_model(CONFIG.replace(converter="ads7953"), 1)
-    converters = ("ads7953", "none", dict(name="none", hz=1e6, code_shift=3))
-    folders = [
-        generate(model.config.replace(converter=converter), model.arrays, tmp_path / f"design{number}")
-        for number, converter in enumerate(converters)
-    ]
-    assert "module sensing(" in (folders[0] / "sensing.sv").read_text()
-    assert not any((folder / "sensing.sv").exists() for folder in folders[1:])
-    texts = {(folder / "accelerator.sv").read_text() for folder in folders}
-    assert len(texts) == 1 and "cs_n" not in texts.pop()
+    assert [path.name for path in sources if path.is_file()] == ["pins.svh", model]
+    assert "-DMODEL_PARAMETERS=.LINES(2),.CYCLE_PS(1000)" in options

@@ -2,19 +2,15 @@
 against the formula."""
 
 import math
-from pathlib import Path
 
 import pytest
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.images import SIZES, network
 from eskin.golden.model import IntegerModel, run_images, write_image_vectors
-from eskin.rtl.fpga.export import verilog as text_of
-from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
-from eskin.rtl.top.board import Board
 from eskin.training.made_up import image_recordings, random_images
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
@@ -74,29 +70,26 @@ def test_every_map_is_exact(name, tmp_path):
     images = image_recordings(config, random_images(config, count, seed=2))
     result = cosimulate(model, images, work=tmp_path / "work", **{"simulator": "icarus"} | options)
     kept = sum(math.prod(one.result) for one in plan.passes[:-1])
-    assert result["bit_exact"], result["mismatch_list"]
-    assert result["stages"]["map"] == {"compared_values": count * kept, "mismatches": 0} and kept > 50
-    assert result["stages"]["logit"]["compared_values"] == count * config.classes
-    assert result["decisions"] == 2 * count, "a local one and a global one each"
-    cycles, registers = result["cycles"], result["registers"]
+    # of an image a local decision and a global one, six fields each
+    wanted = {"map": count * kept, "logit": count * config.classes, "decision": 12 * count}
+    assert result["bit_exact"] and kept > 50, result["mismatch_list"]
+    assert {stage: result["stages"][stage]["compared_values"] for stage in wanted} == wanted
+    cycles, registers, lanes = result["cycles"], result["registers"], config.hardware.lanes
     assert cycles["step_min"] == cycles["step_max"] == step_cycles(config)
-    if name in ("defended", "defended, declared"):
+    if name.startswith("defended"):
         assert registers["FAULTS"] & ~Fault.INPUT_STALLED == 0
     if name == "defended":
         assert cycles["decision_latency_max"] == decision_cycles(config)
         assert registers["LONGEST"] == plan.logit_cycles
-    if config.classes == len(LARGE):
-        lanes = config.hardware.lanes
+    large = config.classes == len(LARGE)
+    if large:
         assert cycles["step_max"] <= (1.15 if lanes == 16 else 1.05) * plan.multiplies / lanes
-        assert result["passed"] == (lanes > 1), (
-            "28 rows at 1000 Hz are over before one lane at 12 MHz has an image"
-        )
-    if "a refused write" in name:
-        assert result["passed"] and result["probe"]
+    # 28 rows at 1000 Hz are over before one lane at 12 MHz has an image, as 5 before 4 lanes at 60 kHz have one
+    late = name == "defended, declared" or (large and lanes == 1)
+    assert result["passed"] != late and result["probe"] == ("write" in name)
     if "netlist" in name:
-        placed = result["without_probes"]
-        assert result["passed"], placed["mismatch_list"]
-        memories = placed["cells"].get("SB_SPRAM256KA", 0), placed["cells"].get("SB_MAC16", 0)
+        cells = result["without_probes"]["cells"]
+        memories = cells.get("SB_SPRAM256KA", 0), cells.get("SB_MAC16", 0)
         assert memories == ((4, 8) if "icebreaker" in name else (0, 0))
 
 
@@ -111,13 +104,9 @@ def test_the_generated_bench_passes_by_itself_and_sees_a_wrong_weight(small, tmp
 
 @pytest.mark.slow
 def test_images_over_the_serial_pins_of_the_board_with_damaged_packets(small, tmp_path):
-    config, images = small.config, random_images(small.config, 4, seed=2)
+    images = random_images(small.config, 4, seed=2)
     vectors = write_image_vectors(tmp_path / "vectors.npz", run_images(small, images).streams, images)
-    verilog = tmp_path / "board_top.sv"
-    verilog.write_text(text_of(Board(config, clock_hz=12e6, baud=3e6), "board_top"))
-    where = dict(work=tmp_path / "work", builds=Path("build/simulators"))
-    order, loads = [*range(4), *(k % 4 for k in range(14))], boot_writes(config, small.arrays)
-    map_ = register_map(config)
-    result = play_link(verilog, config, map_, loads, vectors, corruptions=True, seed=3, order=order, **where)
+    order = [*range(4), *(k % 4 for k in range(14))]
+    result = play_link(small, vectors, tmp_path / "work", corruptions=True, seed=3, order=order)
     assert not result["wrong"] and result["decisions"] >= 2 * 18
     assert any(any(played["noticed"]) for played in result["played"]), "the line was damaged"

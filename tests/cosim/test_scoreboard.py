@@ -1,7 +1,6 @@
 """The scoreboard sees every kind of difference, and says where it is."""
 
 from contextlib import nullcontext
-from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from eskin.cosim.latency import budgets, needed_clock, step_limit_frames
 from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, Mismatch, Recording, Scoreboard
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from tests.support.link_flow import pack_decisions
-from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
     taxels=4,
@@ -22,113 +20,97 @@ CONFIG = AcceleratorConfig.of(
     steps=3,
     pretrigger_frames=0,
 )
-FLAGGED = CONFIG.replace(fault_frames=16)
 SIZES = {"sum": 4, "fault": 4, "feature": 4, "state": 4, "logit": 3}
 NUMBERS = (5, 9)
-
-
-def pack(row) -> int:
-    return pack_decisions(CONFIG, [row])[0]
+DECISIONS = """
+0 0 1 40 0 0
+0 1 2 65535 0 0
+0 2 2 7 0 0
+1 2 2 1 0 1
+0 0 0 3 0 0
+0 1 1 9 0 0
+1 1 0 0 1 0
+"""
+"""is_global, step, class, margin, partial, unsure. Recording 5: one whole touch of three steps in 12 frames. Recording 9:
+two steps, then its end."""
 
 
 @pytest.fixture
 def expected() -> dict[str, np.ndarray]:
-    """Recording 5: one whole touch of three steps in 12 frames. Recording 9: two steps, then its end."""
     rng = np.random.default_rng(3)
-    rows = ["001", "012", "022", "122", "000", "011", "110"]  # global, step, class
-    rest = [(40, 0, 0), (65535, 0, 0), (7, 0, 0), (1, 0, 1), (3, 0, 0), (9, 0, 0), (0, 1, 0)]
     arrays: dict[str, np.ndarray] = {
         "numbers": np.array(NUMBERS),
         "offsets": np.array([0, 12, 22]),
         "touches": np.array([1, 1]),
-        "decision": np.array([[*map(int, row), *others] for row, others in zip(rows, rest, strict=True)]),
+        "decision": np.loadtxt(DECISIONS.split("\n"), int),
         "decision_offsets": np.array([0, 4, 7]),
         "decision_frame": np.array([7, 10, 12, 12, 7, 10, 0]),
     }
-    for stage in FLAT_STAGES:
-        arrays[stage] = rng.integers(-900, 900, 5 * SIZES[stage])
-        arrays[f"{stage}_offsets"] = np.array([0, 3, 5]) * SIZES[stage]
-    arrays["feature"][0], arrays["state"][0] = 0, -5
+    for stage, size in SIZES.items():
+        arrays[stage] = rng.integers(-900, 900, 5 * size)
+        arrays[f"{stage}_offsets"] = np.array([0, 3, 5]) * size
     return arrays
 
 
-def both(expected) -> list[Recording]:
-    return [Recording(expected, position) for position in (0, 1)]
-
-
-class Said(dict):
-    """What hardware that agrees says: (recording, stage) -> values; (recording, "end") -> registers."""
-
-    def __init__(self, expected) -> None:
-        for recording in both(expected):
-            for stage in FLAT_STAGES:
-                self[recording.number, stage] = recording[stage].copy()
-            payloads = [pack(row) for row in recording["decision"]]
-            self[recording.number, "decision"] = np.array(payloads, np.uint32)
-            self[recording.number, "end"] = {"STATUS": 1, "FAULTS": 2, "TOUCHES": 1}
-
-    def judged(self, expected, config=CONFIG) -> Scoreboard:
-        """The scoreboard behind all of it; value k of a stage came in cycle 100 + k."""
-        scoreboard = Scoreboard(config)
-        for recording in both(expected):
-            scoreboard.begin(recording)
-            for stage in (*FLAT_STAGES, "decision"):
-                values = self[recording.number, stage]
-                for part in (slice(0, 5), slice(5, None)):  # values come in pieces
-                    cycles = 100 + np.arange(len(values))[part]
-                    scoreboard.check(stage, values[part], cycles)
-            scoreboard.end(self[recording.number, "end"])
-        return scoreboard
-
-
 @pytest.fixture
-def said(expected) -> Said:
-    return Said(expected)
+def said(expected) -> dict:
+    """What hardware that agrees says: (recording, stage) -> values; (recording, "end") -> registers."""
+    values: dict = {}
+    for position, number in enumerate(NUMBERS):
+        recording = Recording(expected, position)
+        values |= {(number, stage): recording[stage].copy() for stage in FLAT_STAGES}
+        payloads = pack_decisions(CONFIG, recording["decision"])
+        values[number, "decision"] = np.array(payloads, np.uint32)
+        values[number, "end"] = {"STATUS": 1, "FAULTS": 2, "TOUCHES": 1}
+    return values
+
+
+def judged(said, expected, config=CONFIG) -> Scoreboard:
+    """The scoreboard behind all of it; value k of a stage came in cycle 100 + k."""
+    scoreboard = Scoreboard(config)
+    for position, number in enumerate(NUMBERS):
+        scoreboard.begin(Recording(expected, position))
+        for stage in (*FLAT_STAGES, "decision"):
+            values = said[number, stage]
+            for part in (slice(0, 5), slice(5, None)):  # values come in pieces
+                scoreboard.check(stage, values[part], 100 + np.arange(len(values))[part])
+        scoreboard.end(said[number, "end"])
+    return scoreboard
 
 
 def test_agreement_counts_every_value(expected, said):
     counted = {stage: 5 * size for stage, size in SIZES.items()} | {"decision": 7 * 6, "status": 2 * 3}
-    assert said.judged(expected).compared == counted
+    assert judged(said, expected).compared == counted
 
 
 def test_a_stage_that_the_design_does_not_have_is_not_listed(expected, said):
-    expected["fault"], expected["fault_offsets"] = np.zeros(0), np.zeros(3, dtype=int)
-    for number in NUMBERS:
-        said[number, "fault"] = np.zeros(0, np.int32)
-    there = ["sum", "feature", "state", "logit", "decision", "status"]
-    assert [stage for stage, count in said.judged(expected).compared.items() if count] == there
+    expected["fault"], expected["fault_offsets"] = np.zeros(0), np.zeros(3, int)
+    said |= {(number, "fault"): np.zeros(0, np.int32) for number in NUMBERS}
+    assert "fault" not in judged(said, expected).compared
     said[5, "fault"] = np.ones(1, np.int32)  # a value that nobody expects is seen all the same
     with pytest.raises(Mismatch, match="stage fault, index 0 .*expected nothing more, got 1"):
-        said.judged(expected)
+        judged(said, expected)
 
 
-def another(values: np.ndarray, place: int, change) -> np.ndarray:
-    """``values`` with one changed."""
-    values = values.copy()
-    values[place] = change(values[place])
-    return values
+def flipped(place: int, bits: int = 1):
+    """These bits of one value."""
+    return lambda values: values ^ np.where(np.arange(len(values)) == place, bits, 0).astype(values.dtype)
 
 
-ROW = [0, 1, 2, 65535, 0, 0]
-"""Decision 1 of recording 5."""
-RAISED = [[False, False, True, False], [False] * 4]
 CHANGES = [
-    *(
-        (5, stage, partial(another, place=2 * size + 1, change=lambda value: value + 1), told)
-        for stage, size in SIZES.items()
-        for told in [
-            rf"frame 12, stage {stage}, index {2 * size + 1} .touch 0, step 2, {FLAT_STAGES[stage]} 1.: .*{101 + 2 * size}$"
-        ]
-    ),
     *(
         (
             5,
-            "decision",
-            partial(another, place=1, change=lambda _, row=row: pack(row)),
-            f"index 1 .{name} of step 1",
+            stage,
+            flipped(2 * size + 1),
+            f"frame 12, stage {stage}, index {2 * size + 1} {place}.*{101 + 2 * size}$",
         )
-        for column, name in enumerate(DECISION_FIELDS)
-        for row in [[value ^ (place == column) for place, value in enumerate(ROW)]]
+        for stage, size in SIZES.items()
+        for place in [f".touch 0, step 2, {FLAT_STAGES[stage]} 1.: "]
+    ),
+    *(
+        (5, "decision", flipped(1, 1 << low), f"index 1 .{name} of step 1")
+        for name, (low, _) in DECISION_FIELDS.items()
     ),
     (
         9,
@@ -145,52 +127,52 @@ CHANGES = [
 ]
 """Recording, stage, what becomes of what was said, and the mismatch."""
 FLAGS = [
-    (RAISED, (0x42, 4), (0x42, 0), None),
-    (RAISED, (0x42, 4), (0x02, 0), None),
-    (RAISED, (0x42, 5), (0x42, 0), "recording 5, stage status, index 3 .TAXEL_FAULTS"),
-    (RAISED, (0x42, 4), (0x42, 1), "recording 9, stage status, index 3 .TAXEL_FAULTS"),
-    (RAISED, (0x02, 4), (0x02, 0), "recording 5, stage status, index 4 .TAXEL of FAULTS"),
+    (True, (0x42, 4), (0x42, 0), None),
+    (True, (0x42, 4), (0x02, 0), None),
+    (True, (0x42, 5), (0x42, 0), "recording 5, stage status, index 3 .TAXEL_FAULTS"),
+    (True, (0x42, 4), (0x42, 1), "recording 9, stage status, index 3 .TAXEL_FAULTS"),
+    (True, (0x02, 4), (0x02, 0), "recording 5, stage status, index 4 .TAXEL of FAULTS"),
     # a flag that nobody raised
-    ([[False] * 4] * 2, (0x42, 0), (0x02, 0), "recording 5, stage status, index 4 .TAXEL of FAULTS"),
+    (False, (0x42, 0), (0x02, 0), "recording 5, stage status, index 4 .TAXEL of FAULTS"),
 ]
-"""Flags expected of recordings 5 and 9; FAULTS and TAXEL_FAULTS after each. TAXEL of FAULTS may be left from the first."""
+"""Is taxel 2 of recording 5 flagged; FAULTS and TAXEL_FAULTS after each. TAXEL of FAULTS may be left from the first."""
 
 
-@each_row(("number", "stage", "change", "told"), CHANGES)
-def test_every_difference_is_told_with_its_place(expected, number, stage, change, told):
-    said = Said(expected)
-    said[number, stage] = change(said[number, stage])
+@pytest.mark.parametrize(("number", "stage", "change", "told"), CHANGES)
+def test_every_difference_is_told_with_its_place(expected, said, number, stage, change, told):
+    aim, said[number, stage] = said[number, stage], change(said[number, stage])
     with pytest.raises(Mismatch, match=told) as found:
-        said.judged(expected)
+        judged(said, expected)
     if told.startswith("frame 12"):
-        aim = Recording(expected, 0)[stage][found.value.index]
-        assert (found.value.expected, found.value.got) == (aim, aim + 1)
+        value = aim[found.value.index]
+        assert (found.value.expected, found.value.got) == (value, value ^ 1)
 
 
-@each_row(("flags", "first", "second", "told"), FLAGS)
-def test_fault_flags_at_the_end(expected, flags, first, second, told):
-    expected["flags"], said = np.array(flags), Said(expected)
+@pytest.mark.parametrize(("flagged", "first", "second", "told"), FLAGS)
+def test_fault_flags_at_the_end(expected, said, flagged, first, second, told):
+    expected["flags"] = np.array([[0, 0, flagged, 0], [0] * 4])
     for number, (faults, words) in zip(NUMBERS, (first, second), strict=True):
         said[number, "end"] |= {"FAULTS": faults, "TAXEL_FAULTS": words}
     with pytest.raises(Mismatch, match=told) if told else nullcontext():
-        said.judged(expected, FLAGGED)
+        judged(said, expected, CONFIG.replace(fault_frames=16))
 
 
 def test_cycles_are_extremes_over_all_recordings(expected, said):
     scoreboard = Scoreboard(CONFIG)
-    for recording, late in zip(both(expected), (9, 10), strict=True):
+    for position, late in enumerate((9, 10)):
+        recording = Recording(expected, position)
         scoreboard.begin(recording)
         frames = recording["decision_frame"]
-        scoreboard.check("step", np.array([10, 12] if late == 9 else [11]))
+        scoreboard.check("step", np.array([[10, 12], [11]][position]))
         for stage in FLAT_STAGES:
-            scoreboard.check(stage, said[recording.number, stage])
+            scoreboard.check(stage, recording[stage])
         scoreboard.check("decision", said[recording.number, "decision"], 20 * frames + late)
         taken = range(20, 20 * int(max(frames)) + 1, 20)  # decision_frame 0: no frame brings it
         scoreboard.end(said[recording.number, "end"], taken)
-    assert scoreboard.counts == {"steps": 3, "decisions": 7}
+    result = scoreboard.result(20)
+    assert (result["steps"], result["decisions"]) == (3, 7)
     cycles = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": 10}
-    cycles["step_ideal"] = CONFIG.step_ideal
-    assert scoreboard.result(20)["cycles"] == cycles
+    assert result["cycles"] == cycles | {"step_ideal": CONFIG.step_ideal}
 
 
 def test_step_limit_is_the_closest_pair_of_windows():
@@ -208,16 +190,15 @@ def test_budgets_and_the_clock_that_meets_them():
     clock = needed_clock(thesis, cycles)
     assert clock == 1200e3  # 400 cycles within 1/3000 s
 
-    def rows(clock_hz: float, declared: bool = True, overruns: int = 0) -> dict:
-        played = {"cycles": cycles, "clock_hz": clock_hz, "overruns": overruns}
-        table = budgets(thesis, played | {"pace": "declared" if declared else "full"})
-        return {row["name"]: row for row in table if not row["reference"]}
+    def table(clock_hz: float, pace: str = "declared", overruns: int = 0) -> list:
+        played = {"cycles": cycles, "clock_hz": clock_hz, "overruns": overruns, "pace": pace}
+        return [row for row in budgets(thesis, played) if not row["reference"]]
 
-    assert {name: row["met"] for name, row in rows(clock).items()} == dict.fromkeys(
-        ("frame", "step", "decision"), True
-    )
-    assert rows(clock)["step"]["limit_s"] == pytest.approx(1e-3)
-    assert rows(clock)["frame"]["measured_s"] == pytest.approx(20 / 1200e3)
-    assert [name for name, row in rows(clock - 1e4).items() if not row["met"]] == ["decision"]
-    assert not rows(clock, overruns=1)["frame"]["met"]
-    assert list(rows(clock, declared=False, overruns=9)) == ["step"]
+    def met(*given) -> dict:
+        return {row["name"]: row["met"] for row in table(*given)}
+
+    frame, step, _ = table(clock)
+    assert (frame["measured_s"], step["limit_s"]) == pytest.approx((20 / 1200e3, 1e-3))
+    every = dict.fromkeys(("frame", "step", "decision"), True)
+    assert met(clock) == every and met(clock - 1e4) == every | {"decision": False}
+    assert met(clock, "declared", 1) == every | {"frame": False} and met(clock, "full", 9) == {"step": True}

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.data import synthetic_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, completing_frames, run, through_converter
+from eskin.live.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
@@ -92,9 +92,11 @@ def stimulated(found: Played, electrodes: list[int], config: AcceleratorConfig) 
     return [burst for burst in bursts if burst.endswith(b">ON<")] == wanted
 
 
-def plays_as_golden(hardware: Hardware, model: IntegerModel, made: Recordings, work: Path, **options) -> int:
+def plays_as_golden(
+    hardware: Hardware, model: IntegerModel, made: Recordings, work: Path, **options
+) -> tuple[int, bytes, list[int]]:
     """Each recording from power-on: every burst on the line and the class on the pins are the golden
-    decisions'. Returns the bursts."""
+    decisions'. Returns the bursts, and of the last recording what the host heard and the decisions."""
     config = model.config
     recordings, codes = through_converter(made, config)
     trace = run(model, recordings)
@@ -112,7 +114,7 @@ def plays_as_golden(hardware: Hardware, model: IntegerModel, made: Recordings, w
         if len(decided) and decided[-1, 0]:  # the last decision is a touch's final one
             assert stimulator.frames[-1] == "OFF" and found.pins[-1][1:3] == (int(decided[-1, 2]), True)
         assert not any(led for *_, led in found.pins)
-    return bursts
+    return bursts, found.host, pack_decisions(config, decided)
 
 
 @pytest.mark.slow
@@ -127,7 +129,7 @@ def test_from_converter_pins_to_stimulator_bytes(scan_every, tmp_path):
     # nobody touches at the end: the last frame is held until the stimulator is silent
     for end in made.offsets[1:]:
         made.samples[end - 150 : end] = made.samples[0]
-    assert plays_as_golden(hardware, model, made, tmp_path) >= 3
+    assert plays_as_golden(hardware, model, made, tmp_path)[0] >= 3
     # the data line breaks while an electrode is on: the lamp, and OFF is the last word
     codes = through_converter(made, config)[1][:520]
     found = played(hardware, config, codes, tmp_path / "broken", fault_frame=200)
@@ -195,7 +197,6 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
     result, bitstream, verilog = build(
         BuildRequest(config=model.config, arrays=model.arrays, target=board, standalone=True)
     )
-    print(name, {what: result[what] for what in ("logic_cells", "bram", "dsp", "fmax_hz", "clock_met")})
     assert result["clock_met"] and bitstream.exists()
     config = model.config.replace(loadable=False)
     model = dataclasses.replace(model, config=config)
@@ -207,9 +208,7 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
     )
     before = config.windows.pretrigger_frames + 2 * config.rest_level.rest_frames + 20
     cut = beginnings(made, config, count=3, steps=config.windows.steps, before=before, rest=60)
-    bursts = plays_as_golden(hardware, model, cut, tmp_path, tail_s=0.16, limit_s=3600)
-    print(name, f"{len(cut.samples)} frames, {bursts} bursts")
-    assert bursts >= 3
+    assert plays_as_golden(hardware, model, cut, tmp_path, tail_s=0.16, limit_s=3600)[0] >= 3
 
 
 @pytest.mark.slow
@@ -221,18 +220,15 @@ def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
     config, image = model.config, flash_image(model.config, model.arrays)
     made = random_recordings(config, (450,), seed=6)
     made.samples[300:] = made.samples[0]
-    assert plays_as_golden(hardware, model, made, tmp_path, flash=image)
-    codes = through_converter(made, config)[1]
-    load_cycles = 4 * 8 * len(image) + 4 * 32 + 32 + 4000
-    rng = random.Random(7)
+    assert plays_as_golden(hardware, model, made, tmp_path, flash=image)[0]
+    codes, rng = through_converter(made, config)[1], random.Random(7)
     for bit in (3, *rng.sample(range(48, 8 * len(image)), 3)):
         damaged = bytearray(image)
         damaged[bit // 8] ^= 0x80 >> bit % 8
-        options = dict(flash=bytes(damaged), limit=load_cycles + 5000)
+        options = dict(flash=bytes(damaged), limit=4 * 8 * len(image) + 10_000)  # loading it takes less
         found = played(hardware, config, codes, tmp_path / f"bit{bit}", **options)
         assert not found.begun and found.pins[-1][3], f"bit {bit}: the lamp is on and no scan begins"
         assert set(found.model(config).frames) == {"OFF"}
-    print(f"{level}: {len(image)} bytes, {load_cycles} cycles at most")
 
 
 @pytest.mark.slow
@@ -241,37 +237,23 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     """The link and the converter together: a host writes the model and an amplitude above its limit, arms,
     hears each decision on frames from the converter's pins, and reads registers at the end; the stimulator
     gets the limit."""
-    clocks = 4
-    model = random_integer_model(CONFIG.replace(loadable=True), 1)
+    clocks, loudest = 4, CONFIG.interface.amplitude_limit
+    model = random_integer_model(CONFIG.replace(loadable=True, stim_amplitude=loudest), 1)
     config = model.config
     hardware = board_of(model, tmp_path, link_hz=config.hardware.clock_hz / clocks, link=True)
     names = register_map(config)["registers"]
-    writes = [
-        *boot_writes(config, model.arrays),
-        (names["STIM_AMPLITUDE"], 255),
-        (int(Register.CONTROL), int(Control.ARM)),
-    ]
+    writes = [*boot_writes(config, model.arrays), (names["STIM_AMPLITUDE"], 255)]
+    writes += [(int(Register.CONTROL), int(Control.ARM))]
     sent = b"".join(ordered_packet(number, address, [word]) for number, (address, word) in enumerate(writes))
-    asked = ["CONVERTER_FAULTS", "FAULTS", "STIM_AMPLITUDE"]
-    last = b"".join(read_packet(names[name]) + b"\x7e" * 40 for name in asked)  # time for each answer
+    asked = [names[name] for name in ("CONVERTER_FAULTS", "FAULTS", "STIM_AMPLITUDE")]
+    last = b"".join(read_packet(address) + b"\x7e" * 40 for address in asked)  # time for each answer
     made = random_recordings(config, (650,), seed=6)
-    # so that it may end anywhere behind frame 520: the board goes on with the last frame
     made.samples[370:] = made.samples[0]
-    recordings, codes = through_converter(made, config)
-    trace = run(model, recordings)
-    rows, frames = trace.streams["decision"][0], completing_frames(trace)
-    whole = rows[:, 4] == 0
     options = dict(host=(sent, last), host_clocks=clocks, limit=3_000_000)
-    found = played(hardware, config, codes[:520], tmp_path / "played", **options)
-    told = [parse(body) for body in Unpacker().feed(found.host)]
-    decisions = [one.payload for one in told if isinstance(one, Decision)]
+    bursts, heard, decided = plays_as_golden(hardware, model, made, tmp_path, **options)
+    told = [parse(body) for body in Unpacker().feed(heard)]
     assert (
-        decisions == pack_decisions(config, rows[whole])[: len(decisions)]
-        and len(decisions) >= sum(frames[whole] <= 520) > 3
+        [one.payload for one in told if isinstance(one, Decision)] == decided and bursts and len(decided) > 3
     )
     answers = {one.address: one.value for one in told if isinstance(one, Answer)}
-    assert [answers[names[name]] for name in asked] == [0, 0, 255]
-    loud = dataclasses.replace(model, config=config.replace(stim_amplitude=config.interface.amplitude_limit))
-    heard = len(decisions)
-    wanted = expected_electrodes(rows[whole][:heard], frames[whole][:heard], config, BURST_S)
-    assert wanted and stimulated(found, wanted, loud.config) and not any(led for *_, led in found.pins)
+    assert [answers[address] for address in asked] == [0, 0, 255]

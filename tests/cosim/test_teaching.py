@@ -15,7 +15,7 @@ from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
-from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
+from eskin.rtl.program.memory_map import Fault, Register, TeachRegister
 from eskin.rtl.top.image_accelerator import make_accelerator
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.random_models import random_integer_model
@@ -86,18 +86,16 @@ def test_a_damaged_place_is_flagged():
     recordings = scene(12, seed=8)
     both = taught_at_random(model, recordings, BUILDS, seed=3)
     assert both.decisions > 50 and both.taught > 1
-    both.device.write(Register.CONTROL, Control.ARM)
-    both.device.settle()
     both.stream.arm()
     both.reload()
     assert not both.device.read(Register.FAULTS) & Fault.CHECKSUM
     label = int(np.argmax(taught_in_use(both.stream.model)))
     rule, width = model.config.readout_rule, model.config.trajectory_width
     number = (1 + label * (rule.prototypes + rule.taught) + rule.prototypes) * width
-    (word,) = (word & 0x1FF for word in both.words(number, 1))
+    (word,) = both.words(number, 1)
     both.device.write(TeachRegister.PLACES, number)
-    both.device.write(Register.MEMORY_DATA, word ^ 1)
-    assert both.words(number, 1)[0] & 0x1FF == word ^ 1
+    both.device.write(Register.MEMORY_DATA, (word ^ 1) & 0x1FF)
+    assert both.words(number, 1) == [word ^ 1]
     both.device.frames(recordings.recording(2))
     both.device.settle()
     assert both.device.read(Register.FAULTS) & Fault.CHECKSUM

@@ -15,7 +15,7 @@ BLOCKS = {
     "host/uart_link": "",
 }
 """Blocks with a proof, and the file of golden/model that says the same; the link's model is its host, in
-cosim/."""
+eskin/live/."""
 
 
 def told(name: str) -> set[str]:
@@ -31,7 +31,7 @@ def told(name: str) -> set[str]:
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_block_leads_to_its_test_proof_and_model(block):
     folder, name = block.split("/")
-    model = f"golden/model/{BLOCKS[block]}.py" if BLOCKS[block] else "cosim/link.py"
+    model = f"golden/model/{BLOCKS[block]}.py" if BLOCKS[block] else "eskin/live/link.py"
     assert {f"rtl/{block}.py", f"tests/rtl/{folder}/test_{name}.py", f"formal/{block}.py", model} <= told(
         name
     )

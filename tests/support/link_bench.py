@@ -1,4 +1,4 @@
-"""The cocotb bench at the board's pins: the host's own code (cosim/link.py) over cocotbext-uart.
+"""The cocotb bench at the board's pins: the host's own code (eskin/live/link.py) over cocotbext-uart.
 
 It runs in the simulator's own Python in the work folder, takes its settings from ``link_bench.json`` there
 and answers in ``result.json``.

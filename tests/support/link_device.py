@@ -13,9 +13,9 @@ from types import TracebackType
 
 import numpy as np
 
-from eskin.cosim import link
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
+from eskin.live import link
 from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Register, Status
 from tests.support.link_flow import pack_decisions
 

@@ -13,13 +13,17 @@ import numpy as np
 
 from eskin.cosim import runner
 from eskin.cosim.device import Design, Device
-from eskin.cosim.link import Link
 from eskin.cosim.scoreboard import UNEXPECTED_FAULTS
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.fpga.generate import pack_decision
+from eskin.golden.model import IntegerModel
+from eskin.live.link import Link
+from eskin.rtl.fpga.export import verilog as text_of
+from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
+from eskin.rtl.top.board import Board
 from tests.support.noisy_port import NoisyPort
 from tests.support.pin_port import PinPort
 
+BUILDS = Path("build/simulators")
 TIMEOUT_BYTES = 60
 """Byte times to wait for an answer: a packet of decision and one of answer, and the cycles in between, take
 half of that."""
@@ -39,14 +43,10 @@ def expected_decisions(config: AcceleratorConfig, expected: Mapping[str, np.ndar
 
 
 def play_link(
-    board: Path,
-    config: AcceleratorConfig,
-    register_map: Mapping[str, Any],
-    loads: Sequence[tuple[int, int]],
+    integers: IntegerModel,
     vectors: Path,
-    *,
     work: Path,
-    builds: Path,
+    *,
     order: Sequence[int] | None = None,
     corruptions: bool = False,
     seed: int = 1,
@@ -54,12 +54,10 @@ def play_link(
     clocks_per_bit: int = 4,
     limit_s: float = 600.0,
 ) -> dict[str, Any]:
-    """Simulate ``board`` (Verilog, module board_top) and play recordings of ``vectors`` over its serial line.
+    """Simulate the board of a model and play recordings of ``vectors`` over its serial line.
 
     Parameters
     ----------
-    register_map, loads:
-        As registers.json; the writes that load the model.
     order:
         Positions in ``vectors`` to play; default: each once.
     corruptions:
@@ -80,9 +78,12 @@ def play_link(
     """
     with np.load(vectors) as archive:
         expected = dict(archive)
+    config, board = integers.config, work / "board_top.sv"
+    work.mkdir(exist_ok=True)
+    board.write_text(text_of(Board(config, clock_hz=12e6, baud=3e6), "board_top"))
     settings = {
-        "map": register_map,
-        "loads": [[int(address), int(word)] for address, word in loads],
+        "map": register_map(config),
+        "loads": [[int(address), int(word)] for address, word in boot_writes(config, integers.arrays)],
         "vectors": str(vectors.resolve()),
         "order": list(range(len(expected["numbers"]))) if order is None else list(order),
         "corruptions": corruptions,
@@ -91,7 +92,7 @@ def play_link(
     }
     begun = time.monotonic()
     if model == "fast":
-        device = Device(Design(board.read_text(), builds, top="board_top"))
+        device = Device(Design(board.read_text(), BUILDS, top="board_top"))
         device.put("rx", 1)
         device.reset()
 
@@ -101,9 +102,8 @@ def play_link(
         result = converse(PinPort(device, clocks_per_bit), settings, pins) | {"cycles": device.state.cycle}
     else:
         simulator = runner.build(
-            "verilator", [board], {}, builds, options=PINS_ARE_PUBLIC, wrapper=None, top="board_top"
+            "verilator", [board], {}, BUILDS, options=PINS_ARE_PUBLIC, wrapper=None, top="board_top"
         )
-        work.mkdir(parents=True, exist_ok=True)
         (work / "link_bench.json").write_text(json.dumps(settings))
         runner.run(simulator, work, limit_s=limit_s, bench="tests.support.link_bench")
         result = json.loads((work / "result.json").read_text())

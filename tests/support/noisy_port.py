@@ -2,7 +2,7 @@
 
 import random
 
-from eskin.cosim.link import read_packet
+from eskin.live.link import read_packet
 
 
 class NoisyPort:

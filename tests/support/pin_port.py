@@ -1,4 +1,4 @@
-"""The serial line of a simulated device at its pins, as a transport of cosim/link.py; and bytes as a line's
+"""The serial line of a simulated device at its pins, as a transport of eskin/live/link.py; and bytes as a line's
 levels, 8N1."""
 
 import numpy as np

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from eskin.cosim.device import Accelerator, Design
-from eskin.cosim.serial_port import SerialPort
 from eskin.golden.model import Stream, run
+from eskin.live.serial_port import SerialPort
 from eskin.live.sources import SimulationSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.training.made_up import random_recordings
 from eskin.verbs.watch_job import BUILDS, board_source
-from tests.cosim.test_link_cosim import CONFIG, LENGTHS
+from tests.eskin.live.test_link import CONFIG, LENGTHS
 from tests.support.link_device import Device, golden_decisions
 from tests.support.link_flow import pack_decisions
 from tests.support.live_case import Stage

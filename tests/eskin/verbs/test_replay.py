@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cosim import device, link
+from eskin.cosim import device
 from eskin.data.archive import save_archive
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import forget, taught_in_use
+from eskin.live import link
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
@@ -20,7 +21,7 @@ from eskin.rtl.top.board import Board
 from eskin.teach.taught import load_taught
 from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs import replay_job
-from tests.cosim.test_link_cosim import CONFIG
+from tests.eskin.live.test_link import CONFIG
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions

@@ -14,6 +14,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
+from eskin.golden.core import InputError
 from eskin.rtl.fpga import wiring as wired
 from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
@@ -22,6 +23,7 @@ from eskin.rtl.fpga.wiring import Wiring
 from eskin.verbs import build_job as job
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG
+from tests.support.small_designs import SMALL, behind
 from tests.support.table import each_row
 
 pytestmark = pytest.mark.timeout(1800)  # the tools compile themselves at their first use on a machine
@@ -326,6 +328,21 @@ def test_a_boards_pins_are_told_apart(name):
     pins = Wiring(config=CONFIG.replace(class_names=tuple("abcdefg")), target=board, link=True).sites()
     assert len(set(pins.values())) == len(pins) == 4 + 1 + 7
     assert board.clock_hz in (12e6, 25e6, 27e6)
+
+
+def test_a_converter_is_on_the_first_pins_and_too_many_are_refused():
+    board, fields = target("icebreaker"), behind("ads7953", taxels=8, sample_rate_hz=1000.0, clock_hz=3e6)
+    one = Wiring(config=SMALL.replace(stimulator="decisions", **fields), target=board, sensing=True)
+    pins, ports = one.sites(), ("cs_n", "mosi", "miso", "sclk")
+    assert [pins[f"pins__{port}"] for port in ports] == [*board.pins[:4]]
+    assert len(set(pins.values())) == len(pins)
+    row = {"port": "stim_tx", "site": board.pins[8], "to": "stimulator, RX (115200 baud)"}
+    assert row in one.table()
+    crowded = one.config.replace(**behind("ad7476", taxels=16))
+    with pytest.raises(
+        InputError, match="has 16 free pins, and 24 are needed; use another board or converter"
+    ):
+        dataclasses.replace(one, config=crowded).sites()
 
 
 class Program(wiring.Component):

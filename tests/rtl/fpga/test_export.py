@@ -12,9 +12,23 @@ from eskin.golden.core import PRESETS, InputError
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import generate
 from tests.support.random_models import random_integer_model
-from tests.support.small_designs import SMALL
+from tests.support.small_designs import SMALL, behind
 
 ROOT = Path(__file__).resolve().parents[3]
+
+
+def test_a_converter_changes_no_text_of_the_chain(tmp_path):
+    """Nothing of the interface is built without one, whatever its other fields are."""
+    fields = behind("ads7953", taxels=8, sample_rate_hz=1000.0, clock_hz=2e6)
+    model = random_integer_model(SMALL.replace(**fields), 1)
+    converters = ("ads7953", "none", dict(name="none", hz=1e6, code_shift=3))
+    folders = [
+        generate(model.config.replace(converter=converter), model.arrays, tmp_path / str(number))
+        for number, converter in enumerate(converters)
+    ]
+    sensing, *others = ("sensing.sv" in {path.name for path in folder.iterdir()} for folder in folders)
+    texts = {(folder / "accelerator.sv").read_text() for folder in folders}
+    assert sensing and not any(others) and len(texts) == 1 and "cs_n" not in texts.pop()
 
 
 def test_text_is_deterministic_portable_and_complete():

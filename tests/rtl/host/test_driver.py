@@ -65,28 +65,24 @@ def test_compiles_without_a_warning(design):
     assert done.returncode == 0, done.stderr
 
 
-def plays(model, design, recordings, lazy=False, pairs=False, **options):
-    """Every decision of the recordings through driver and shell is the golden model's; how many there are, and the
-    cycles. ``options`` of `Board`."""
+def plays(model, design, recordings, lazy=False, pairs=False):
+    """Every decision of the recordings through driver and shell is the golden model's; how many there are."""
     rows, offsets = run(model, recordings).streams["decision"]
-    board = Board(design, **options)
+    board = Board(design)
     driver = board.driver
     assert driver("present") and driver.load()
     driver("enable", Event.DECISION, 0)
-    begin = board.device.state.cycle
     for number in range(len(recordings)):
-        samples = recordings.samples[slice(*recordings.offsets[number : number + 2])]
+        samples = recordings.recording(number)
         expected = [decision_word(model.config, row) for row in rows[slice(*offsets[number : number + 2])]]
         asks = (lambda: False) if lazy else lambda: board.device.get("irq")
         assert driver.play(samples, asks, pairs) == expected
-        # with options: real recordings, fed as fast as they are taken
-        assert not driver("faults") & ~(Fault.OVERRUN if lazy or options else 0)
+        assert not driver("faults") & ~(Fault.OVERRUN if lazy else 0)
     assert bool(driver.refused) == lazy
-    cycles = board.device.state.cycle - begin
     driver("enable", 0, 0)
     board.device.cycle(4)
     assert not board.device.get("irq")
-    return len(rows), cycles
+    return len(rows)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +96,7 @@ def plays(model, design, recordings, lazy=False, pairs=False, **options):
 def test_recordings_decide_as_the_model_does(model, design, lazy, pairs):
     length = CONFIG.rest_level.rest_frames + CONFIG.last_frame + 4 * CONFIG.windows.hop
     recordings = random_recordings(model.config, [length, length // 2, length, length], 5)
-    assert plays(model, design, recordings, lazy, pairs)[0]
+    assert plays(model, design, recordings, lazy, pairs)
 
 
 @pytest.mark.parametrize("pairs", [False, True], ids=["codes", "pairs"])
@@ -118,7 +114,7 @@ def test_an_interrupt_routine_takes_decisions_within_a_frame(model, design, pair
         value = write(offset, word)
         if word is not None and offset in (4 * ShellRegister.SAMPLE, 4 * ShellRegister.SAMPLE_PAIR):
             events = write(4 * ShellRegister.EVENTS, None)
-            if events & Event.DECISION and not events & Event.SPACE and board._random.random() < 0.5:
+            if events & Event.DECISION and not events & Event.SPACE and board.random.random() < 0.5:
                 within += 1
                 driver.decisions()
         return value
@@ -126,7 +122,7 @@ def test_an_interrupt_routine_takes_decisions_within_a_frame(model, design, pair
     assert driver.load()
     board._access = interrupted
     for number in range(len(recordings)):
-        samples = recordings.samples[slice(*recordings.offsets[number : number + 2])]
+        samples = recordings.recording(number)
         words.clear()
         driver.play(samples, lambda: False, pairs)
         assert words == [

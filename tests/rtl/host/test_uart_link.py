@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.cosim import link
 from eskin.golden.core import PRESETS, InputError
+from eskin.live import link
 from eskin.rtl.common import decision_layout
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink

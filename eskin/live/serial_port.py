@@ -1,4 +1,4 @@
-"""A serial port of this computer as a transport of cosim/link.py."""
+"""A serial port of this computer as a transport of eskin/live/link.py."""
 
 import os
 import select
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import serial
 
-from eskin.cosim.link import LinkError
 from eskin.golden.core import InputError
+from eskin.live.link import LinkError
 
 WRITE_TIMEOUT_S, READ_BYTES = 10.0, 1 << 12
 GONE = "the port went away while it was in use: look at cable and board, then start again"
