@@ -16,7 +16,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
     reduced="4 taxels",
     quick=True,
     bugs=(
-        Bug("the mask is looked at again while the beat waits", "with m.If(~added):", "with m.If(1):"),
+        Bug("the mask is looked at again while the beat waits", "with m.If(looks):", "with m.If(1):"),
         Bug(
             "a beat is taken before its result",
             "self.i.ready.eq(added & self.o.ready)",

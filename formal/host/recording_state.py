@@ -1,6 +1,6 @@
 """The life of a recording: finish comes once, when nothing is under way, and ends."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.host.recording_state import RecordingState
@@ -26,9 +26,16 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 )
 def finish_ends(m: Module) -> None:
     dut = placed_free(RecordingState(CONFIG))
-    still = (
-        ~dut.passing & ~dut.moving & ~dut.engine.working & dut.decider_idle & ~dut.finish_asked & ~dut.clear
-    )
+    still = ~Cat(
+        dut.passing,
+        dut.moving,
+        dut.engine.working,
+        dut.detector.started,
+        dut.global_taken,
+        dut.finish_asked,
+        dut.clear,
+        ~dut.decider_idle,
+    ).any()
     calm = Signal(range(21))  # cycles without anything under way and without a command
     m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
     prove((calm < 20) | ~still | ~dut.busy, "busy falls")

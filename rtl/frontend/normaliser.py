@@ -146,17 +146,12 @@ class Normaliser(wiring.Component):
         masked = Signal()
         m.d.sync += [begun.eq(1), blanked.eq(begun)]
         m.d.comb += self.blank.eq(begun & ~blanked)
-        drive(
-            m,
-            adder,
-            step=~added & (self.i.valid | ~begun),
-            word=read.data[low:sum_bits].as_signed(),
-            addend=complement >> low,
-        )
+        looks = ~added & (self.i.valid | ~begun)
+        drive(m, adder, step=looks, word=read.data[low:sum_bits].as_signed(), addend=complement >> low)
         out_of_use = (
             self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)
         )
-        with m.If(~added & (self.i.valid | ~begun)):
+        with m.If(looks):
             m.d.sync += masked.eq(out_of_use | ~begun)
         used = taken if several else taken & at_last  # the mean is read again
         m.d.sync += [

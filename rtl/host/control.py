@@ -137,7 +137,7 @@ class HostControl(wiring.Component):
         begun = bus.w_stb | self.clear | self.restart | ~self.decider_idle
         awake = bus.w_stb | bus.r_stb | state.busy | cycles.awake
         m.d.comb += [
-            state.moving.eq(self.moving | begun),
+            state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
             self.awake.eq(awake | self.teaching.look if config.readout_rule.taught else awake),
         ]
         drive(
