@@ -1,18 +1,17 @@
 """The main job, `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report,
 in one folder.
 
-Each stage works in a folder of its own beside OUT, named by the hash of all that went into it (data,
-configuration, code, options). A stage that was finished before is taken over, so an interrupted run goes on
-where it stopped. OUT itself appears, or is replaced, in one rename when everything is there.
+Each stage works in a folder of its own beside OUT. OUT itself appears, or is replaced, in one rename when everything
+is there.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import fcntl
 import json
 import os
 import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,7 +24,6 @@ from rich.console import Console
 
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import Plan, configure
-from eskin.choose.choice_table import left_out, unseen
 from eskin.choose.cost import CostModel
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
@@ -38,27 +36,24 @@ from eskin.golden.core import (
     Record,
     check_folder,
     content_key,
+    replacing_folder,
     write_json,
 )
-from eskin.golden.core.files import exchange
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
-from eskin.memo import Memo, code_version
+from eskin.memo import Memo
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
 from eskin.study.stability.panel import Panel, panel_of
-from eskin.training import LEARNING, evaluate, integers
+from eskin.training import evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
-from eskin.verbs import cost
 from eskin.verbs.cosim_job import one_of_each
-from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import cost_model
 from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
@@ -77,7 +72,6 @@ one, at most PER_CLASS of each class."""
 FEWEST_WINDOWS = 3
 """Fewest windows of such a run: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
-GOLDEN = LEARNING
 
 
 def run(request: RunRequest, console: Console | None = None) -> Record:
@@ -132,17 +126,13 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
         planned = plan.config if plan else user_config
         if held is not None and planned is not None:
             held = for_model(held, planned, say)
-        wished = [planned and planned.to_dict(), user_config is None, network, request.prefer, request.fits]
-        base = [loaded.content, *wished, panel and panel.weights]
-    with _Work(out) as work:
+    with replacing_folder(out) as result, tempfile.TemporaryDirectory(dir=result.parent) as work:
         steps = _Steps(
-            request, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
+            request, loaded, held, user_config, prices, plan, panel, network, Path(work), stages, say
         )
-        result = work.folder / "result"
         record = steps.all(result, begin)
         with stages("report"):
             report.write_report(result)
-        work.publish(result)
     return record
 
 
@@ -153,17 +143,6 @@ def _stress(training: Record) -> Record:
         return {}
     held = sum(row["held"] for row in taken["stress"])
     return {"stress": taken["stress"], "stress_held": held, "stress_modes": len(taken["stress"])}
-
-
-def board_sentence(config: AcceleratorConfig, board: str) -> str:
-    """A sentence on the board that holds the whole design, by the estimate of its cost."""
-    boards = [name for name in dict.fromkeys((board, *TARGETS)) if cost.fits(config, name)]
-    size = f"{cost.cells_of(config)} logic cells and {cost.blocks_of(config, board)} block memories"
-    where = f"fits the {board}"
-    if board not in boards:
-        alternative = f"the {boards[0]} would hold it" if boards else "no board here would hold it"
-        where = f"does not fit the {board} with its link; {alternative}"
-    return f"the whole design, by estimate {size} without its link, {where}"
 
 
 def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
@@ -209,62 +188,41 @@ class _Steps:
     plan: Plan | None
     panel: Panel | None
     network: Record
-    work: _Work
+    work: Path
     stages: Callable[[str], Any]
-    base: list[Any]
     say: Callable[[str], None]
     timings: list[Record] = dataclasses.field(default_factory=list)
 
-    def stage(
-        self,
-        name: str,
-        packages: tuple[str, ...],
-        make: Callable[..., None],
-        *given: Any,
-        options: Any = None,
-    ) -> Path:
-        """The folder of a stage: found finished, or made now, by ``make(folder, notify, *given)``."""
-        key = content_key([name, code_version(*packages), self.base, options])
-        begin, made = time.perf_counter(), []
+    def stage(self, name: str, make: Callable[..., None], *given: Any) -> Path:
+        """The folder of a stage, made by ``make(folder, notify, *given)``."""
+        folder, begin = self.work / name.replace(" ", "-"), time.perf_counter()
+        folder.mkdir()
         with self.stages(name) as notify:
-
-            def fill(folder: Path) -> None:
-                make(folder, notify, *given)
-                made.append(folder)
-
-            folder = Memo(self.work.folder).folder(f"{name.replace(' ', '-')}.{key[:20]}", fill)
-        self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin, "cached": not made})
+            make(folder, notify, *given)
+        self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin})
         return folder
 
     def all(self, result: Path, begin: float) -> Record:
         """Run every stage and fill ``result`` with all but the page. The
         record, as in run.json."""
-        trained = self.stage("training", (*GOLDEN, *COST), self._train)
-        quantised = self.stage("quantisation", GOLDEN, self._quantise, trained)
+        trained = self.stage("training", self._train)
+        quantised = self.stage("quantisation", self._quantise, trained)
         model = IntegerModel.load(quantised / "model", images=True)
         training = load_training(quantised / "model")
         config = self.config = model.config
         numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
-        evaluated = self.stage("evaluation", GOLDEN, self._evaluate, quantised)
-        self.say(_accuracy(training, config.is_image))
+        evaluated = self.stage("evaluation", self._evaluate, quantised)
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
-        generated = self.stage("Verilog", ("golden", "rtl"), self._generate, model)
-
-        if not config.is_image:
-            self.say(board_sentence(config, self.prices.board))
+        generated = self.stage("Verilog", self._generate, model)
 
         def simulate(name: str, numbers: np.ndarray, *given: Any) -> Path:
-            given = (model, generated / "rtl", numbers, *given)
-            options = list(map(int, numbers))
-            return self.stage(name, ("golden", "rtl", "cosim"), self._simulate, *given, options=options)
+            return self.stage(name, self._simulate, model, generated / "rtl", numbers, *given)
 
         folders = {"cosim": simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)}
         if not config.is_image:
             folders |= self._at_the_pace_of_the_sensor(numbers, simulate, _outcome(folders["cosim"]))
 
-        shutil.rmtree(result, ignore_errors=True)
-        result.mkdir()
         shutil.copytree(quantised / "model", result / "model")
         shutil.copytree(generated / "rtl", result / "rtl")
         shutil.copy(evaluated / "evaluate.json", result)
@@ -320,7 +278,7 @@ class _Steps:
 
     def _baselines(self, training: Record) -> list[Record]:
         """The baselines of the training, and other classifiers on the same folds."""
-        measured = self.stage("other classifiers", GOLDEN, self._yardsticks, training)
+        measured = self.stage("other classifiers", self._yardsticks, training)
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Progress) -> None:
@@ -478,7 +436,7 @@ class _Steps:
             "taxels": recordings.taxels,
             "unit": recordings.unit or ("" if recordings.volt_per_code else "V"),
             "sample_rate_hz": recordings.sample_rate_hz,
-            "sha256": self.base[0],
+            "sha256": recordings.content,
             "classes": {
                 name: int(n) for name, n in zip(recordings.class_names, recordings.class_counts, strict=True)
             },
@@ -498,14 +456,6 @@ def _lowest_clock(*where: Path, **options: Any) -> Record | None:
         return flow.lowest_clock(*where, **options)
     except flow.NoClock:
         return None
-
-
-def _accuracy(training: Record, images: bool) -> str:
-    """The figure that the report begins with, as soon as it is there."""
-    split = unseen(training["cross_validation"][0])
-    things = "images left out" if images else f"leaving out {left_out(split['groups'])}"
-    figures = f"integer {percent(split['integer_accuracy'])}, float {percent(split['float_accuracy'])}"
-    return f"accuracy, {things}: {figures}"
 
 
 def _outcome(folder: Path) -> Any:
@@ -566,50 +516,6 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
             detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact' if held else verdict(lowest)}"
         check("a lowest clock that meets every budget", held, detail)
     return checks
-
-
-# ---------------------------------------------------------------------- folders
-class _Work:
-    """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time
-    may use it."""
-
-    def __init__(self, out: Path) -> None:
-        self.out, self.folder = out, out.with_name(f".{out.name}.work")
-
-    def __enter__(self) -> _Work:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self.lock = (self.folder / "lock").open("w")
-        except OSError as error:
-            raise InputError(
-                f"--out {self.out}: cannot be written ({error.strerror}); name a folder you may write to"
-            ) from None
-        try:
-            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self.lock.close()
-            raise InputError(
-                f"--out {self.out}: another run is writing it; wait for that one or name another folder"
-            ) from None
-        old = self.folder / "old"
-        if old.exists() and not self.out.exists():  # stopped between the two renames of publish
-            os.replace(old, self.out)
-        shutil.rmtree(old, ignore_errors=True)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Without a finished stage there is nothing to resume and the whole folder goes."""
-        shutil.rmtree(self.folder / "result", ignore_errors=True)
-        if not any(self.folder.glob("*/finished")):
-            shutil.rmtree(self.folder, ignore_errors=True)
-        self.lock.close()
-
-    def publish(self, result: Path) -> None:
-        """Let ``result`` take the place of ``out``; the stages are not needed any more."""
-        exchange(result, self.out, self.folder / "old")
-        for entry in self.folder.iterdir():
-            if entry.is_dir():
-                shutil.rmtree(entry)
 
 
 @contextmanager
