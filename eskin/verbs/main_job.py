@@ -8,7 +8,6 @@ is there.
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import shutil
 import tempfile
@@ -126,13 +125,11 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
         planned = plan.config if plan else user_config
         if held is not None and planned is not None:
             held = for_model(held, planned, say)
-    with replacing_folder(out) as result, tempfile.TemporaryDirectory(dir=result.parent) as work:
-        steps = _Steps(
-            request, loaded, held, user_config, prices, plan, panel, network, Path(work), stages, say
-        )
-        record = steps.all(result, begin)
+    with replacing_folder(out) as folder:
+        steps = _Steps(request, loaded, held, user_config, prices, plan, panel, network, folder, stages)
+        record = steps.all(begin)
         with stages("report"):
-            report.write_report(result)
+            report.write_report(folder)
     return record
 
 
@@ -188,48 +185,45 @@ class _Steps:
     plan: Plan | None
     panel: Panel | None
     network: Record
-    work: Path
+    folder: Path
     stages: Callable[[str], Any]
-    say: Callable[[str], None]
     timings: list[Record] = dataclasses.field(default_factory=list)
 
-    def stage(self, name: str, make: Callable[..., None], *given: Any) -> Path:
-        """The folder of a stage, made by ``make(folder, notify, *given)``."""
-        folder, begin = self.work / name.replace(" ", "-"), time.perf_counter()
-        folder.mkdir()
+    def stage(self, name: str, make: Callable[..., Any], *given: Any) -> Any:
+        """Result of ``make(notify, *given)``; the time that it takes is kept."""
+        begin = time.perf_counter()
         with self.stages(name) as notify:
-            make(folder, notify, *given)
+            made = make(notify, *given)
         self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin})
-        return folder
+        return made
 
-    def all(self, result: Path, begin: float) -> Record:
-        """Run every stage and fill ``result`` with all but the page. The
-        record, as in run.json."""
-        trained = self.stage("training", self._train)
-        quantised = self.stage("quantisation", self._quantise, trained)
-        model = IntegerModel.load(quantised / "model", images=True)
-        training = load_training(quantised / "model")
+    @property
+    def model_dir(self) -> Path:
+        """The model's folder."""
+        return self.folder / "model"
+
+    def all(self, begin: float) -> Record:
+        """Run every stage and fill the folder with all but the page. The record, as in run.json."""
+        self.stage("training", self._train)
+        self.stage("quantisation", self._quantise)
+        model, training = IntegerModel.load(self.model_dir, images=True), load_training(self.model_dir)
         config = self.config = model.config
         numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
-        evaluated = self.stage("evaluation", self._evaluate, quantised)
-        baselines = [] if config.is_image else self._baselines(training)
-        tested = self._test(quantised)
-        generated = self.stage("Verilog", self._generate, model)
-
-        def simulate(name: str, numbers: np.ndarray, *given: Any) -> Path:
-            return self.stage(name, self._simulate, model, generated / "rtl", numbers, *given)
-
-        folders = {"cosim": simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)}
+        judged = self.stage("evaluation", lambda _: evaluate.evaluate(self.model_dir, self.recordings))
+        write_json(self.folder / "evaluate.json", judged)
+        baselines: list[Record] = []
         if not config.is_image:
-            folders |= self._at_the_pace_of_the_sensor(numbers, simulate, _outcome(folders["cosim"]))
-
-        shutil.copytree(quantised / "model", result / "model")
-        shutil.copytree(generated / "rtl", result / "rtl")
-        shutil.copy(evaluated / "evaluate.json", result)
-        outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
+            first = training["cross_validation"][0]["groups"]
+            classify = lambda notify: yardsticks.yardsticks(self.recordings, config, first, 5, notify)
+            baselines = training.get("baselines", []) + self.stage("other classifiers", classify)
+        tested = self._test()
+        self.stage("Verilog", self._generate, model)
+        full = self._simulated(
+            "cosim", "co-simulation", model, numbers, self.recordings.subset(numbers), flow.cosim
+        )
+        outcomes = {"cosim": full}
         if not config.is_image:
-            outcomes.setdefault("cosim_lowest", None)
-        judged = json.loads((evaluated / "evaluate.json").read_text())
+            outcomes |= self._at_the_pace_of_the_sensor(model, numbers, full)
         checks = _checks(judged, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
         record = {
@@ -258,58 +252,44 @@ class _Steps:
                 "lowest_clock_hz": clock_hz,
                 **_stress(training),
             }
-        write_json(result / RESULT_MARK, record)
+        write_json(self.folder / RESULT_MARK, record)
         return record
 
     def _at_the_pace_of_the_sensor(
-        self, numbers: np.ndarray, simulate: Callable[..., Path], full: Record
-    ) -> dict[str, Path]:
-        """The folders of the runs at the configured clock and, where hardware and model agree so far, at the
-        lowest that meets every budget."""
+        self, model: IntegerModel, numbers: np.ndarray, full: Record
+    ) -> dict[str, Record | None]:
+        """The runs at the configured clock and, where hardware and model agree so far, at the lowest that meets every
+        budget."""
         few = self._few(numbers, self.config.hardware.clock_hz)
-        declared = simulate("pace of the sensor", *few, partial(flow.cosim, pace="declared"))
-        outcome = _outcome(declared)
-        if not (full["bit_exact"] and outcome["bit_exact"]):
-            return {"cosim_declared": declared}
-        cycles = outcome["cycles"]
-        few = self._few(numbers, latency.needed_clock(self.config, cycles))
-        lowest = simulate("lowest clock", *few, partial(_lowest_clock, cycles=cycles))
+        job: Any = partial(flow.cosim, pace="declared")
+        declared = self._simulated("cosim_declared", "pace of the sensor", model, *few, job)
+        lowest = None
+        if full["bit_exact"] and declared["bit_exact"]:
+            cycles = declared["cycles"]
+            few = self._few(numbers, latency.needed_clock(self.config, cycles))
+            job = partial(_lowest_clock, cycles=cycles)
+            lowest = self._simulated("cosim_lowest", "lowest clock", model, *few, job)
         return {"cosim_declared": declared, "cosim_lowest": lowest}
 
-    def _baselines(self, training: Record) -> list[Record]:
-        """The baselines of the training, and other classifiers on the same folds."""
-        measured = self.stage("other classifiers", self._yardsticks, training)
-        return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
-
-    def _train(self, folder: Path, notify: Progress) -> None:
+    def _train(self, notify: Progress) -> None:
         options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, "stress": self.panel, **self.network}
         choice.train_chosen(
-            self.recordings, self.user_config, self.prices, out=folder / "model", progress=notify, **options
+            self.recordings, self.user_config, self.prices, out=self.model_dir, progress=notify, **options
         )
 
-    def _quantise(self, folder: Path, notify: Progress, trained: Path) -> None:
-        shutil.copytree(trained / "model", folder / "model")
-        prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
-        integers.quantise(folder / "model", self.recordings if prototypes else None)
+    def _quantise(self, notify: Progress) -> None:
+        prototypes = load_config(self.model_dir).has_prototypes  # which are made of recordings
+        integers.quantise(self.model_dir, self.recordings if prototypes else None)
 
-    def _evaluate(self, folder: Path, notify: Progress, quantised: Path) -> None:
-        write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
-
-    def _yardsticks(self, folder: Path, notify: Progress, training: Record) -> None:
-        first = training["cross_validation"][0]
-        rows = yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify)
-        write_json(folder / "yardsticks.json", rows)
-
-    def _test(self, quantised: Path) -> Record | None:
+    def _test(self) -> Record | None:
         """The network on the recordings held back, once."""
         if self.held is None:
             return None
         with self.stages("recordings held back"):
             trained_on = recording_hashes(self.recordings)
             repeated = sum(recording in trained_on for recording in recording_hashes(self.held))
-            return {"source": self.held.source, "seen_in_training": repeated} | evaluate.evaluate(
-                quantised / "model", self.held
-            )
+            judged = evaluate.evaluate(self.model_dir, self.held)
+            return {"source": self.held.source, "seen_in_training": repeated} | judged
 
     def _doubts(
         self,
@@ -342,15 +322,16 @@ class _Steps:
                 found += doubts.leaks(**vars(leak))
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
-    def _generate(self, folder: Path, notify: Progress, model: IntegerModel) -> None:
+    def _generate(self, notify: Progress, model: IntegerModel) -> None:
         """Verilog with a bench that plays one recording with a touch, or the first image."""
+        design = self.folder / "rtl"
         if model.config.is_image:
-            generate_design(model, folder / "rtl", recordings=self.recordings)
+            generate_design(model, design, recordings=self.recordings)
             return
         number, recording, trace = self._played(model)
-        vectors = write_vectors(folder / "vectors.npz", trace, recording, [number])
-        generate(model.config, model.arrays, folder / "rtl", vectors=vectors)
-        vectors.unlink()
+        with tempfile.TemporaryDirectory() as work:
+            vectors = write_vectors(Path(work) / "vectors.npz", trace, recording, [number])
+            generate(model.config, model.arrays, design, vectors=vectors)
 
     def _played(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
         """The first recording, taken evenly over the classes, with a whole touch, else the first with a
@@ -404,28 +385,30 @@ class _Steps:
             ends = np.minimum(ends, np.maximum(affordable, few_windows))
         return candidates[chosen], whole.subset(chosen).until(ends[chosen])
 
-    def _simulate(
-        self,
-        folder: Path,
-        notify: Progress,
-        model: IntegerModel,
-        design: Path,
-        numbers: np.ndarray,
-        played: Recordings,
-        job,
-    ) -> None:
-        notify("golden model", 0, len(played))
-        vectors = expected_of(model, played, folder / "vectors.npz", numbers)
-        shown = one_of_each(played.labels)
-        notify("golden model done; compiling the simulator and playing", 0, len(played))
-        outcome = job(design, vectors, cocotb=shown, work=folder / "work", builds=BUILDS.resolve())
-        if outcome is not None and outcome["waves"]:
-            waves = Path(outcome["waves"])
-            os.replace(waves, folder / waves.name)
-            outcome["waves"] = waves.name
-        write_json(folder / "result.json", outcome)
-        vectors.unlink()
-        shutil.rmtree(folder / "work")
+    def _simulated(
+        self, name: str, title: str, model: IntegerModel, numbers: np.ndarray, played: Recordings, job: Any
+    ) -> Any:
+        """The result of a co-simulation, as written to ``name``.json; the waves of a mismatch beside it."""
+
+        def simulate(notify: Progress, work: Path) -> Record | None:
+            notify("golden model", 0, len(played))
+            vectors = expected_of(model, played, work / "vectors.npz", numbers)
+            notify("golden model done; compiling the simulator and playing", 0, len(played))
+            options = {
+                "cocotb": one_of_each(played.labels),
+                "work": work / "work",
+                "builds": BUILDS.resolve(),
+            }
+            return job(self.folder / "rtl", vectors, **options)
+
+        with tempfile.TemporaryDirectory() as work:
+            outcome = self.stage(title, simulate, Path(work))
+            if outcome is not None:
+                if outcome["waves"]:
+                    shutil.move(outcome["waves"], self.folder / f"waves_{name}")
+                    outcome["waves"] = f"waves_{name}"
+                write_json(self.folder / f"{name}.json", outcome)
+        return outcome
 
     def _data(self) -> Record:
         recordings, lengths = self.recordings, self.recordings.lengths
@@ -456,23 +439,6 @@ def _lowest_clock(*where: Path, **options: Any) -> Record | None:
         return flow.lowest_clock(*where, **options)
     except flow.NoClock:
         return None
-
-
-def _outcome(folder: Path) -> Any:
-    """Result that a co-simulation's stage left in its folder."""
-    return json.loads((folder / "result.json").read_text())
-
-
-def _take_over(folder: Path, result: Path, name: str) -> Record | None:
-    """Copy a co-simulation's result and waves; the result."""
-    outcome = _outcome(folder)
-    if outcome is not None:
-        if outcome["waves"]:
-            waves = f"waves_{name}"
-            shutil.copytree(folder / outcome["waves"], result / waves)
-            outcome["waves"] = waves
-        write_json(result / f"{name}.json", outcome)
-    return outcome
 
 
 def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Record]:
