@@ -35,7 +35,7 @@ from eskin.choose.choice_table import (
     where_it_fails,
     windows_brief,
 )
-from eskin.golden.core import AcceleratorConfig, InputError, QFormat, Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.pages.charts import STYLE, draw_costs, svg
 from eskin.pages.views import page, short_name, tables, words, write_text
 from eskin.training.formats import describe_formats
@@ -136,24 +136,6 @@ def _split_name(split: Record, things: str = "recordings") -> str:
     if "nested" in split:
         return f"{groups or things} left out"
     return f"unseen {groups or things.removesuffix('s')}"
-
-
-def _range_row(entry: Record) -> Record:
-    """A profiled range with the width of its format and the share used: largest magnitude over what the
-    format holds.
-
-    Both are None for the index of an activation table, which saturates by design.
-    """
-    try:
-        fmt = QFormat.parse(entry["format"])
-    except ValueError:
-        return {**entry, "bits": None, "share": None}
-    low, high = float(fmt.to_real(fmt.min_code)), float(fmt.to_real(fmt.max_code))
-    return {
-        **entry,
-        "bits": fmt.width,
-        "share": max(entry["max"] / high, entry["min"] / low if low else 0.0, 0.0),
-    }
 
 
 def network_label(config: AcceleratorConfig) -> str:
@@ -272,7 +254,7 @@ def _render(result: Result) -> str:
         baselines=run.get("baselines", []),
         test=run.get("test"),
         warnings=run.get("warnings", []),
-        ranges=[_range_row(entry) for entry in result.training["ranges"]],
+        ranges=result.training["ranges"],
         short_network=network_label(config),
         failed=[check for check in run["checks"] if not check["held"]],
     )
