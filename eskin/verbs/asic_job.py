@@ -24,7 +24,7 @@ from eskin.memo import Memo, code_version
 from eskin.pages.views import words
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.liberty import Library, WireLoad, corners, read
-from eskin.rtl.asic.nets import BAND, Nets, blocks_of, costs
+from eskin.rtl.asic.nets import BAND, Nets, costs
 from eskin.rtl.asic.synthesis import Netlist, Process, models, process_of, synthesise
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
@@ -109,11 +109,9 @@ def asic(
     process = process_of(pdk, libraries["typ"])
     netlist = netlist_of(config, model.arrays, process)
     nets, counted = Nets(netlist.module, process.cells), netlist.counted(process)
-    by_kind, by_block = defaultdict[str, float](float), defaultdict[str, float](float)
+    by_kind = defaultdict[str, float](float)
     for cell, number in counted:
         by_kind[cell.kind] += cell.area * number
-    for name, block in blocks_of(nets).items():
-        by_block[block] += nets.cells[name].area
     total = sum(by_kind.values())
 
     def number_of(kind: str) -> int:
@@ -136,7 +134,6 @@ def asic(
         "one_phase": config.hardware.one_phase,
         "area_um2": total,
         "area_by_kind_um2": by_kind,
-        "area_by_block_um2": dict(sorted(by_block.items(), key=lambda row: -row[1])),
         "kge": total / process.nand.area / 1e3,
         "flip_flops": number_of("flip-flop"),
         "latches": number_of("latch"),
@@ -155,7 +152,6 @@ def asic(
             if path
         },
         "energy": energy,
-        "clock_pins": nets.clock_pins(),
         "tiles": total / (UTILISATION * math.prod(TILE_UM)),
         "utilisation": UTILISATION,
         "cannot_be_claimed": CANNOT,

@@ -1,23 +1,17 @@
-"""A flat netlist of library cells as a graph: at which pins its nets begin and end, the energy of a change of each, and
-the block of the chain to which each cell belongs.
+"""A flat netlist of library cells as a graph: at which pins its nets begin and end, and the energy of a change of each.
 
 A change of a net costs ``e = E_out + sum E_in + C V^2 / 2`` with the driver's and the receivers' internal
 energies of an edge and ``C`` = pins + wire. A clock net costs ``2 e`` for each of its cycles.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from eskin.rtl.asic.liberty import Cell, WireLoad
-from eskin.rtl.fpga.blocks import join
 
 BAND = 2.0
 """Within such a factor a chip's true figure lies, by the feasibility study; no layout checks it."""
-
-
-OTHERS, TRUNK = "others", "clock trunk"
 
 
 class Nets:
@@ -41,17 +35,6 @@ class Nets:
                         self.driver[bit] = name, pin
                     elif isinstance(bit, int):
                         self.receivers.setdefault(bit, []).append((name, pin, place))
-
-    def clock_pins(self) -> dict[str, int]:
-        """Clock pins on the clock's own net, and behind gates."""
-        nets = [
-            net
-            for net, ends in self.receivers.items()
-            for name, pin, _ in ends
-            if self.cells[name].pins[pin].clock
-        ]
-        before = nets.count(self.clock)
-        return {"before_gates": before, "behind_gates": len(nets) - before}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,34 +69,3 @@ def costs(nets: Nets, voltage: float, wire: WireLoad) -> Costs:
             kind[bit] = "clock"
         joule[bit] = edge(bit) * (1 + (kind[bit] == "clock"))
     return Costs(joule=joule, kind=kind, root_j=2 * edge(nets.clock))
-
-
-def blocks_of(nets: Nets) -> dict[str, str]:
-    """Block of each cell, by name: the block of the signal that it drives; if that has no name, of most of its
-    receivers. The gate that stops the clock before all others is the trunk."""
-    names: dict[int, str] = {}
-    for name, net in nets.module["netnames"].items():
-        if not net["hide_name"] and ".chain." in name:
-            for bit in net["bits"]:
-                if isinstance(bit, int) and name.count(".") > names.get(bit, "").count("."):
-                    names[bit] = name
-    drives: dict[str, list[int]] = {name: [] for name in nets.cells}
-    for bit, (name, _) in nets.driver.items():
-        drives[name].append(bit)
-    of_cell = {}
-    for name, bits in drives.items():
-        memory = nets.cells[name].kind == "memory"
-        if signal := name if memory else next((names[bit] for bit in bits if bit in names), ""):
-            of_cell[name] = _block(signal)
-    join(of_cell, drives, {bit: [name for name, *_ in ends] for bit, ends in nets.receivers.items()})
-    gates = {name for name, cell in nets.cells.items() if cell.kind == "gate"}
-    first = {name for name, *_ in nets.receivers.get(nets.clock, ())} & gates
-    trunk = [n for n in first for bit in drives[n] for end, *_ in nets.receivers.get(bit, ()) if end in gates]
-    return dict.fromkeys(nets.cells, OTHERS) | of_cell | dict.fromkeys(trunk, TRUNK)
-
-
-def _block(name: str) -> str:
-    """``engine.addends`` of ``accelerator.chain.engine.addends.sums.word``; lanes are one."""
-    parts = re.sub(r"\[\d+\]", "", name.split(".chain.", 1)[1]).split(".")[:-1]
-    depth = 2 if parts[:1] and parts[0] in ("engine", "front_end") else 1
-    return re.sub(r"_\d+$", "", ".".join(parts[:depth])) or OTHERS
