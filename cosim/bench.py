@@ -1,7 +1,7 @@
 """The cocotb bench: recorded frames go in, and every stage is compared with the golden trace as its values come.
 
-It runs in the simulator's own Python around cosim/wrapper.sv, in a work folder with two files: ``bench.json``, the
-settings (`eskin.cosim.flow`), and ``vectors.npz``, the trace that torch computed. It leaves ``result.json``.
+It runs in the simulator's own Python around cosim/wrapper.sv, in a work folder with ``bench.json``, the settings
+(`eskin.cosim.flow`), which name the file of vectors: the trace that torch computed. It leaves ``result.json``.
 Any other scenario is its own cocotb test that starts from `Bench`.
 """
 
@@ -195,9 +195,10 @@ class FrameSource:
 class Bench:
     """Source, bus, monitors, scoreboard and budgets around one wrapper.
 
-    ``bench.json`` holds: design (the generated folder), block, bits, period (as of `FrameSource`), patience (cycles
-    without progress that are a standstill), stalls (a seed, or null), probes (false: the hardware has none), positions (of
-    the recordings to play), probe (a weight write in an open touch), waves_from (cycle).
+    ``bench.json`` holds: design (the generated folder), vectors (the file), frames (which of its arrays is sent), block,
+    bits, period (as of `FrameSource`), patience (cycles without progress that are a standstill), stalls (a seed, or
+    null), probes (false: the hardware has none), positions (of the recordings to play), probe (weight writes in an open
+    touch), waves_from (cycle).
     """
 
     def __init__(self, dut) -> None:

@@ -59,10 +59,10 @@ module wrapper #(parameter integer FRAMES = 1, BEATS = 16, BITS = 16, SAMPLE_BIT
     always #5 clk = ~clk;
     always @(posedge clk) begin
         cycle <= cycle + 1;
-        for (k = 0; k < 7; k = k + 1) if (valid[k] !== 1'b0 && valid[k] !== 1'bz) say(k, valid[k] ? values[32*k +: 32] : 32'bx, cycle, 0);
+        for (k = 0; k < 7; k = k + 1) if (!rst && valid[k] !== 1'b0 && valid[k] !== 1'bz) say(k, valid[k] ? values[32*k +: 32] : 32'bx, cycle, 0);
         if (offered && !rst && (!o__valid || o__payload !== held)) say(UNSTABLE, o__payload, cycle, 1);
         if (o__valid && !offered) offered_at = cycle;
-        if (o__valid && o__ready) say(DECISION, o__payload, offered_at, 0);
+        if (!rst && o__valid && o__ready) say(DECISION, o__payload, offered_at, 0);
         offered = o__valid && !o__ready;
         held = o__payload;
         if (!rst && (^{i__ready, o__valid, busy}) === 1'bx) say(UNKNOWN, 255, cycle, 1);

@@ -340,10 +340,10 @@ class CompareRequest(ModelOptions, JsonOptions):
 
 @request
 class ImportRequest:
-    file: Path = argument("A network as .onnx, of torch by torch.onnx.export.")
+    file: Path = argument("A torch state_dict (.pt, .pth), or an .onnx file.")
     out: Path = option("Model folder: new, or an earlier model to replace.")
     config: str | None = option("Configuration of the training: a preset or a JSON file.", None)
-    cell: Cell | None = option("Cell that the file must hold. Default: any.", None)
+    cell: Cell | None = option("Cell. Default: the .onnx file's, otherwise the configuration's.", None)
     reset: Reset | None = option("GRU: reset gate before or after the recurrent product.", None)
     mean: float | None = option("Codes subtracted from every window mean in its training.", None)
     std: float | None = option("Codes by which its training divided.", None)
@@ -381,7 +381,7 @@ class StabilityRequest(ModelDataOptions, ClusterOptions):
     defences: bool | None = option(
         "Compare training with and without defences. Default: without --mode.", None
     )
-    few: int = option("Recordings per point of a curve.", 100, min=1)
+    few: int = option("Recordings of the modes that would take too long on all.", 100, min=1)
 
 
 # ---------------------------------------------------------------------- hardware

@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 import eskin
 from eskin import data as reader
-from eskin.data import load_recordings, scene
+from eskin.data import load_recordings, turns
 from eskin.golden.core import ArchiveError, InputError, read_arrays
 from eskin.golden.core.files import MOST_UNPACKED_BYTES
 from tests.support import doors, watched
@@ -39,7 +39,9 @@ def corpus(tmp_path_factory):
 def one_scene():
     """The synthetic scene is made once, not in every child."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scene, "synthetic_recordings", functools.cache(scene.synthetic_recordings))
+        made = functools.cache(turns.turn_recordings)
+        patch.setattr(turns, "turn_recordings", made)
+        patch.setattr("eskin.data.load.turn_recordings", made)
         yield
 
 

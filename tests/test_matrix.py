@@ -82,6 +82,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         f"train {JUDGED} --folds 2 --cell auto --stress on --out {{out}}/model",
         ("linear", "image"),
     ),
+    "import": (
+        "import {weights} --config {config} {scale} --out {out}/model",
+        ("linear", "gru-before", "gru-after", "image"),
+    ),
     "quantise": ("quantise {model}", ("linear", "image")),
     "quantise --quantisation-aware": (
         "quantise {model} --data {data} --quantisation-aware --weight-bits 4",
@@ -98,7 +102,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "generate --streams": ("generate {model} --bus wishbone --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "scanned", "image")),
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
-    "import": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
+    "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
     "schedule": ("schedule {model} --out {out}", ("gru-before", "image")),
     "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear",)),
     "cosim netlist": (
@@ -138,6 +142,12 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
 it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
+    (
+        ("import",),
+        tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", *CHOSEN)),
+        "has reset after, not before; use --reset after",
+    ),
+    (("import",), ("linear",), "is to be a linear cell, which is read from ONNX"),
     (("train --fits",), ("image",), "--fits: networks for images have none"),
     (
         ("generate --streams",),
@@ -167,7 +177,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
     (("export --to onnx",), ("prototypes",), "field readout: is 'prototypes', which ONNX does not have"),
     (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
-    (("import",), ("prototypes", "image"), "is damaged or no ONNX file"),
+    (("import onnx",), ("prototypes", "image"), "--config: is missing"),
     (
         ("enrol", "quantise --quantisation-aware"),
         ("prototypes",),
@@ -182,7 +192,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "--quantisation-aware: is for networks that read recordings",
     ),
     (
-        ("enrol", "enrol --teach", "energy", "asic", "stability", "watch"),
+        ("enrol", "enrol --teach", "energy", "asic", "stability", "import", "watch"),
         ("image",),
         "is a network for images, which this verb does not take",
     ),
@@ -240,6 +250,25 @@ def pushed_or_shaken() -> Recordings:
         samples.append(np.rint(8000 + touch + rng.normal(0, 1, touch.shape)).astype(int))
     person = {"person": np.arange(48) % 12 // 4}
     return Recordings.of(samples, 2 * push + shake, sample_rate_hz=500, groups=person)
+
+
+def weights_of(config: AcceleratorConfig, path: Path) -> Path:
+    """A network as torch saves it."""
+    import torch
+
+    inputs, classes, units = config.inputs, config.classes, config.network.hidden
+    if config.network.cell == "linear":
+        torch.save(torch.nn.Linear(inputs, classes).state_dict(), path.with_suffix(".pt"))
+    elif config.is_image:
+        torch.save(
+            torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3), torch.nn.Linear(64, classes)).state_dict(),
+            path.with_suffix(".pt"),
+        )
+    else:
+        cell = torch.nn.LSTM if config.network.cell == "lstm" else torch.nn.GRU
+        layers = torch.nn.ModuleList([cell(inputs, units), torch.nn.Linear(units, classes)])
+        torch.save(layers.state_dict(), path.with_suffix(".pt"))
+    return next(path.parent.glob(f"{path.name}.*"))
 
 
 def call(*words: str) -> int:
@@ -349,13 +378,19 @@ class Case:
         with socket.create_server(("127.0.0.1", 0)) as taken:
             return taken.getsockname()[1]
 
-    def onnx(self) -> Path:
-        """An exported network; of kinds that are not exported another file."""
+    def weights(self) -> Path:
+        return weights_of(self.configuration, self.out / "weights")
+
+    def onnx(self) -> Path | str:
+        """An exported network; of an image's kind a torch one, which has no configuration in it."""
         if self.kind in ("image", "prototypes"):
-            return self.model() / "float.npz"
+            return weights_of(self.configuration, self.out / "weights")
         assert call("export", f"{self.model()}", "--to", "onnx", "--out", f"{self.out}/net") == 0
         shutil.rmtree(self.out / "trained")
         return self.out / "net" / "model.onnx"
+
+    def scale(self) -> str:
+        return "--mean 0 --std 255" if self.kind == "image" else f"--data {self.data()}"
 
     def sweep(self) -> str:
         return "" if self.kind == "image" else f"--config {self.config()}"

@@ -106,7 +106,11 @@ def enrol(request: EnrolRequest) -> Record:
     return result
 
 
-@app.command("import", epilog="Example: eskin import net.onnx --out model --config c.json --mean 0 --std 40")
+@app.command(
+    "import",
+    epilog="Example: eskin import weights.pt --out model --config c.json --cell gru --reset after --mean 0 "
+    "--std 40",
+)
 def import_(request: ImportRequest) -> Record:
     """Convert a network of another tool to a model folder. Quantise it with --data afterwards."""
     from eskin.exchange.import_network import import_network
@@ -144,8 +148,12 @@ def import_(request: ImportRequest) -> Record:
 
 def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, Recordings | None]:
     """Configuration for an .onnx file without --config, and the recordings it is derived from, if it is."""
-    from eskin.exchange.import_onnx import embedded_configuration
+    from eskin.exchange.import_network import ONNX_SUFFIX
     from eskin.training.derive import derive_config
+
+    if file.suffix != ONNX_SUFFIX:
+        raise InputError("--config: is missing; weights alone do not define the array, so give it")
+    from eskin.exchange.import_onnx import embedded_configuration
 
     configuration = embedded_configuration(file)
     if configuration is not None:

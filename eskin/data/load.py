@@ -13,10 +13,9 @@ from eskin.data.array_files import ARRAYS
 from eskin.data.arrays import tables_of
 from eskin.data.logs import is_log, read_log
 from eskin.data.meaning import understand
-from eskin.data.scene import synthetic_scene
 from eskin.data.table import Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
-from eskin.data.turns import turn_recordings
+from eskin.data.turns import scene_of, turn_recordings
 from eskin.extras import without_extra
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.core.groups import MOST_CLASSES
@@ -54,7 +53,7 @@ def load_recordings(
         Path or the word; in Python also one long table as a pandas DataFrame.
     config:
         What one code of real samples is worth, and a rate that is not said; scene, array and rate of
-        ``synthetic`` (``synthetic_scene``).
+        ``synthetic`` (`eskin.data.turns`).
     reading:
         What is said about tables and arrays; None: everything is found out.
 
@@ -71,7 +70,7 @@ def load_recordings(
             f"recordings: are of type {type(data).__name__}; give {FORMS}, or a pandas DataFrame"
         )
     if str(data) == SCENE:
-        return turn_recordings() if config is None else synthetic_scene(config)
+        return turn_recordings() if config is None else scene_of(config)
     path = Path(data)
     asked = "--clock" if reading.clock != "log" else "--labels" if reading.labels else ""
     if asked and not is_log(path):

@@ -2,7 +2,7 @@
 
 A class is a relation: the second stroke goes ``on`` the way of the first, turns ``left``, comes ``back`` or
 turns ``right``. Most touches begin eastward, MIRRORED of them westward. Lengths are in half widths of the
-array, as in `eskin.data.scene`; a stroke is a finger pad, ``N g((x - a) / w) g(b / 2)``, a and b where
+array; a stroke is a finger pad, ``N g((x - a) / w) g(b / 2)``, a and b where
 a taxel lies along and beside its path, x from -1.2 to 1.2 at constant speed, N its pressure, which rises over
 the first and falls over the last 15 % of it.
 
@@ -23,7 +23,8 @@ works, nothing of a sensor.
 
 import numpy as np
 
-from eskin.data.piezo_array import Person, PiezoArray, bump, single
+from eskin.data.piezo_array import RECORDING_S, SIDES, Person, PiezoArray, bump, single
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.recordings import Recordings
 
 TURNS = {"on": 0, "left": 3, "back": 2, "right": 1}
@@ -36,6 +37,37 @@ UNEVEN = 0.3
 """Spread of the logarithms of a stroke's share in a touch's time and of its pressure."""
 VOLT = 0.1
 """Signal of a typical pressure before the high-pass, volt."""
+CODES = 1 << 25
+"""Samples (codes of one taxel) that a scene made from a configuration has at most."""
+
+
+def scene_of(config: AcceleratorConfig) -> Recordings:
+    """The scene on the array of a configuration: what ``--data synthetic`` means beside ``--config`` or a model. Its
+    array is the most square one of ``taxels``, no more rows than columns; its rate is sample_rate_hz; fast and large
+    arrays have fewer trials and persons.
+
+    Raises
+    ------
+    InputError
+        No array of 2..8 rows and columns has that many taxels; a rate outside 100..20000 Hz.
+    """
+    taxels, (least, most) = config.sensor.taxels, SIDES
+    sides = [n for n in range(least, most + 1) if not taxels % n and n <= taxels // n <= most]
+    if not sides:
+        raise InputError(
+            f"configuration '{config.name}', field taxels: is {taxels}; the synthetic scene has {least} to {most} rows and "
+            "columns; use the product of two such numbers, such as 16"
+        )
+    # recordings of each class
+    room = int(CODES / (RECORDING_S * config.sensor.sample_rate_hz * taxels * len(CLASSES)))
+    trials = next(trials for trials in (TRIALS, 2, 1) if trials == 1 or room >= trials * PERSONS)
+    return turn_recordings(
+        persons=max(2, min(PERSONS, room // trials)),
+        trials=trials,
+        rows=sides[-1],
+        columns=taxels // sides[-1],
+        sample_rate_hz=config.sensor.sample_rate_hz,
+    )
 
 
 def turn_recordings(
@@ -55,8 +87,10 @@ def turn_recordings(
         People, and recordings for each person and class.
     seed:
         Everything follows from it; a person's recordings do not depend on how many persons there are.
-    rows, columns, sample_rate_hz:
-        As for `eskin.data.scene.synthetic_recordings`.
+    rows, columns:
+        Taxels of the array, 2..8 each; taxel = row * columns + column.
+    sample_rate_hz:
+        Frames a second.
 
     Returns
     -------

@@ -7,7 +7,7 @@ of another step, a transposed layout or an offset is found. Only the operators b
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,15 +16,15 @@ import onnx
 import onnxruntime
 from onnx import numpy_helper
 
+from eskin.exchange.network import Network, fitted
 from eskin.exchange.reference import TOLERANCE, differences
+from eskin.exchange.torch_files import MOST_VALUES, check_readable
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
-from eskin.golden.model import Float, constants_shape, network_shapes, run_cell
-from eskin.training.formats import with_network
+from eskin.golden.model import Float, constants_shape, run_cell
 
 METADATA = "eskin_model"
 """Entry in which an exported file keeps configuration and normalisation."""
-MOST_BYTES, MOST_VALUES = 64 << 20, 1 << 20
-"""Of a file, and of one array; the largest that the accelerator takes has 4 x 32 x 512."""
+MOST_BYTES = 64 << 20
 OPSETS = (7, onnx.defs.onnx_opset_version())
 GATES = {"GRU": ("z", "r", "n"), "LSTM": ("i", "o", "f", "g")}
 """In the order in which ONNX stacks them; it calls n ``h`` and g ``c``."""
@@ -69,24 +69,16 @@ class Graph:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            with path.open("rb") as file:
-                content = file.read(MOST_BYTES + 1)
-        except OSError as error:
-            raise InputError(
-                f"network '{path}': cannot be read ({error.strerror or error}); check the path and its permissions"
-            ) from None
-        if len(content) > MOST_BYTES:
+        check_readable(path)
+        if path.stat().st_size > MOST_BYTES:
             raise InputError(
                 f"network '{path}': has over {MOST_BYTES >> 20} MB, beyond any that the accelerator takes"
             )
         try:
-            model = onnx.load_model_from_string(content)
+            model = onnx.load_model_from_string(path.read_bytes())
             versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
         except Exception:  # protobuf's errors have no common class of their own
-            raise InputError(
-                f"network '{path}': is damaged or no ONNX file; export it again, of torch with torch.onnx.export"
-            ) from None
+            raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None
         self.model, self.graph, self.producer = model, model.graph, _text(model.producer_name)
         if not self.graph.node:
             raise InputError(f"network '{path}': has no nodes; save {TAKEN}")
@@ -175,22 +167,11 @@ class Graph:
 
 # ---------------------------------------------------------------------- what the nodes say
 @dataclass(frozen=True)
-class Network:
-    """cell, reset (of a GRU), gate_activation, hidden, classes; columns: of the first weights; arrays: by the
-    names of the specification, section 8 (a linear cell: V (C, columns), b_y); names: what they are called in
-    the file; metadata: of an exported file, else empty."""
+class OnnxNetwork(Network):
+    """Also the graph, and the metadata of an exported file, else empty."""
 
-    path: Path
-    cell: str
-    reset: str
-    gate_activation: str
-    hidden: int
-    classes: int
-    columns: int
-    arrays: Arrays
-    names: dict[str, str]
     graph: Graph
-    metadata: Record
+    metadata: Record = field(default_factory=dict)
 
     def scale(self, config: AcceleratorConfig) -> Record | None:
         """mean, std and their source as an exported file keeps them; None where it keeps none of this
@@ -217,7 +198,7 @@ def embedded_configuration(path: str | Path) -> AcceleratorConfig | None:
     return AcceleratorConfig.from_dict(values["config"], f"network '{path}'") if values else None
 
 
-def read_onnx(path: str | Path) -> Network:
+def read_onnx(path: str | Path) -> OnnxNetwork:
     """The network of a file, its nodes and sizes checked; `agree` checks what it computes.
 
     Raises
@@ -235,7 +216,7 @@ def read_onnx(path: str | Path) -> Network:
         arrays = {"V": weights, "b_y": bias}
         classes, columns = weights.shape
         linear = ("linear", "before", "sigmoid", 0, classes, columns)
-        return Network(graph.path, *linear, arrays, names, graph, metadata)
+        return OnnxNetwork(graph.path, *linear, arrays, names, graph, metadata)
     node = layers[0]
     attributes, order = node_attributes(node), GATES[node.op_type]
     activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
@@ -278,7 +259,7 @@ def read_onnx(path: str | Path) -> Network:
     reset = "after" if after else "before"
     sizes = hidden, len(weights), w.shape[2]
     of_nodes = (node.op_type.lower(), reset, ACTIVATIONS[activations], *sizes)
-    return Network(graph.path, *of_nodes, arrays, names, graph, metadata)
+    return OnnxNetwork(graph.path, *of_nodes, arrays, names, graph, metadata)
 
 
 def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
@@ -328,52 +309,8 @@ def _metadata(graph: Graph) -> Record:
 
 
 # ---------------------------------------------------------------------- into a model
-def fitted(
-    network: Network, config: AcceleratorConfig, cell: str | None, reset: str | None
-) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
-    """``config`` with cell and sizes of the file, and the float network's arrays. ``cell`` and ``reset``: what the
-    network is said to be, held against the file.
-
-    Raises
-    ------
-    InputError
-        It is another network than said, or of another array or task.
-    """
-    where, recurrent = f"network '{network.path}'", network.cell != "linear"
-    said = [("cell", cell, network.cell), ("reset", reset, network.reset)]
-    for name, value, held in said[: 1 + (network.cell == "gru")]:
-        if value not in (None, held):
-            raise InputError(f"{where}: has {name} {held}, not {value}; use --{name} {held}")
-    try:
-        config = with_network(
-            config.replace(gate_activation=network.gate_activation),
-            cell=network.cell,
-            reset=network.reset if network.cell == "gru" else None,
-            hidden=network.hidden or None,
-        )
-        sets = {config.windows.steps * config.inputs: "window", config.inputs: "one"}
-        if not recurrent:
-            config = config.replace(weight_sets=sets.get(network.columns, config.network.weight_sets))
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
-    for have, unit, part, sizes in (
-        (network.columns, "inputs", "taxels" if config.kinds == 1 else "feature_kinds", [*sets][-recurrent:]),
-        (network.classes, "classes", "class_names", [config.classes]),
-    ):
-        if have not in sizes:
-            raise InputError(
-                f"{where}: has {have} {unit} and configuration '{config.name}', field {part}, asks for "
-                f"{' or '.join(map(str, sizes))}; use the configuration of the array and task it was trained on"
-            )
-    arrays = dict(network.arrays)
-    if not recurrent:
-        arrays["V"] = arrays["V"].reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1)
-    names = network_shapes(config, real=True)
-    return config, {name: np.array(arrays[name], dtype=np.float64) for name in names}
-
-
 def convert_onnx(
-    network: Network, config: AcceleratorConfig, cell: str | None, reset: str | None
+    network: OnnxNetwork, config: AcceleratorConfig, cell: str | None, reset: str | None
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str, list[str]]:
     """``config`` with cell and sizes of the file, and the decision that its metadata keep; the float network's
     arrays; which logits the file gives, of the ``last`` or of ``every`` step, or ``metadata``; sentences about what
@@ -412,7 +349,7 @@ def convert_onnx(
     return config, arrays, shows, notes
 
 
-def _agree(network: Network, config: AcceleratorConfig, arrays: Arrays) -> tuple[str, int]:
+def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: Arrays) -> tuple[str, int]:
     """The kind of the file's outputs, logits of the ``last`` or of ``every`` step, and the steps on which
     they were computed, by random touches. Refuses a graph that computes other logits than the arrays."""
     graph, inputs, steps = network.graph, config.inputs, config.windows.steps

@@ -19,6 +19,7 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 
 import jinja2
@@ -35,8 +36,8 @@ from eskin.choose.choice_table import (
     where_it_fails,
     windows_brief,
 )
-from eskin.golden.core import AcceleratorConfig, InputError, QFormat, Record
-from eskin.pages.charts import STYLE, draw_costs, svg
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.pages.charts import SCANS, STYLE, draw_costs, svg
 from eskin.pages.views import page, short_name, tables, words, write_text
 from eskin.training.formats import describe_formats
 
@@ -138,24 +139,6 @@ def _split_name(split: Record, things: str = "recordings") -> str:
     return f"unseen {groups or things.removesuffix('s')}"
 
 
-def _range_row(entry: Record) -> Record:
-    """A profiled range with the width of its format and the share used: largest magnitude over what the
-    format holds.
-
-    Both are None for the index of an activation table, which saturates by design.
-    """
-    try:
-        fmt = QFormat.parse(entry["format"])
-    except ValueError:
-        return {**entry, "bits": None, "share": None}
-    low, high = float(fmt.to_real(fmt.min_code)), float(fmt.to_real(fmt.max_code))
-    return {
-        **entry,
-        "bits": fmt.width,
-        "share": max(entry["max"] / high, entry["min"] / low if low else 0.0, 0.0),
-    }
-
-
 def network_label(config: AcceleratorConfig) -> str:
     """``GRU 12`` or ``linear``."""
     return f"{config.network.cell.upper()} {config.network.hidden}" if config.recurrent else "linear"
@@ -190,16 +173,36 @@ def confusions(split: Record, class_names: Sequence[str]) -> list[Record]:
 
 
 # ---------------------------------------------------------------------- charts
-def draw_candidates(rows: Sequence[Record]) -> Figure:
-    """Accuracy of every candidate against energy of a touch (`eskin.pages.charts.draw_costs`)."""
+def fewer_scans(front_end: Record) -> list[Record]:
+    """For each ``scan_every`` that was judged the cheapest front end that ties with the best; where none does, the
+    most accurate."""
+    rows = [front_end["chosen"], *front_end["rivals"]]
+    found = []
+    for every in sorted({row["scan_every"] for row in rows}):
+        alike = sorted((row for row in rows if row["scan_every"] == every), key=itemgetter("energy_touch_j"))
+        found.append(next((row for row in alike if row["level"]), max(alike, key=itemgetter("accuracy"))))
+    return found
+
+
+def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> Figure:
+    """Accuracy of every candidate against energy of a touch (`eskin.pages.charts.draw_costs`). Crosses show what
+    `fewer_scans` buy: front ends alone, by the linear classifier that chose among them."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     axes = figure.subplots()
     named = [row | {"name": network_name(row)} for row in rows]
     draw_costs(axes, named, "energy_touch_j", "energy of a touch (µJ)", 1e6)
+    scans = fewer_scans(front_end) if front_end else []
+    if len(scans) > 1:
+        places = [(1e6 * row["energy_touch_j"], row["accuracy"]) for row in scans]
+        axes.plot(*zip(*places, strict=True), ":x", color=SCANS, linewidth=0.8, zorder=1)
+        for row, place in zip(scans, places, strict=True):
+            under: Record = {"textcoords": "offset points", "fontsize": 7, "color": SCANS}
+            axes.annotate(f"1/{row['scan_every']}", place, (3, -9), **under)
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
-    under = "; lines down: under disturbance" * any(row.get("stress") for row in rows)
-    axes.set_title(f"grey: the best at each cost; {filled}{under}")
+    lines = "; lines down: under disturbance" * any(row.get("stress") for row in rows)
+    crosses = "\ncrosses: front ends alone, one frame in k scanned" * (len(scans) > 1)
+    axes.set_title(f"grey: the best at each cost; {filled}{lines}{crosses}")
     return figure
 
 
@@ -247,7 +250,7 @@ def _render(result: Result) -> str:
     chart = None
     if candidates and not config.is_image:
         with rc_context(STYLE):
-            chart = svg(draw_candidates(candidates))
+            chart = svg(draw_candidates(candidates, front_end))
     values = _values(result)
     (cards,) = tables(words("cards", **values))
     values |= {
@@ -272,7 +275,7 @@ def _render(result: Result) -> str:
         baselines=run.get("baselines", []),
         test=run.get("test"),
         warnings=run.get("warnings", []),
-        ranges=[_range_row(entry) for entry in result.training["ranges"]],
+        ranges=result.training["ranges"],
         short_network=network_label(config),
         failed=[check for check in run["checks"] if not check["held"]],
     )

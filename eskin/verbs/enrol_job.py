@@ -23,11 +23,11 @@ CACHE = Path("build/enrolments")
 CODE = partial(code_version, *LEARNING, *COST)
 
 
-def choose(shared: tuple[Recordings, list[str]], values: Arrays) -> list[Record]:
-    """The configuration chosen without each value's recordings; in a worker."""
-    recordings, group = shared
-    configs = evaluation.front_ends_without(recordings, values, group, cost_model())
-    return [config.to_dict() for config in configs]
+def choose(recordings: Recordings, group: list[str], values: Arrays) -> list[Record]:
+    """The configuration chosen without each value's recordings."""
+    return [
+        config.to_dict() for config in evaluation.front_ends_without(recordings, values, group, cost_model())
+    ]
 
 
 def evaluate(
@@ -58,10 +58,7 @@ def evaluate(
     if config is not None:
         configs = [configure(recordings, config, cost_model()).config] * len(values)
     else:
-        shared = recordings, list(group)
-        (chosen,) = jobs.results(
-            choose, {content: values}, shared, keep=keep, what="front ends chosen"
-        ).values()
+        chosen = keep.remembered(content, lambda: choose(recordings, group, values))
         configs = [AcceleratorConfig.from_dict(fields) for fields in chosen]
     plain = [configuration.to_dict() for configuration in configs]
     ordered = tuple(sorted(set(ks)))

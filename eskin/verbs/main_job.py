@@ -1,16 +1,18 @@
 """The main job, `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report,
 in one folder.
 
-Each stage works in a folder of its own beside OUT. OUT itself appears, or is replaced, in one rename when everything
-is there.
+Each stage works in a folder of its own beside OUT, named by the hash of all that went into it (data,
+configuration, code, options). A stage that was finished before is taken over, so an interrupted run goes on
+where it stopped. OUT itself appears, or is replaced, in one rename when everything is there.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import fcntl
+import json
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +25,7 @@ from rich.console import Console
 
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import Plan, configure
+from eskin.choose.choice_table import left_out, unseen
 from eskin.choose.cost import CostModel
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
@@ -35,24 +38,27 @@ from eskin.golden.core import (
     Record,
     check_folder,
     content_key,
-    replacing_folder,
     write_json,
 )
+from eskin.golden.core.files import exchange
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
-from eskin.memo import Memo
+from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
 from eskin.study.stability.panel import Panel, panel_of
-from eskin.training import evaluate, integers
+from eskin.training import LEARNING, evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
+from eskin.verbs import cost
 from eskin.verbs.cosim_job import one_of_each
+from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import cost_model
 from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
@@ -71,6 +77,7 @@ one, at most PER_CLASS of each class."""
 FEWEST_WINDOWS = 3
 """Fewest windows of such a run: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
+GOLDEN = LEARNING
 
 
 def run(request: RunRequest, console: Console | None = None) -> Record:
@@ -125,11 +132,17 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
         planned = plan.config if plan else user_config
         if held is not None and planned is not None:
             held = for_model(held, planned, say)
-    with replacing_folder(out) as folder:
-        steps = _Steps(request, loaded, held, user_config, prices, plan, panel, network, folder, stages)
-        record = steps.all(begin)
+        wished = [planned and planned.to_dict(), user_config is None, network, request.prefer, request.fits]
+        base = [loaded.content, *wished, panel and panel.weights]
+    with _Work(out) as work:
+        steps = _Steps(
+            request, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
+        )
+        result = work.folder / "result"
+        record = steps.all(result, begin)
         with stages("report"):
-            report.write_report(folder)
+            report.write_report(result)
+        work.publish(result)
     return record
 
 
@@ -140,6 +153,17 @@ def _stress(training: Record) -> Record:
         return {}
     held = sum(row["held"] for row in taken["stress"])
     return {"stress": taken["stress"], "stress_held": held, "stress_modes": len(taken["stress"])}
+
+
+def board_sentence(config: AcceleratorConfig, board: str) -> str:
+    """A sentence on the board that holds the whole design, by the estimate of its cost."""
+    boards = [name for name in dict.fromkeys((board, *TARGETS)) if cost.fits(config, name)]
+    size = f"{cost.cells_of(config)} logic cells and {cost.blocks_of(config, board)} block memories"
+    where = f"fits the {board}"
+    if board not in boards:
+        alternative = f"the {boards[0]} would hold it" if boards else "no board here would hold it"
+        where = f"does not fit the {board} with its link; {alternative}"
+    return f"the whole design, by estimate {size} without its link, {where}"
 
 
 def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
@@ -185,45 +209,69 @@ class _Steps:
     plan: Plan | None
     panel: Panel | None
     network: Record
-    folder: Path
+    work: _Work
     stages: Callable[[str], Any]
+    base: list[Any]
+    say: Callable[[str], None]
     timings: list[Record] = dataclasses.field(default_factory=list)
 
-    def stage(self, name: str, make: Callable[..., Any], *given: Any) -> Any:
-        """Result of ``make(notify, *given)``; the time that it takes is kept."""
-        begin = time.perf_counter()
+    def stage(
+        self,
+        name: str,
+        packages: tuple[str, ...],
+        make: Callable[..., None],
+        *given: Any,
+        options: Any = None,
+    ) -> Path:
+        """The folder of a stage: found finished, or made now, by ``make(folder, notify, *given)``."""
+        key = content_key([name, code_version(*packages), self.base, options])
+        begin, made = time.perf_counter(), []
         with self.stages(name) as notify:
-            made = make(notify, *given)
-        self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin})
-        return made
 
-    @property
-    def model_dir(self) -> Path:
-        """The model's folder."""
-        return self.folder / "model"
+            def fill(folder: Path) -> None:
+                make(folder, notify, *given)
+                made.append(folder)
 
-    def all(self, begin: float) -> Record:
-        """Run every stage and fill the folder with all but the page. The record, as in run.json."""
-        self.stage("training", self._train)
-        self.stage("quantisation", self._quantise)
-        model, training = IntegerModel.load(self.model_dir, images=True), load_training(self.model_dir)
+            folder = Memo(self.work.folder).folder(f"{name.replace(' ', '-')}.{key[:20]}", fill)
+        self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin, "cached": not made})
+        return folder
+
+    def all(self, result: Path, begin: float) -> Record:
+        """Run every stage and fill ``result`` with all but the page. The
+        record, as in run.json."""
+        trained = self.stage("training", (*GOLDEN, *COST), self._train)
+        quantised = self.stage("quantisation", GOLDEN, self._quantise, trained)
+        model = IntegerModel.load(quantised / "model", images=True)
+        training = load_training(quantised / "model")
         config = self.config = model.config
         numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
-        judged = self.stage("evaluation", lambda _: evaluate.evaluate(self.model_dir, self.recordings))
-        write_json(self.folder / "evaluate.json", judged)
-        baselines: list[Record] = []
+        evaluated = self.stage("evaluation", GOLDEN, self._evaluate, quantised)
+        self.say(_accuracy(training, config.is_image))
+        baselines = [] if config.is_image else self._baselines(training)
+        tested = self._test(quantised)
+        generated = self.stage("Verilog", ("golden", "rtl"), self._generate, model)
+
         if not config.is_image:
-            first = training["cross_validation"][0]["groups"]
-            classify = lambda notify: yardsticks.yardsticks(self.recordings, config, first, 5, notify)
-            baselines = training.get("baselines", []) + self.stage("other classifiers", classify)
-        tested = self._test()
-        self.stage("Verilog", self._generate, model)
-        full = self._simulated(
-            "cosim", "co-simulation", model, numbers, self.recordings.subset(numbers), flow.cosim
-        )
-        outcomes = {"cosim": full}
+            self.say(board_sentence(config, self.prices.board))
+
+        def simulate(name: str, numbers: np.ndarray, *given: Any) -> Path:
+            given = (model, generated / "rtl", numbers, *given)
+            options = list(map(int, numbers))
+            return self.stage(name, ("golden", "rtl", "cosim"), self._simulate, *given, options=options)
+
+        folders = {"cosim": simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)}
         if not config.is_image:
-            outcomes |= self._at_the_pace_of_the_sensor(model, numbers, full)
+            folders |= self._at_the_pace_of_the_sensor(numbers, simulate, _outcome(folders["cosim"]))
+
+        shutil.rmtree(result, ignore_errors=True)
+        result.mkdir()
+        shutil.copytree(quantised / "model", result / "model")
+        shutil.copytree(generated / "rtl", result / "rtl")
+        shutil.copy(evaluated / "evaluate.json", result)
+        outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
+        if not config.is_image:
+            outcomes.setdefault("cosim_lowest", None)
+        judged = json.loads((evaluated / "evaluate.json").read_text())
         checks = _checks(judged, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
         record = {
@@ -252,44 +300,58 @@ class _Steps:
                 "lowest_clock_hz": clock_hz,
                 **_stress(training),
             }
-        write_json(self.folder / RESULT_MARK, record)
+        write_json(result / RESULT_MARK, record)
         return record
 
     def _at_the_pace_of_the_sensor(
-        self, model: IntegerModel, numbers: np.ndarray, full: Record
-    ) -> dict[str, Record | None]:
-        """The runs at the configured clock and, where hardware and model agree so far, at the lowest that meets every
-        budget."""
+        self, numbers: np.ndarray, simulate: Callable[..., Path], full: Record
+    ) -> dict[str, Path]:
+        """The folders of the runs at the configured clock and, where hardware and model agree so far, at the
+        lowest that meets every budget."""
         few = self._few(numbers, self.config.hardware.clock_hz)
-        job: Any = partial(flow.cosim, pace="declared")
-        declared = self._simulated("cosim_declared", "pace of the sensor", model, *few, job)
-        lowest = None
-        if full["bit_exact"] and declared["bit_exact"]:
-            cycles = declared["cycles"]
-            few = self._few(numbers, latency.needed_clock(self.config, cycles))
-            job = partial(_lowest_clock, cycles=cycles)
-            lowest = self._simulated("cosim_lowest", "lowest clock", model, *few, job)
+        declared = simulate("pace of the sensor", *few, partial(flow.cosim, pace="declared"))
+        outcome = _outcome(declared)
+        if not (full["bit_exact"] and outcome["bit_exact"]):
+            return {"cosim_declared": declared}
+        cycles = outcome["cycles"]
+        few = self._few(numbers, latency.needed_clock(self.config, cycles))
+        lowest = simulate("lowest clock", *few, partial(_lowest_clock, cycles=cycles))
         return {"cosim_declared": declared, "cosim_lowest": lowest}
 
-    def _train(self, notify: Progress) -> None:
+    def _baselines(self, training: Record) -> list[Record]:
+        """The baselines of the training, and other classifiers on the same folds."""
+        measured = self.stage("other classifiers", GOLDEN, self._yardsticks, training)
+        return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
+
+    def _train(self, folder: Path, notify: Progress) -> None:
         options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, "stress": self.panel, **self.network}
         choice.train_chosen(
-            self.recordings, self.user_config, self.prices, out=self.model_dir, progress=notify, **options
+            self.recordings, self.user_config, self.prices, out=folder / "model", progress=notify, **options
         )
 
-    def _quantise(self, notify: Progress) -> None:
-        prototypes = load_config(self.model_dir).has_prototypes  # which are made of recordings
-        integers.quantise(self.model_dir, self.recordings if prototypes else None)
+    def _quantise(self, folder: Path, notify: Progress, trained: Path) -> None:
+        shutil.copytree(trained / "model", folder / "model")
+        prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
+        integers.quantise(folder / "model", self.recordings if prototypes else None)
 
-    def _test(self) -> Record | None:
+    def _evaluate(self, folder: Path, notify: Progress, quantised: Path) -> None:
+        write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
+
+    def _yardsticks(self, folder: Path, notify: Progress, training: Record) -> None:
+        first = training["cross_validation"][0]
+        rows = yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify)
+        write_json(folder / "yardsticks.json", rows)
+
+    def _test(self, quantised: Path) -> Record | None:
         """The network on the recordings held back, once."""
         if self.held is None:
             return None
         with self.stages("recordings held back"):
             trained_on = recording_hashes(self.recordings)
             repeated = sum(recording in trained_on for recording in recording_hashes(self.held))
-            judged = evaluate.evaluate(self.model_dir, self.held)
-            return {"source": self.held.source, "seen_in_training": repeated} | judged
+            return {"source": self.held.source, "seen_in_training": repeated} | evaluate.evaluate(
+                quantised / "model", self.held
+            )
 
     def _doubts(
         self,
@@ -322,16 +384,15 @@ class _Steps:
                 found += doubts.leaks(**vars(leak))
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
-    def _generate(self, notify: Progress, model: IntegerModel) -> None:
+    def _generate(self, folder: Path, notify: Progress, model: IntegerModel) -> None:
         """Verilog with a bench that plays one recording with a touch, or the first image."""
-        design = self.folder / "rtl"
         if model.config.is_image:
-            generate_design(model, design, recordings=self.recordings)
+            generate_design(model, folder / "rtl", recordings=self.recordings)
             return
         number, recording, trace = self._played(model)
-        with tempfile.TemporaryDirectory() as work:
-            vectors = write_vectors(Path(work) / "vectors.npz", trace, recording, [number])
-            generate(model.config, model.arrays, design, vectors=vectors)
+        vectors = write_vectors(folder / "vectors.npz", trace, recording, [number])
+        generate(model.config, model.arrays, folder / "rtl", vectors=vectors)
+        vectors.unlink()
 
     def _played(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
         """The first recording, taken evenly over the classes, with a whole touch, else the first with a
@@ -385,30 +446,28 @@ class _Steps:
             ends = np.minimum(ends, np.maximum(affordable, few_windows))
         return candidates[chosen], whole.subset(chosen).until(ends[chosen])
 
-    def _simulated(
-        self, name: str, title: str, model: IntegerModel, numbers: np.ndarray, played: Recordings, job: Any
-    ) -> Any:
-        """The result of a co-simulation, as written to ``name``.json; the waves of a mismatch beside it."""
-
-        def simulate(notify: Progress, work: Path) -> Record | None:
-            notify("golden model", 0, len(played))
-            vectors = expected_of(model, played, work / "vectors.npz", numbers)
-            notify("golden model done; compiling the simulator and playing", 0, len(played))
-            options = {
-                "cocotb": one_of_each(played.labels),
-                "work": work / "work",
-                "builds": BUILDS.resolve(),
-            }
-            return job(self.folder / "rtl", vectors, **options)
-
-        with tempfile.TemporaryDirectory() as work:
-            outcome = self.stage(title, simulate, Path(work))
-            if outcome is not None:
-                if outcome["waves"]:
-                    shutil.move(outcome["waves"], self.folder / f"waves_{name}")
-                    outcome["waves"] = f"waves_{name}"
-                write_json(self.folder / f"{name}.json", outcome)
-        return outcome
+    def _simulate(
+        self,
+        folder: Path,
+        notify: Progress,
+        model: IntegerModel,
+        design: Path,
+        numbers: np.ndarray,
+        played: Recordings,
+        job,
+    ) -> None:
+        notify("golden model", 0, len(played))
+        vectors = expected_of(model, played, folder / "vectors.npz", numbers)
+        shown = one_of_each(played.labels)
+        notify("golden model done; compiling the simulator and playing", 0, len(played))
+        outcome = job(design, vectors, cocotb=shown, work=folder / "work", builds=BUILDS.resolve())
+        if outcome is not None and outcome["waves"]:
+            waves = Path(outcome["waves"])
+            os.replace(waves, folder / waves.name)
+            outcome["waves"] = waves.name
+        write_json(folder / "result.json", outcome)
+        vectors.unlink()
+        shutil.rmtree(folder / "work")
 
     def _data(self) -> Record:
         recordings, lengths = self.recordings, self.recordings.lengths
@@ -419,7 +478,7 @@ class _Steps:
             "taxels": recordings.taxels,
             "unit": recordings.unit or ("" if recordings.volt_per_code else "V"),
             "sample_rate_hz": recordings.sample_rate_hz,
-            "sha256": recordings.content,
+            "sha256": self.base[0],
             "classes": {
                 name: int(n) for name, n in zip(recordings.class_names, recordings.class_counts, strict=True)
             },
@@ -439,6 +498,31 @@ def _lowest_clock(*where: Path, **options: Any) -> Record | None:
         return flow.lowest_clock(*where, **options)
     except flow.NoClock:
         return None
+
+
+def _accuracy(training: Record, images: bool) -> str:
+    """The figure that the report begins with, as soon as it is there."""
+    split = unseen(training["cross_validation"][0])
+    things = "images left out" if images else f"leaving out {left_out(split['groups'])}"
+    figures = f"integer {percent(split['integer_accuracy'])}, float {percent(split['float_accuracy'])}"
+    return f"accuracy, {things}: {figures}"
+
+
+def _outcome(folder: Path) -> Any:
+    """Result that a co-simulation's stage left in its folder."""
+    return json.loads((folder / "result.json").read_text())
+
+
+def _take_over(folder: Path, result: Path, name: str) -> Record | None:
+    """Copy a co-simulation's result and waves; the result."""
+    outcome = _outcome(folder)
+    if outcome is not None:
+        if outcome["waves"]:
+            waves = f"waves_{name}"
+            shutil.copytree(folder / outcome["waves"], result / waves)
+            outcome["waves"] = waves
+        write_json(result / f"{name}.json", outcome)
+    return outcome
 
 
 def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Record]:
@@ -482,6 +566,50 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
             detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact' if held else verdict(lowest)}"
         check("a lowest clock that meets every budget", held, detail)
     return checks
+
+
+# ---------------------------------------------------------------------- folders
+class _Work:
+    """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time
+    may use it."""
+
+    def __init__(self, out: Path) -> None:
+        self.out, self.folder = out, out.with_name(f".{out.name}.work")
+
+    def __enter__(self) -> _Work:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.lock = (self.folder / "lock").open("w")
+        except OSError as error:
+            raise InputError(
+                f"--out {self.out}: cannot be written ({error.strerror}); name a folder you may write to"
+            ) from None
+        try:
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self.lock.close()
+            raise InputError(
+                f"--out {self.out}: another run is writing it; wait for that one or name another folder"
+            ) from None
+        old = self.folder / "old"
+        if old.exists() and not self.out.exists():  # stopped between the two renames of publish
+            os.replace(old, self.out)
+        shutil.rmtree(old, ignore_errors=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Without a finished stage there is nothing to resume and the whole folder goes."""
+        shutil.rmtree(self.folder / "result", ignore_errors=True)
+        if not any(self.folder.glob("*/finished")):
+            shutil.rmtree(self.folder, ignore_errors=True)
+        self.lock.close()
+
+    def publish(self, result: Path) -> None:
+        """Let ``result`` take the place of ``out``; the stages are not needed any more."""
+        exchange(result, self.out, self.folder / "old")
+        for entry in self.folder.iterdir():
+            if entry.is_dir():
+                shutil.rmtree(entry)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim import flow
-from eskin.data import synthetic_recordings
+from eskin.data import turn_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault
 from eskin.golden.data import Recordings
@@ -104,7 +104,10 @@ def case_of(name: str, shared_data: Path) -> tuple[AcceleratorConfig, Recordings
             chip, **PIEZO.get(chip, dict(code_offset=-27352, code_shift=0))
         )
     else:  # the scene, whose 16 bits are rounded
-        made, fields = synthetic_recordings(persons=1, trials=2), behind(chip, **SCENE.get(chip, {}))
+        made, fields = (
+            turn_recordings(persons=1, trials=2, rows=4, columns=4, sample_rate_hz=3000),
+            behind(chip, **SCENE.get(chip, {})),
+        )
     config = PRESETS[preset].replace(**fields)
     return config, beginnings(made, config)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.data import synthetic_recordings
+from eskin.data import turn_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data import Recordings
@@ -202,7 +202,7 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
     model = dataclasses.replace(model, config=config)
     hardware = netlist_hardware(Path(shutil.copy(verilog, tmp_path)), "ice40", "icebreaker", probes=False)
     made = (
-        synthetic_recordings(persons=1, trials=2)
+        turn_recordings(persons=1, trials=2, rows=4, columns=4, sample_rate_hz=3000)
         if name == "thesis"
         else load_archive(shared_data / "pvdf_indent" / "recordings.npz")
     )

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
+import torch
 import typer
 from rosbags.rosbag2 import StoragePlugin
 from scipy.io import loadmat, savemat
@@ -109,6 +110,8 @@ def make_corpus(folder: Path) -> Path:
     _archive(folder / "recordings.npz", config, samples=loaded.samples.astype(np.uint16), offsets=loaded.offsets, labels=loaded.labels,
              person=loaded.groups["person"], sample_rate_hz=500.0)  # fmt: skip
     (folder / "config.json").write_text(config.to_json())
+    layers: torch.nn.Module = torch.nn.ModuleDict({"cell": torch.nn.GRU(4, 4), "head": torch.nn.Linear(4, 2)})
+    torch.save(layers.state_dict(), folder / "network.pt")
     write_onnx(FloatModel(config, result_case.float_model().arrays), folder / "network.onnx")
     _tables(folder, loaded)
     few = Recordings.of(
@@ -152,6 +155,10 @@ def make_corpus(folder: Path) -> Path:
         person=np.arange(12) // 3,
     )
     (folder / "image.json").write_text(image.to_json())
+    layers = torch.nn.Sequential(
+        torch.nn.Conv2d(1, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.Linear(6 * 7 * 4, 2)
+    )
+    torch.save(layers.state_dict(), folder / "image.pt")
     (folder / "cells.lib").write_text(LIBERTY)
     (folder / "cells.lib.gz").write_bytes(gzip.compress(LIBERTY.encode()))
     return folder
@@ -458,7 +465,7 @@ quantise model --weight-bits #
 """
 CONFIGURED = """train --data ../in/recordings.npz --out made --config @
 sweep --data ../in/recordings.npz --config @
-import ../in/network.onnx --out made --config @ --mean 0 --std 9
+import ../in/network.pt --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
 train --data synthetic --out made --config @
 """
@@ -496,12 +503,15 @@ READERS = {
     "taught.npz": "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @\n"
     "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @ --teach $",
     "config.json": CONFIGURED,
+    "network.pt": "import @ --out made --config ../in/config.json --mean # --std #",
     "network.onnx": "import @ --out made\nimport @ --out made --config ../in/config.json --mean # --std #\n"
     "import @ --out made --data ../in/recordings.npz",
     "result": "report result",
     "images.npz": IMAGES,
     "image_model": MODEL.replace("recordings.npz", "images.npz"),
-    "image.json": "run --data ../in/images.npz --config @",
+    "image.json": "import ../in/image.pt --out made --config @ --mean 0 --std 255\nrun --data "
+    "../in/images.npz --config @",
+    "image.pt": "import @ --out made --config ../in/image.json --mean # --std #",
     "cells.lib": "asic ../in/model --pdk ihp-sg13g2 --liberty @\nasic ../in/model --pdk sky130hd --liberty @",
     "cells.lib.gz": "asic ../in/model --pdk ihp-sg13g2 --liberty @",
 }
@@ -583,7 +593,7 @@ GOOD = {
     "source": "../in/csv ../in/table.csv ../in/r.mat ../in/lvm ../in/r.h5 ../in/table.parquet ../in/log.mcap ../in/bag",
     "labels": "../in/times.csv ../in/table.csv",
     "config": "../in/config.json pvdf thesis",
-    "file": "../in/network.onnx ../in/recordings.npz",
+    "file": "../in/network.pt ../in/network.onnx",
     "folder": "../in/model",
     "group": "person source_file person,source_file x",
     "recordings": "1 2 all -1 0",

@@ -13,10 +13,12 @@ from eskin.choose.networks import network
 from eskin.data import load_recordings, piezo_array, turns
 from eskin.data.fit import check_fit
 from eskin.data.turns import turn_recordings
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import Touches, find_touches
 from eskin.training.crossval import cross_validate
-from eskin.training.derive import derive_config
+from eskin.training.derive import derive_config, find_onsets
+from tests.support.table import each_row
 
 SETTLE = 13
 
@@ -99,9 +101,28 @@ def test_larger_networks_do_better_on_unseen_persons(scene, config):
     assert linear < 0.88 < small < large - 0.02 and 0.955 < large < 1.0
 
 
-def test_the_scene_of_a_model_is_that_of_its_classes(config):
+def test_the_scene_of_a_model_has_its_array(config):
     scene = load_recordings("synthetic", config=config)
     assert np.array_equal(scene.samples, load_recordings("synthetic").samples)
     check_fit(scene, config)
-    other = load_recordings("synthetic", config=config.replace(taxels=8, sample_rate_hz=100.0))
-    assert other.taxels == 8 and other.sample_rate_hz == 100 and len(other) == 512
+    for taxels, rows in ((4, 2), (8, 2), (12, 3), (36, 6)):
+        other = load_recordings("synthetic", config=config.replace(taxels=taxels, sample_rate_hz=100.0))
+        same = turn_recordings(rows=rows, columns=taxels // rows, sample_rate_hz=100.0)
+        assert np.array_equal(other.samples, same.samples) and len(other) == 512
+    fast = load_recordings("synthetic", config=PRESETS["thesis"])
+    assert len(fast) == 16 * 2 * 4 and fast.samples.size <= turns.CODES
+    found = find_onsets(PRESETS["thesis"].replace(class_names=fast.class_names), fast)
+    assert (found >= 0).all()
+
+
+@each_row(
+    "changes, match",
+    [
+        ({"taxels": 7}, "field taxels: is 7; the synthetic scene has 2 to 8 rows and columns"),
+        ({"taxels": 160}, "field taxels: is 160; the synthetic scene has 2 to 8 rows"),
+        ({"sample_rate_hz": 35.6}, "synthetic scene, sample_rate_hz: is 35.6; it must lie in 100..20000"),
+    ],
+)
+def test_configurations_without_a_scene_are_refused(changes, match):
+    with pytest.raises(InputError, match=match):
+        load_recordings("synthetic", config=PRESETS["synthetic"].replace(**changes))

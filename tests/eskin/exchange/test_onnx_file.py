@@ -19,15 +19,11 @@ from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.model import FloatModel, constants_shape, network_shapes
-from eskin.training.datasets import find_dataset, touch_rows
-from eskin.training.fit import fit_networks
-from eskin.training.recipe import Recipe
 from eskin.verbs.export_job import export_onnx
 from tests.support.c_played import front_end
 from tests.support.c_played import model_of as model_on
 from tests.support.small_designs import TRACKED
 from tests.support.table import each_row
-from tests.support.touch_scenes import SMALL, scene
 
 CONFIG = TRACKED.replace(hidden=6, class_names=("press", "stroke", "tap"))
 WIDE = {"state_format": QFormat(4, 12)}
@@ -131,9 +127,9 @@ def test_torch_to_onnx_to_eskin_to_onnx(layer, opset, dynamic, tmp_path):
     assert largest_difference(model, write_onnx(model, tmp_path / "again.onnx"), features) < 1e-5
 
 
-def edited(change, tmp_path, cell="after", config=None):
+def edited(change, tmp_path, cell="after"):
     """An exported file, changed: ``change`` gets the model."""
-    made = onnx_model(model_of(config or CONFIG.replace(**CELLS[cell])))
+    made = onnx_model(model_of(CONFIG.replace(**CELLS[cell])))
     del made.metadata_props[:]
     change(made)
     (tmp_path / "net.onnx").write_bytes(made.SerializeToString())
@@ -298,36 +294,6 @@ def test_a_reset_that_torchs_exporter_dropped_is_told_and_found_by_the_reference
     assert status == 1 and not Path("dropped").exists(), out + err
     assert all(said in out + err for said in ("linear_before_reset is 0", "none written", "newer exporter"))
     assert call(*asked)[0] == 0
-
-
-def test_measured_normalisation_is_that_of_training(tmp_path):
-    """The same mean and deviation as a training on the same recordings writes."""
-    recordings, config = scene(30), SMALL.replace(cell="gru", reset="after", **WIDE)
-    file = edited(lambda made: None, tmp_path, config=config)
-    record = import_network(file, SMALL, out=tmp_path / "model", recordings=recordings)
-    data = find_dataset(recordings, SMALL, recipe := Recipe(name="one", updates=1))
-    everything = [touch_rows(data, np.arange(len(recordings)))]
-    (trained,) = fit_networks(data, SMALL, recipe, everything, 0, lambda *_: None)
-    model = FloatModel.load(tmp_path / "model")
-    mu, sigma = (float(model.arrays[name]) for name in ("mu", "sigma"))
-    assert (mu, sigma) == (trained.arrays["mu"], trained.arrays["sigma"]) and sigma > 1
-    assert record["normalisation"] == {"mean": mu, "std": sigma, "source": "scene"}
-
-
-@each_row(
-    "options, match",
-    [
-        ({"reset": "before"}, "has reset after, not before; use --reset after"),
-        ({"cell": "lstm"}, "has cell gru, not lstm; use --cell gru"),
-        ({"mean": None}, "--mean: is missing; give both"),
-        ({"std": 0.0}, "--std 0: is not a spread above 0"),
-        ({"mean": None, "std": None}, "do not define the normalisation; give --mean"),
-    ],
-)
-def test_what_is_said_of_a_file_must_be_so(options, match, tmp_path):
-    with pytest.raises(InputError, match=match):
-        taken(edited(lambda made: None, tmp_path), tmp_path, **options)
-    assert not (tmp_path / "made").exists()
 
 
 def test_nothing_is_reported_of_a_users_model(tmp_path):

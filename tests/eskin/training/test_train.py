@@ -146,7 +146,8 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
             quantisation_aware=aware,
         )  # fmt: skip
         by_training[aware, bits] = record
-        assert record["integer_accuracy"] == pytest.approx(np.mean(record["integer_by_seed"]))
+        for kind in ("float", "integer"):
+            assert record[f"{kind}_accuracy"] == pytest.approx(np.mean(record[f"{kind}_by_seed"]))
     assert by_training[True, 2]["integer_accuracy"] > by_training[False, 2]["integer_accuracy"] + 0.05
     assert by_training[False, 8]["agreement"] > 0.95
     # they start from the same float networks

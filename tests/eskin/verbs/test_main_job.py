@@ -1,8 +1,10 @@
-"""The main job's order and its last rename; the stages are stand-ins except in the slow run of
+"""The main job's order, its memory and its last rename; the stages are stand-ins except in the slow run of
 everything."""
 
 import dataclasses
+import fcntl
 import json
+import shutil
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -20,6 +22,7 @@ from tests.support import result_case
 from tests.support.folder import contents
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
+from tests.support.table import each_row
 
 QUIET = main_job.Console(quiet=True)
 
@@ -53,6 +56,7 @@ class Chain:
             "flow.lowest_clock": self.lowest_clock,
             "report.write_report": self.write_report,
         }
+        stand_ins["code_version"] = lambda *packages: "this code"
         for name, stand_in in stand_ins.items():
             monkeypatch.setattr(f"eskin.verbs.main_job.{name}", stand_in)
 
@@ -142,22 +146,73 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
     stages = [timing["stage"] for timing in record["timings"]]
     assert stages[:4] == ["training", "quantisation", "evaluation", "other classifiers"]
     assert stages[4:] == ["Verilog", "co-simulation", "pace of the sensor", "lowest clock"]
+    assert not any(timing["cached"] for timing in record["timings"])
 
 
-@pytest.mark.parametrize("stage", ORDER[::3])
-@pytest.mark.parametrize("stop", [KeyboardInterrupt, SimulationError])
-def test_an_interrupted_run_leaves_the_old_result_alone(chain, tmp_path, stage, stop):
-    run(tmp_path / "run")
-    before = contents(tmp_path)
-    chain.recordings = result_case.recordings(10)
+@pytest.mark.parametrize(
+    ("stage", "stop"),
+    [(stage, (KeyboardInterrupt, SimulationError)[number % 2]) for number, stage in enumerate(ORDER[::2])],
+)
+def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(chain, tmp_path, stage, stop):
+    out = tmp_path / "run"
+    run(out)
+    before = contents(out)
+    chain.recordings = result_case.recordings(10)  # other data: nothing of the old run can be used
     chain.calls.clear()
     chain.stop_at, chain.stop = stage, stop
     with pytest.raises(stop):
-        run(tmp_path / "run")
-    assert contents(tmp_path) == before and chain.calls == ORDER[: ORDER.index(stage) + 1]
+        run(out)
+    assert contents(out) == before
+    assert chain.calls == ORDER[: ORDER.index(stage) + 1]
+    chain.calls.clear()
     chain.stop_at = ""
-    assert run(tmp_path / "run", recordings="4")["data"]["recordings"] == 10
-    assert chain.played["cosim"][0] == chain.recordings.evenly(4).tolist()
+    record = run(out)
+    assert chain.calls == ORDER[ORDER.index(stage) :]
+    assert [timing["cached"] for timing in record["timings"]] == [
+        name not in chain.calls for name in ORDER[:-1]
+    ]
+    assert record["data"]["recordings"] == 10
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def change(chain, name: str) -> None:
+    arrays = chain.recordings
+    match name:
+        case "samples":
+            arrays.samples[5, 1] += 1
+        case "labels":
+            arrays.labels[0] += 1
+        case "groups":
+            arrays.groups["person"][0] += 1
+        case "configuration":
+            chain.config = CONFIG.replace(rearm_frames=17)
+
+
+@each_row("name", ["samples", "labels", "groups", "configuration", "code", "hidden"])
+def test_a_stage_of_other_inputs_is_not_taken_over(monkeypatch, tmp_path, name):
+    chain = Chain(monkeypatch)
+    chain.stop_at = "cosim"
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "run")
+    change(chain, name)
+    if name == "code":
+        monkeypatch.setattr(main_job, "code_version", lambda *packages: "other code")
+    chain.calls.clear()
+    chain.stop_at = ""
+    run(tmp_path / "run", hidden=3 if name == "hidden" else None)
+    assert chain.calls == ORDER
+
+
+def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
+    chain.stop_at = "lowest"
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "run")
+    chain.calls.clear()
+    chain.stop_at = ""
+    record = run(tmp_path / "run", recordings="4")
+    assert "train" not in chain.calls and "cosim" in chain.calls
+    assert record["cosimulated"] == chain.recordings.evenly(4).tolist()
+    assert chain.played["cosim"][0] == record["cosimulated"]
 
 
 def test_a_failed_check_is_a_result_that_did_not_pass(chain, tmp_path):
@@ -227,6 +282,29 @@ def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch
     with pytest.raises(InputError, match="array class_names: has recordings of .*, and --data .* knows"):
         run(tmp_path / "third", test="held")
     assert not (tmp_path / "third").exists()
+
+
+def test_two_runs_at_once_are_refused(chain, tmp_path):
+    work = tmp_path / ".run.work"
+    work.mkdir()
+    with (work / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(InputError, match="another run"):
+            run(tmp_path / "run")
+    assert not chain.calls
+    assert run(tmp_path / "run")["passed"]
+
+
+def test_a_run_stopped_between_the_two_renames_is_put_right(chain, tmp_path):
+    out = tmp_path / "run"
+    run(out)
+    before = contents(out)
+    (tmp_path / ".run.work").mkdir()
+    shutil.move(out, tmp_path / ".run.work/old")
+    chain.stop_at = "train"
+    with pytest.raises(KeyboardInterrupt):
+        run(out, hidden=3)
+    assert contents(out) == before and [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 @pytest.mark.slow

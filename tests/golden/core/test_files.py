@@ -3,11 +3,14 @@ archive larger than it looks."""
 
 import os
 import time
+import zipfile
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+import torch
 
-from eskin.golden.core import replacing, replacing_folder, write_json
+from eskin.exchange.import_network import read_layers
+from eskin.golden.core import InputError, files, replacing, replacing_folder, write_json
 from eskin.golden.model import pipeline, write_vectors
 from eskin.rtl.fpga.generate import generate
 from tests.support.folder import contents
@@ -83,3 +86,29 @@ def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path):
         temporary.write_text("half")
         raise ValueError("half")
     assert contents(tmp_path) == before
+
+
+STATE = torch.nn.ModuleDict({"rnn": torch.nn.GRU(4, 5), "head": torch.nn.Linear(5, 3)}).state_dict()
+
+
+def test_a_torch_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monkeypatch):
+    torch.save(STATE, tmp_path / "net.pt")
+    assert read_layers(tmp_path / "net.pt").arrays
+    bomb = tmp_path / "bomb.pt"
+    with (
+        zipfile.ZipFile(tmp_path / "net.pt") as source,
+        zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as target,
+    ):
+        for entry in source.infolist():
+            target.writestr(
+                entry.filename, source.read(entry) if "data/" not in entry.filename else bytes(1 << 20)
+            )
+    assert bomb.stat().st_size < 1 << 17
+    monkeypatch.setattr(files, "MOST_UNPACKED_BYTES", 1 << 20)
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "load", lambda *_, **__: pytest.fail("was read"))
+        with pytest.raises(
+            InputError,
+            match=r"bomb\.pt': unpacks to .* GB, more than the .* GB that are read; save only the weights",
+        ):
+            read_layers(bomb)
