@@ -74,7 +74,7 @@ def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
     if config.is_image:
         return frame_cycles(config), frame_cycles(config)
     kinds, rule, taxels = config.features.feature_kinds, config.onset_rule, config.sensor.taxels
-    plain = taxels + detector_latency(config) + 1
+    plain: float = taxels + detector_latency(config) + 1
     if rule.onset == "baseline":
         plain += VERDICT_CYCLES / rule.onset_check_frames
     ring = config.windows.window_mode == "touch" and not config.opens_at_once
