@@ -381,7 +381,7 @@ class StabilityRequest(ModelDataOptions, ClusterOptions):
     defences: bool | None = option(
         "Compare training with and without defences. Default: without --mode.", None
     )
-    few: int = option("Recordings of the modes that would take too long on all.", 100, min=1)
+    few: int = option("Recordings per point of a curve.", 100, min=1)
 
 
 # ---------------------------------------------------------------------- hardware

@@ -31,7 +31,8 @@ def sweep(request: SweepRequest) -> None:
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
 def stability(request: StabilityRequest) -> Record:
-    """Show where a model fails: every failure mode with a figure and a bound; benefit of defences."""
+    """Show where a model fails: every failure mode with a figure, a bound and a curve; benefit and cost of
+    defences."""
     from eskin.golden.model import load_config
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs import stability_job

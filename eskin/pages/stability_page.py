@@ -1,13 +1,22 @@
-"""The page of `eskin stability`: every failure mode with its figure and its bound, from stability.json alone."""
+"""The page of `eskin stability`: every failure mode with its figure, its bound and where it starts to fail,
+from stability.json alone."""
 
 from pathlib import Path
 
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
 from eskin.golden.core import Record
+from eskin.pages.charts import STYLE, svg
 from eskin.pages.views import page, percent, tables, words, write_text
 from eskin.study.stability.core import GROUPS
 from eskin.study.stability.suite import weakest
 
 PAGE = "stability.html"
+COLOURS = ("#0072B2", "#E69F00", "#009E73")
+BOUND = "#b13a00"
+
 GROUP_TITLES = {
     "numeric": "Numbers: rounding, saturation, widths, tables, bits",
     "stream": "The stream: touches in time, disturbances, clocks",
@@ -27,13 +36,67 @@ FIRST = 12
 """Modes in the table before the details: those beyond their bounds and then those with the least room."""
 
 
+def flat(curve: Record | None) -> bool:
+    """True if no line of a curve moves."""
+    return curve is None or all(
+        max(line) - min(line) <= 1e-9 * max(1.0, abs(max(line))) for line in curve["lines"].values()
+    )
+
+
+def draw_mode(record: Record) -> Figure:
+    """The curve of a mode with its bound; beyond the bound is shaded."""
+    curve = record["curve"]
+    figure = Figure(figsize=(4.6, 2.5), layout="constrained")
+    axes = figure.subplots()
+    x = curve["x"]
+    falling = len(x) > 1 and x[0] > x[-1]  # severity grows to the right
+    names = list(curve["lines"])
+    for k, (name, y) in enumerate(curve["lines"].items()):
+        style = {"linewidth": 1.6, "zorder": 3} if k == 0 else {"linewidth": 1.0, "linestyle": "--"}
+        axes.plot(
+            x,
+            y,
+            marker="o" if len(x) < 30 else "",
+            markersize=3,
+            color=COLOURS[k % len(COLOURS)],
+            label=name,
+            **style,
+        )
+    if len(names) > 1:
+        axes.legend(fontsize=7.5, loc="best")
+    if curve["log"] and min(x) > 0:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")  # text is no mathematics on a page: not 10^2
+    if falling:
+        axes.invert_xaxis()
+    low, high = axes.get_ylim()
+    bound = record["bound"]
+    low, high = min(low, bound - 0.06 * (high - low)), max(high, bound + 0.06 * (high - low))
+    beyond = (low, bound) if record["sense"] == "at least" else (bound, high)
+    axes.axhspan(*beyond, color=BOUND, alpha=0.07, linewidth=0, zorder=0)
+    axes.axhline(bound, color=BOUND, linewidth=1.0)
+    axes.set_ylim(low, high)
+    if record["fails_at"] is not None:
+        axes.axvline(record["fails_at"], color=BOUND, linewidth=0.8, linestyle=":")
+    if all(float(value).is_integer() for value in x) and not curve["log"]:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
+    if len(x) == 1:
+        axes.set_xticks(x)
+    axes.set_xlabel(curve["xlabel"], fontsize=8)
+    axes.set_ylabel(curve["ylabel"], fontsize=8)
+    axes.tick_params(labelsize=7.5)
+    return figure
+
+
 def write_page(folder: str | Path, result: Record) -> Path:
     """Make ``stability.html`` in ``folder`` of the content of stability.json; one file, nothing outside it is
     needed to show it."""
-    groups = [
-        {"title": GROUP_TITLES[group], "modes": [row for row in result["modes"] if row["group"] == group]}
-        for group in GROUPS
-    ]
+    groups: list[Record] = []
+    with rc_context(STYLE):
+        for group in GROUPS:
+            records = [record for record in result["modes"] if record["group"] == group]
+            charts = [None if flat(record["curve"]) else svg(draw_mode(record)) for record in records]
+            groups.append({"title": GROUP_TITLES[group], "modes": list(zip(records, charts, strict=True))})
     text = page(
         "stability.html.j2",
         result=result,

@@ -42,9 +42,9 @@ must find the touch."""
 ONSET_HITS, ONSET_SPAN = 3, 4
 """With that lower threshold the rule must hold in 3 of 4 judged frames, or a noisy taxel opens the gate."""
 FAILURES = {
-    "dead": Experiment(stuck("rest"), -10.0, over="taxels"),
-    "stuck": Experiment(stuck("high"), 0.25, over="taxels"),
-    "stuck, masked": Experiment(stuck("high"), 0.25, over="taxels", masked=True),
+    "dead": Experiment(stuck("rest"), -10.0, (), "", over="taxels"),
+    "stuck": Experiment(stuck("high"), 0.25, (), "", over="taxels"),
+    "stuck, masked": Experiment(stuck("high"), 0.25, (), "", over="taxels", masked=True),
 }
 """Failures of one taxel: at its rest level all along; at the highest code from a quarter of the touch on; the
 same with its mask bit set."""

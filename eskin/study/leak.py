@@ -21,7 +21,9 @@ MARGIN = 0.10
 """Accuracy above chance that is still no leak."""
 
 
-def without_touches(recordings: Recordings, config: AcceleratorConfig, onsets: np.ndarray) -> Recordings:
+def without_touches(
+    recordings: Recordings, config: AcceleratorConfig, onsets: np.ndarray, left_in: int = 0
+) -> Recordings:
     """Every recording with what follows its quiet lead-in replaced by that lead-in, repeated.
 
     The lead-in ends before the first frame that the onset rule used, because the touch may have begun there.
@@ -30,6 +32,9 @@ def without_touches(recordings: Recordings, config: AcceleratorConfig, onsets: n
     ----------
     onsets:
         (R) frames, from 1; a recording without one (-1) stays.
+    left_in:
+        Frames from the onset on that stay, with those between lead-in and onset: more than 0 shows what a leak
+        looks like.
     """
     samples = recordings.samples.copy()
     for index, onset in enumerate(onsets):
@@ -37,8 +42,8 @@ def without_touches(recordings: Recordings, config: AcceleratorConfig, onsets: n
             continue
         begin, end = recordings.offsets[index], recordings.offsets[index + 1]
         quiet = samples[begin : begin + onset - _judged_frames(config)]
-        rest = end - begin - len(quiet)
-        samples[end - rest : end] = np.resize(quiet, (rest, samples.shape[1]))
+        first = min(begin + onset - 1 + left_in, end) if left_in else begin + len(quiet)
+        samples[first:end] = np.resize(quiet, (end - first, samples.shape[1]))
     return dataclasses.replace(recordings, samples=samples)
 
 
@@ -62,6 +67,7 @@ def known_without_touch(
     recordings: Recordings,
     find: Callable[..., Touches] = find_touches,
     decide: Callable[[Touches], np.ndarray] | None = None,
+    left_in: int = 0,
 ) -> Leak | None:
     """Share of recordings without their touches that the model classifies; None if no recording has a
     lead-in.
@@ -70,6 +76,8 @@ def known_without_touch(
     ----------
     find, decide:
         Touches of recordings, and the class of each; default: the golden model's.
+    left_in:
+        As of ``without_touches``.
     """
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
@@ -79,7 +87,7 @@ def known_without_touch(
     if config.opens_at_once or not len(quiet):
         return None
     whole, onsets = recordings.subset(quiet), onsets[quiet]
-    touches = find(config, without_touches(whole, config, onsets), onsets=onsets)
+    touches = find(config, without_touches(whole, config, onsets, left_in), onsets=onsets)
     decided = decide(touches) if decide else decide_touches(model, touches).decision
     accuracy, chance = _known(whole, touches, decided)
     return Leak(len(whole), accuracy, round(chance + MARGIN, 6))

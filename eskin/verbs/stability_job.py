@@ -105,7 +105,7 @@ def run(
         check_target(out / name)
     models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
     bench = Bench.of(*models, recordings, few=few, **bench_options)
-    options = [few, bench.flips, bench.seed, bench.long]
+    options = [few, bench.flips, bench.seed, bench.points, bench.long]
     content = content_key(bench.model, recordings, CODE(), options, bench.real)
     keep = _Records(cache, content, Jobs(workers=workers, dask=request.dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if request.cosim else None

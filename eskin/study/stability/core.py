@@ -1,5 +1,5 @@
-"""Where the method fails, `eskin stability`: each failure mode a named experiment with a figure and a bound with
-its reason.
+"""Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with
+its reason, and a curve.
 
 An experiment is a function of a ``Bench`` (a model on a ``Scene``: recordings, and the parts of the golden
 model under test): an ``Experiment`` (``eskin.study.stability.shapes``) with a disturbance, or a function of its
@@ -10,7 +10,7 @@ table entry) is not a mode; the tests check it.
 """
 
 import dataclasses
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Self
@@ -72,8 +72,9 @@ class Scene:
     """Recordings to disturb under a front end. The inputs of a disturbance depend on the front end only:
     positions of the touches, spread of the features, noise of the taxels at rest.
 
-    config: the front end's. few: recordings (spread evenly) of the modes that would take too long on all. turns:
-    taxels that are disturbed in turn at most; 0 = all. origin: the scene that a changed one came from; it says
+    config: the front end's. few: recordings (spread evenly) that the points of a curve take; the figure itself
+    takes all. points: of a curve at most; 0 = all. turns: taxels that are disturbed in turn at most; 0 = all.
+    origin: the scene that a changed one came from; it says
     where the touches are, so that a broken variant meets the same disturbances.
     """
 
@@ -81,6 +82,7 @@ class Scene:
     recordings: Recordings
     parts: Parts = field(default_factory=Parts)
     few: int = 100
+    points: int = 0
     turns: int = 0
     seed: int = 1
     origin: Any = field(default=None, compare=False, repr=False)
@@ -108,6 +110,10 @@ class Scene:
     def rng(self, *key: int) -> np.random.Generator:
         """Random numbers that depend on the seed and ``key`` alone."""
         return np.random.default_rng([self.seed, *key])
+
+    def thin(self, levels: Sequence[float]) -> Sequence[float]:
+        """The levels of a curve, the first ``points`` of them."""
+        return levels[: self.points] if self.points else levels
 
     def remember(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """``make()``, once: what two modes share."""
@@ -309,6 +315,18 @@ def disturbed(scene: Scene, change: Change) -> Recordings:
 
 # ---------------------------------------------------------------------- what an experiment says
 @dataclass(frozen=True)
+class Curve:
+    """Curve of an experiment: ``lines`` (name -> y at each x, in order of severity). The bound holds for the
+    first line; log: the x axis is."""
+
+    xlabel: str
+    ylabel: str
+    x: Sequence[float]
+    lines: Mapping[str, Sequence[float]]
+    log: bool = False
+
+
+@dataclass(frozen=True)
 class Case:
     """A golden case for the hardware to confirm: recordings, and the model where it is not the one under
     test."""
@@ -324,6 +342,7 @@ class Outcome:
 
     value: float
     worst_case: str
+    curve: Curve | None = None
     case: Case | None = None
     rtl: Record | None = None
     detail: Any = None

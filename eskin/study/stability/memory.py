@@ -1,7 +1,7 @@
 """Failure modes of the memories, in the golden model: single bit flips in weights, tables, constants,
 configuration and state."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from eskin.golden.core import Arrays, InputError, QFormat
 from eskin.golden.model import Fixed, IntegerModel, network_formats, pipeline
-from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Outcome
+from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Curve, Outcome
 
 Site = tuple[Any, int, int]
 """A bit: the array, the value's place in it (flat), the bit of the value."""
@@ -36,6 +36,19 @@ def every_bit(arrays: Arrays, formats: Mapping[str, QFormat]) -> list[Site]:
         for place in range(arrays[name].size)
         for bit in range(fmt.width)
     ]
+
+
+def by_bit(sites: Iterable[Sequence[Any]], changed: Iterable[float]) -> Curve:
+    """The share of decisions that flips change against the bit that was inverted, the last of each site."""
+    shares: dict[int, list[float]] = {}
+    for site, share in zip(sites, changed, strict=True):
+        shares.setdefault(site[-1], []).append(float(share))
+    bits = sorted(shares)
+    lines = {
+        "mean of the flips": [float(np.mean(shares[bit])) for bit in bits],
+        "worst flip": [max(shares[bit]) for bit in bits],
+    }
+    return Curve("bit (0 = lowest)", "share of decisions changed", bits, lines)
 
 
 @dataclass(frozen=True)
@@ -69,7 +82,9 @@ class Flips:
         )
         few = bench.sample.clean
         case = self.model and Case(few.subset(range(min(3, len(few)))), self.model(bench, worst))
-        return Outcome(float(changed.max() if self.worst else changed.mean()), words, case)
+        return Outcome(
+            float(changed.max() if self.worst else changed.mean()), words, by_bit(sites, changed), case
+        )
 
     def _tried(self, bench: Bench) -> tuple[list[Site], np.ndarray]:
         sites, most = self.sites(bench), max(bench.flips // self.of, 16)
@@ -218,7 +233,7 @@ class Upset(Fixed):
 
 def state_flips(bench: Bench) -> Outcome:
     """One bit of one unit's state inverted after a random step of each touch: share of global decisions
-    changed."""
+    changed. Curve: which step."""
     few, config = bench.sample, bench.config
     # times the sample's touches, each with an upset of its own
     tries = max(1, bench.flips // (4 * len(few.codes)))
@@ -229,6 +244,11 @@ def state_flips(bench: Bench) -> Outcome:
     decisions = few.parts.decide(config, logits, np.tile(few.touches.completed, tries))[2]
     changed = decisions != np.tile(_decisions(few, few.forward(few.codes)[1]), tries)
 
-    shares = [float(changed[bit == k].mean()) if np.any(bit == k) else 0.0 for k in range(limits[2])]
+    def means(of: np.ndarray, count: int) -> list[float]:
+        return [float(changed[of == k].mean()) if np.any(of == k) else 0.0 for k in range(count)]
+
+    shares = means(bit, limits[2])
     worst = int(np.argmax(shares))
-    return Outcome(float(changed.mean()), f"bit {worst}: {shares[worst]:.4f}; {len(changed)} upsets")
+    lines = {"all bits": means(step, limits[0])}
+    curve = Curve("step of the upset", "share of decisions changed", range(1, limits[0] + 1), lines)
+    return Outcome(float(changed.mean()), f"bit {worst}: {shares[worst]:.4f}; {len(changed)} upsets", curve)

@@ -7,7 +7,7 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import FloatModel, constants_shape, network_formats, network_shapes
 from eskin.golden.model.preprocess import companded
-from eskin.study.stability.core import Bench, Outcome
+from eskin.study.stability.core import Bench, Curve, Outcome
 from eskin.study.stability.shapes import float_decisions
 
 GROWTH_STEPS = (20, 200, 2000, 20000)
@@ -59,7 +59,8 @@ def growth(bench: Bench) -> Outcome:
     largest of steps 200 to 20000 over that of step 20.
 
     The median, because a touch that follows another one without a reset can bring a sequence to a point where
-    the real network itself decides by a hair: there the two part for some steps, whatever the arithmetic.
+    the real network itself decides by a hair: there the two part for some steps, whatever the arithmetic. The
+    curve shows the worst sequence too.
     """
     config = bench.config
     steps = [t for t in GROWTH_STEPS if t <= bench.long]
@@ -73,17 +74,30 @@ def growth(bench: Bench) -> Outcome:
     middle, worst_of = [float(np.median(rms)) for rms in errors], [float(rms.max()) for rms in errors]
     ratios = [value / max(middle[0], 1e-12) for value in middle]
     worst = int(np.argmax(ratios[1:])) + 1 if len(steps) > 1 else 0
+    lines = {
+        "median of the sequences": ratios,
+        "worst sequence": [value / max(worst_of[0], 1e-12) for value in worst_of],
+    }
+    curve = Curve("steps without a reset", "error / error at step 20", steps, lines, log=True)
     unit = 2.0**config.formats.state_format.frac_bits
     words = f"step {steps[worst]}: {middle[worst] * unit:.2g} LSB against {middle[0] * unit:.2g} at step 20; worst sequence "
     words += f"{max(worst_of) * unit:.3g} LSB"
-    return Outcome(ratios[worst], words)
+    return Outcome(ratios[worst], words, curve)
 
 
 def outside_range(bench: Bench) -> Outcome:
-    """Window sums of the recordings times 2: local decisions equal to the float network's on the same."""
-
-    def alike(gain: float) -> float:
+    """Window sums of the recordings times 2: local decisions equal to the float network's on the same; the
+    curve: other factors."""
+    gains, line = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0], []
+    for gain in gains:
         louder = dataclasses.replace(bench.touches, sums=amplified(bench.config, bench.touches.sums, gain))
-        return float(np.mean(bench.local(bench.features(louder)) == float_decisions(bench, louder)))
-
-    return Outcome(alike(2.0), f"twice the recorded strength; 16 times: {alike(16.0):.3f}")
+        codes = bench.features(louder)
+        line.append(float(np.mean(bench.local(codes) == float_decisions(bench, louder))))
+    curve = Curve(
+        "strength of the touch / recorded",
+        "share of local decisions as in float",
+        gains,
+        {"agreement": line},
+        log=True,
+    )
+    return Outcome(line[1], f"twice the recorded strength; 16 times: {line[4]:.3f}", curve)

@@ -2,10 +2,12 @@
 detector sees them."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
-from eskin.study.stability.core import Bench, Change, Outcome, Scene, disturbed
+from eskin.golden.data import Recordings
+from eskin.study.stability.core import Bench, Change, Curve, Outcome, Scene, disturbed
 
 SPIKE_CODES = 3000
 """The largest spikes in the recordings of PVDF taxels are about as large."""
@@ -144,17 +146,37 @@ def _missed(bench: Bench, level: str, within: int) -> float:
 
 def missed(bench: Bench) -> Outcome:
     """Each taxel in turn sticks at an end of its range or at its rest level, a quarter into the touch: flags
-    not raised within two blocks of the detector, or raised for another taxel; the worst taxel and level."""
+    not raised within two blocks of the detector, or raised for another taxel; the worst taxel and level.
+    Curve: within how many frames."""
     few, fault_frames = bench.sample, bench.config.faults.fault_frames
     block = fault_frames or 64
     shares = {level: _missed(few, level, 2 * block) for level in ("high", "low", "rest")}
+    frames = bench.thin([4 * block, 2 * block, 3 * block // 2, block, block // 2])
+    line = [max(_missed(few, level, int(frame)) for level in ("high", "rest")) for frame in frames]
     worst = max(shares, key=shares.__getitem__)
     words = f"stuck {worst}: {shares[worst]:.4f}; {f'{fault_frames} frames' if fault_frames else 'no detector'} a block"
-    return Outcome(shares[worst], words)
+    return Outcome(
+        shares[worst], words, Curve("frames after the failure", "share missed", frames, {"missed": line})
+    )
 
 
 def false_alarms(bench: Bench) -> Outcome:
-    """Undisturbed recordings, to their very end, in which a fault flag is raised."""
-    flagged = bench.parts.find_touches(bench.config, bench.recordings, steps=0).flagged
-    share = 0.0 if flagged is None else float(np.mean(flagged.any(axis=1)))
-    return Outcome(share, f"{len(bench.recordings)} recordings")
+    """Undisturbed recordings, to their very end, in which a fault flag is raised. Curve: rest noise and
+    signal reduced by a factor."""
+
+    def share(where: Bench, recordings: Recordings) -> float:
+        flagged = where.parts.find_touches(where.config, recordings, steps=0).flagged
+        return 0.0 if flagged is None else float(np.mean(flagged.any(axis=1)))
+
+    def faint(stream, onset, rng, gain: float):
+        return rest_of(stream, bench) + gain * (stream - rest_of(stream, bench))
+
+    few, amplitudes = bench.sample, bench.thin([1.0, 0.7, 0.5, 0.35, 0.25, 0.15])
+    line = [
+        share(few, few.clean if gain == 1 else disturbed(few, partial(faint, gain=gain)))
+        for gain in amplitudes
+    ]
+    first = next((gain for gain, flagged in zip(amplitudes, line, strict=True) if flagged > 0), None)
+    words = f"none until noise and signal fall to {first:g}" if first else "none on the whole curve"
+    curve = Curve("amplitude / recorded", "share with a flag", amplitudes, {"flagged": line})
+    return Outcome(share(bench, bench.recordings), f"{len(bench.recordings)} recordings; {words}", curve)

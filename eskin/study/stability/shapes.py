@@ -1,4 +1,5 @@
-"""Common shapes of failure modes: one disturbance, over recordings, taxels or quiet stretches.
+"""Common shapes of failure modes: one disturbance, over recordings, taxels or quiet stretches, at a nominal
+level and along a curve of levels.
 
 An experiment is a value with the disturbance in it, called with a bench; ``eskin.study.stability.table`` has one
 a row.
@@ -16,7 +17,7 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import pipeline
-from eskin.study.stability.core import Bench, Case, Change, Outcome, Scene, disturbed, rebuilt
+from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, Scene, disturbed, rebuilt
 from eskin.training.quantise import profile, quantise_model
 
 PAIRS = 28
@@ -63,13 +64,15 @@ class Found:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One disturbance, at a nominal level.
+    """One disturbance, at a nominal level on all recordings and along a curve of levels on the few.
 
     Parameters
     ----------
     change:
         (scene, level, taxels) -> the disturbance, or the disturbed recordings. Of quiet stretches it gets the
         place of a stretch among them for the onset.
+    levels:
+        Of the curve; none: numbers of taxels, from 0 to all.
     what:
         The nominal level in words, or (scene) -> words.
     over:
@@ -81,16 +84,19 @@ class Experiment:
     masked:
         The taxels' mask bits are set.
     sampled:
-        No more than ``few`` recordings.
+        No more recordings than the points of a curve take.
     early:
         Counted are onsets more than a window earlier than recorded.
     """
 
     change: Callable[[Any, float, Sequence[int]], Change | Recordings]
     nominal: float
+    levels: Sequence[float]
+    xlabel: str
     what: str | Callable[[Any], str] = ""
     over: Literal["recordings", "taxels", "pairs", "ways", "quiet"] = "recordings"
     _: KW_ONLY
+    log: bool = False
     mean: bool = False
     masked: bool = False
     sampled: bool = False
@@ -102,9 +108,9 @@ class Experiment:
         return replace(self, mean=True)
 
     # -- what is played
-    def cases(self, scene: Scene) -> dict[str, Played]:
-        """Every case, by what is disturbed."""
-        level = self.nominal
+    def cases(self, scene: Scene, level: float | None = None) -> dict[str, Played]:
+        """Every case at a level (None: the nominal one), by what is disturbed."""
+        level = self.nominal if level is None else level
         if self.over == "ways":
             return {f"{way * level:+.0%}": self._played(scene, way * level, scene.live) for way in (1, -1)}
         if self.over == "taxels":
@@ -151,9 +157,9 @@ class Experiment:
         share = float(np.mean(shares) if self.mean else max(shares))
         return share if self.gate_only else 1.0 - share
 
-    def _found(self, bench: Bench) -> dict[str, Found]:
+    def _found(self, bench: Bench, level: float | None = None) -> dict[str, Found]:
         found = {}
-        for name, played in self.cases(bench).items():
+        for name, played in self.cases(bench, level).items():
             recordings, wrong = played.recordings, self.wrong_by_gate(played)
             if wrong is None:
                 wrong = played.scene.decide(recordings) != recordings.labels
@@ -162,9 +168,23 @@ class Experiment:
             found[name] = Found(float(np.mean(wrong)), case)
         return found
 
+    def _curve(self, bench: Bench, accuracy: bool) -> list[Curve]:
+        """The curve of the worst and that of the mean."""
+        counts = range(0, len(bench.live) + 1, 1 if len(bench.live) < 12 else 2)
+        levels = bench.thin(self.levels or counts)
+        shares = [[one.wrong for one in self._found(bench.sample, level).values()] for level in levels]
+        worst, mean = ([replace(self, mean=way).figure(of) for of in shares] for way in (False, True))
+        ylabel = "accuracy" if accuracy else "share with a false onset"
+        in_turn = self.over not in ("recordings", "quiet")
+        lines = {"worst": worst, "mean": mean} if in_turn else {ylabel: worst}
+        backwards = dict(reversed(lines.items()))
+        return [Curve(self.xlabel, ylabel, levels, of, self.log) for of in (lines, backwards)]
+
     def __call__(self, bench: Bench) -> Outcome:
         accuracy = not self.gate_only
-        found = bench.remember(replace(self, mean=False), lambda: self._found(bench))
+        found, curves = bench.remember(
+            replace(self, mean=False), lambda: (self._found(bench), self._curve(bench, accuracy))
+        )
         worst = max(found, key=lambda name: found[name].wrong)
         words = self.what if isinstance(self.what, str) else self.what(bench)
         if len(found) > 1:
@@ -173,7 +193,7 @@ class Experiment:
         if accuracy:
             words += f"; clean {bench.clean_accuracy:.4f}"
         value = self.figure(one.wrong for one in found.values())
-        return Outcome(value, words, found[worst].case)
+        return Outcome(value, words, curves[self.mean], found[worst].case)
 
 
 def opened_early(played: Played) -> np.ndarray:
@@ -201,8 +221,8 @@ def float_decisions(bench: Bench, touches: Any) -> np.ndarray:
 
 @dataclass(frozen=True)
 class AsInFloat:
-    """Share of the integer network's local decisions that are the float network's; in words the fewest bits of one
-    kind of number that would do.
+    """Share of the integer network's local decisions that are the float network's; the curve: other widths of
+    one kind of number.
 
     Parameters
     ----------
@@ -213,6 +233,7 @@ class AsInFloat:
     """
 
     key: str
+    xlabel: str
     counts: Sequence[int]
     now: Callable[[AcceleratorConfig], int]
 
@@ -224,7 +245,8 @@ class AsInFloat:
             (count for count, share in zip(self.counts, line, strict=True) if share >= AGREED),
             default=self.counts[-1],
         )
-        return Outcome(own, f"now {self.now(bench.config)}; {few} would do on these recordings")
+        curve = Curve(self.xlabel, "share of local decisions as in float", self.counts, {"agreement": line})
+        return Outcome(own, f"now {self.now(bench.config)}; {few} would do on these recordings", curve)
 
     def _agreements(self, bench: Bench, ideal: np.ndarray) -> list[float]:
         """The share with each width; 0 where no format of that width works."""

@@ -9,8 +9,10 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import Touches
 from eskin.study.leak import Leak, known_without_touch
-from eskin.study.stability.core import Bench, Case, Change, Outcome, Scene, rebuilt
+from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, Scene, rebuilt
 from eskin.study.stability.shapes import lead_ins
+
+LEFT_IN = (0.0, 0.05, 0.1, 0.25, 0.5, 1.0)
 
 
 # ---------------------------------------------------------------------- disturbances of whole streams
@@ -191,23 +193,30 @@ def two_touches(bench: Bench) -> Outcome:
             compared += 1
             if not len(in_stream) or np.mean(in_stream[0] == alone_row) < 0.9:
                 differing.append(i)
+    failed = range(len(differing) + 1)
+    curve = Curve("recording", "touches that differ", [k + 1 for k in failed], {"sum": failed})
     words = f"{len(differing)} of {compared} second touches differ in a tenth of their steps"
-    case = Case(pair.subset(differing[:2] or [0]))
-    return Outcome((compared - len(differing)) / max(compared, 1), words, case)
+    return Outcome(
+        (compared - len(differing)) / max(compared, 1), words, curve, Case(pair.subset(differing[:2] or [0]))
+    )
 
 
-def leak_of(bench: Bench) -> Leak:
-    """Accuracy of the model under test on the recordings without their touches; empty if none has a lead-in."""
+def leak_of(bench: Bench, left_in: float = 0.0) -> Leak:
+    """Accuracy of the model under test on the recordings without their touches, except the share
+    ``left_in`` of their frames; empty if none has a lead-in."""
 
     def decide(touches: Touches) -> np.ndarray:
         logits = bench.forward(bench.features(touches))[1]
         return bench.parts.decide(bench.config, logits, touches.completed)[2]
 
-    leak = known_without_touch(bench.model, bench.clean, bench.parts.find_touches, decide)
+    frames = round(left_in * bench.config.last_frame)
+    leak = known_without_touch(bench.model, bench.clean, bench.parts.find_touches, decide, frames)
     return leak or Leak(0, 0.0, 1.0)
 
 
 def without_touch(bench: Bench) -> Outcome:
     """Every touch is replaced by the quiet frames before it, repeated, and the gate opens where it did."""
-    leak = bench.remember("leak", lambda: leak_of(bench))
-    return Outcome(leak.accuracy, f"{leak.recordings} recordings have a quiet lead-in long enough")
+    leak, shares = bench.remember("leak", lambda: leak_of(bench)), bench.thin(LEFT_IN)
+    known = [leak_of(bench.sample, share).accuracy for share in shares]
+    curve = Curve("share of the touch left in", "share of recordings known", shares, {"known": known})
+    return Outcome(leak.accuracy, f"{leak.recordings} recordings have a quiet lead-in long enough", curve)

@@ -1,5 +1,6 @@
 """The failure modes of the table, run and judged against their bounds."""
 
+import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -32,7 +33,12 @@ def judge(
         outcome = simulate(mode.run)
     else:
         outcome = mode.run(bench)
-    value = float(outcome.value)
+    value, curve, fails_at = float(outcome.value), None, None
+    if outcome.curve:
+        lines = {name: [float(y) for y in line] for name, line in outcome.curve.lines.items()}
+        curve = dataclasses.asdict(outcome.curve) | {"x": [float(x) for x in outcome.curve.x], "lines": lines}
+        points = zip(curve["x"], next(iter(lines.values())), strict=True)
+        fails_at = next((x for x, y in points if not mode.holds(y, bound)), None)
     record = {
         "name": mode.name,
         "group": mode.group,
@@ -43,6 +49,8 @@ def judge(
         "sense": "at most" if mode.at_least is None else "at least",
         "reason": mode.reason,
         "room": mode.room(value, bound),
+        "fails_at": fails_at,
+        "curve": curve,
         "has_case": outcome.case is not None,
         "rtl": outcome.rtl,
         "detail": outcome.detail,

@@ -68,7 +68,11 @@ def test_the_comparison_counts_what_unseen_recordings_get(monkeypatch):
     assert record["accuracy"] == pytest.approx(reference["integer_accuracy"])
     assert all(0 <= record[name]["worst"] <= record[name]["mean"] <= 1 for name in defences.FAILURES)
     deaf = Experiment(
-        lambda scene, level, taxels: lambda stream, onset, rng: stream * (3 not in taxels), 0, over="taxels"
+        lambda scene, level, taxels: lambda stream, onset, rng: stream * (3 not in taxels),
+        0,
+        (),
+        "",
+        over="taxels",
     )
     monkeypatch.setitem(defences.FAILURES, "dead", deaf)
     again = compared()

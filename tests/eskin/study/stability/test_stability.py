@@ -14,7 +14,7 @@ from eskin.jobs import Jobs
 from eskin.requests import StabilityRequest
 from eskin.study.stability import sensor
 from eskin.study.stability import suite as stability
-from eskin.study.stability.core import GROUPS, Bench, Outcome
+from eskin.study.stability.core import GROUPS, Bench, Curve, Outcome
 from eskin.study.stability.memory import flipped
 from eskin.study.stability.suite import judge, run_modes
 from eskin.study.stability.table import MODES
@@ -46,7 +46,8 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name):
     assert sound["passed"], (sound["value"], sound["bound"], sound["worst_case"])
     assert not broken["passed"], (broken["value"], broken["bound"], broken["worst_case"])
     json.dumps(sound, allow_nan=False)
-    assert mode.description.endswith(".") and sound["reason"]
+    assert mode.description.endswith(".") and sound["reason"] and len(sound["curve"]["x"]) >= 1
+    assert all(len(line) == len(sound["curve"]["x"]) for line in sound["curve"]["lines"].values())
 
 
 def in_hardware(case: Bench, folder) -> stability_job._Hardware:
@@ -86,17 +87,24 @@ def test_there_are_modes_enough_in_every_group_and_each_has_a_broken_variant():
 
 def a_mode(value: float = 2.0, name: str = "state bits", **bound):
     """A mode of the table with a figure and a bound of its own."""
+    curve = Curve("x", "y", [1, 2, 3, 4], {"y": [0.0, 2.0, 2.5, 1.0]})
     bound = {"at_most": None, "at_least": None, **bound}
-    return dataclasses.replace(MODES[name], run=lambda bench: Outcome(value, "seven <b>"), **bound)
+    return dataclasses.replace(MODES[name], run=lambda bench: Outcome(value, "seven <b>", curve), **bound)
 
 
 @pytest.mark.parametrize(
-    ("bound", "passed", "room"),
-    [({"at_most": 2.0}, True, 0), ({"at_least": 2.0}, True, 0), ({"at_most": 1.999}, False, -0.001 / 1.999)],
+    ("bound", "passed", "fails_at", "room"),
+    [
+        ({"at_most": 2.0}, True, 3, 0),
+        ({"at_least": 2.0}, True, 1, 0),
+        ({"at_most": 1.999}, False, 2, -0.001 / 1.999),
+    ],
 )
-def test_a_bound_is_inclusive(bound, passed, room):
+def test_a_bound_is_inclusive_and_the_first_point_beyond_it_is_named(bound, passed, fails_at, room):
     record, case = judge(a_mode(**bound), stability_case.bench())
-    assert (record["passed"], case) == (passed, None) and record["room"] == pytest.approx(room)
+    assert (record["passed"], record["fails_at"], case) == (passed, fails_at, None) and record[
+        "room"
+    ] == pytest.approx(room)
     for bounds in ({"at_most": 1.0, "at_least": 1.0}, {}):
         with pytest.raises(ValueError, match="give one bound and one of numeric, stream"):
             a_mode(**bounds)
@@ -160,7 +168,13 @@ def job(tmp_path, **options):
     asked = {"mode": options.pop("names"), "few": 6, **WITHOUT_COSIM, **options}
     request = StabilityRequest(model=folder, data="made", out=tmp_path / "out", **asked)
     return stability_job.run(
-        request, stability_case.recordings(), workers=1, cache=tmp_path / "cache", long=200, flips=60
+        request,
+        stability_case.recordings(),
+        workers=1,
+        cache=tmp_path / "cache",
+        points=1,
+        long=200,
+        flips=60,
     )
 
 
@@ -171,13 +185,15 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
     modes, page = written["modes"], (tmp_path / "out" / "stability.html").read_text()
     assert [mode["name"] for mode in modes] == NAMES and all(name in page for name in NAMES)
     assert {"name", "group", "value", "bound", "unit", "passed", "worst_case"} <= set(modes[0])
-    assert "http" not in page.replace("http-equiv", "") and "<img" not in page
+    curves = [mode["curve"]["lines"].values() for mode in modes]
+    moving = sum(any(len(set(line)) > 1 for line in lines) for lines in curves)
+    assert "http" not in page.replace("http-equiv", "") and page.count("<img") == moving > 0
     chosen = AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
     assert chosen.faults.fault_frames == 64 and chosen.onset_rule.onset_threshold == 5
     monkeypatch.setattr(stability, "judge", lambda *args: pytest.fail("a finished experiment was run again"))
     again = job(tmp_path, names=NAMES)
     assert again["modes"] == result["modes"]
-    with pytest.raises(pytest.fail.Exception):  # other recordings: another content
+    with pytest.raises(pytest.fail.Exception):  # other recordings of a curve: another content
         job(tmp_path, names=NAMES, few=5)
 
 
