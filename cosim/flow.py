@@ -64,7 +64,8 @@ class Run:
         design:
             Folder written by eskin.rtl.fpga.generate.
         vectors:
-            File written by eskin.golden.model.vectors.write_vectors.
+            File written by eskin.golden.model.vectors.write_vectors. If it has a converter's codes, the run begins at
+            its pins.
         simulator:
             ``verilator`` or ``icarus``.
         pace:
@@ -98,7 +99,7 @@ class Run:
                 f"--clock {clock_hz:.0f}: is too slow for {taxels} taxels at {rate:g} Hz, one a cycle; "
                 f"give at least {taxels * rate:.0f} Hz"
             )
-        converting = config.interface.converter.name != "none"
+        converting = "codes" in expected
         top, frames, bits = ("sensing.sv", "codes", 32) if converting else ("accelerator.sv", "samples", 16)
         models, options = converter_model(config) if converting else ((), ())
         hop = 32 if config.is_image else config.windows.hop
