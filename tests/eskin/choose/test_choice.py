@@ -11,7 +11,6 @@ import pytest
 from eskin.choose import choice as choosing
 from eskin.choose.choice import choose_inside, configure, inner_folds, train_chosen, unseen
 from eskin.choose.networks import SearchOptions
-from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
 from eskin.training import train
@@ -22,6 +21,7 @@ from eskin.training.splits import error_over_groups, split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
+from tests.support.table import refused
 
 FEW = {"folds": 2, "seeds": 1}
 
@@ -107,7 +107,7 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
     record = trained(gripped, None, tmp_path, folds=0)
     network = record["config"]["network"]
     assert (network["cell"], network["hidden"], record["cross_validation"]) == ("gru", 12, [])
-    with pytest.raises(InputError, match="--cell auto: needs cross-validation"):
+    with refused("--cell auto: needs cross-validation"):
         trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.device import Design, Device
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.nets import Nets, costs
 from eskin.rtl.asic.synthesis import process_of
@@ -17,6 +17,7 @@ from eskin.rtl.program.schedule import schedule
 from eskin.verbs import asic_job, chip_energy
 from eskin.verbs.flow import cosimulate
 from tests.support.random_models import random_integer_model
+from tests.support.table import refused
 from tests.support.tiny_cells import MEMORY_PINS, liberty_files
 from tests.support.traffic_case import CONFIG as TINY
 from tests.support.traffic_case import Case
@@ -105,7 +106,7 @@ def test_recordings_may_end_with_their_touch():
     assert played.lengths == longer.lengths - hop
     held = chip_energy._resting(played, hop)
     assert held.lengths == longer.lengths and (held.samples[-hop:] == played.samples[-1]).all()
-    with pytest.raises(InputError, match="none has a whole touch; energy needs one"):
+    with refused("none has a whole touch; energy needs one"):
         chip_energy.with_touches(model, ending.until(ending.lengths - 1), 1)
 
 

@@ -13,7 +13,6 @@ import pytest
 
 from eskin.choose.choice import Plan
 from eskin.cosim.runner import SimulationError
-from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
@@ -22,7 +21,7 @@ from tests.support import result_case
 from tests.support.folder import contents
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 
 QUIET = main_job.Console(quiet=True)
 
@@ -279,7 +278,7 @@ def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch
         assert any("held back" in sentence for sentence in record["warnings"]) == bool(seen)
     assert [call.args[1].source for call in judge.call_args_list].count("held") == 2
     held = dataclasses.replace(loaded, class_names=("a", "b"))
-    with pytest.raises(InputError, match="array class_names: has recordings of .*, and --data .* knows"):
+    with refused("array class_names: has recordings of .*, and --data .* knows"):
         run(tmp_path / "third", test="held")
     assert not (tmp_path / "third").exists()
 
@@ -289,7 +288,7 @@ def test_two_runs_at_once_are_refused(chain, tmp_path):
     work.mkdir()
     with (work / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(InputError, match="another run"):
+        with refused("another run"):
             run(tmp_path / "run")
     assert not chain.calls
     assert run(tmp_path / "run")["passed"]

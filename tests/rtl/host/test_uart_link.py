@@ -4,18 +4,17 @@ damage of every kind."""
 import random
 from types import SimpleNamespace
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.live import link
 from eskin.rtl.common import decision_layout
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from tests.support.strategies import examples
 from tests.support.stream_bench import pack, put, simulate
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 
 CONFIG = PRESETS["thesis"].replace(taxels=4)
 
@@ -123,7 +122,7 @@ def test_frames_writes_and_reads():
     assert seen.expected == 5
 
 
-@each_row(("fields", "at"), [({}, 0x3C), ({"prototypes": 1, "taught": 1}, 0x48)])
+@each_row("fields, at", [({}, 0x3C), ({"prototypes": 1, "taught": 1}, 0x48)])
 def test_a_window_reaches_the_registers_of_teaching(fields, at):
     """Without taught places every address stays; every other address stays with them, too."""
     config = CONFIG.with_readout(readout="prototypes", **fields) if fields else CONFIG
@@ -268,9 +267,9 @@ def test_a_decision_withdrawn_on_its_way_does_not_count(after):
 
 def test_rates():
     assert uart_divisor(12e6, 2e6) == 6 and uart_divisor(48e6, 115200) == 417
-    with pytest.raises(InputError, match="use 1.92308e"):
+    with refused("use 1.92308e"):
         uart_divisor(25e6, 2e6)
-    with pytest.raises(InputError, match="use at most 3e"):
+    with refused("use at most 3e"):
         uart_divisor(12e6, 6e6)
 
 
@@ -309,7 +308,7 @@ def test_after_a_break_of_any_length_bytes_back_to_back_are_received():
     assert received(4, line) == sent * len(breaks)
 
 
-@each_row(("divisor", "error"), [(4, -0.02), (6, 0.02), (25, -0.02), (25, 0.02)])
+@each_row("divisor, error", [(4, -0.02), (6, 0.02), (25, -0.02), (25, 0.02)])
 def test_bytes_of_a_sender_two_percent_off(divisor, error):
     sent = [0x00, 0xFF, 0x55, 0xAA, 0x01, 0x80] * 2
     line = []

@@ -32,7 +32,7 @@ def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, **
         return play_frames(dut, chip, count, period=PERIOD), chip
 
 
-@each_row(("fields", "first"), [(dict(), 28), (dict(bits=16, first=3, ascending=True), 3)])
+@each_row("fields, first", [(dict(), 28), (dict(bits=16, first=3, ascending=True), 3)])
 def test_every_code_at_its_taxel(fields, first):
     rng = random.Random(first)
     table = [rng.getrandbits(fields.get("bits", 20)) for _ in range(33)]

@@ -12,13 +12,14 @@ from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import Cost
 from eskin.choose.front_ends import Screen
 from eskin.choose.sturdy import SELDOM, Hardening
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.study.stability.core import Scene
 from eskin.study.stability.panel import PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.recipe import RECIPES
 from tests.support import stability_case
 from tests.support.prices import cost_by_size, priced
+from tests.support.table import refused
 
 MASKED = "one taxel stuck at full scale, masked, worst"
 
@@ -169,7 +170,7 @@ def test_weights_come_from_a_file_and_what_is_wrong_in_it_is_named(tmp_path):
         ("spikes", "is neither on nor off, nor a JSON file"),
     ):
         file.write_text(text)
-        with pytest.raises(InputError, match=words):
+        with refused(words):
             panel_of(recordings, str(file))
 
 
