@@ -1,8 +1,8 @@
 """What is chosen and noted, what the command line fixes, and figures of folds that chose nothing: no label of
 a fold is seen by what is chosen for it."""
 
-import dataclasses
 import json
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -137,7 +137,7 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, opt
     before, tests = chosen(gripped)
     labels = gripped.labels.copy()
     labels[tests[0]] = (labels[tests[0]] + 1) % 3
-    assert chosen(dataclasses.replace(gripped, labels=labels))[0][0] == before[0]
+    assert chosen(replace(gripped, labels=labels))[0][0] == before[0]
 
 
 def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value(gripped):
@@ -145,7 +145,7 @@ def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value
     folds, persons = inner_folds(part, ["trial"]), part.groups["person"]
     assert sorted(np.concatenate(folds)) == list(range(len(part)))
     assert len(folds) == 4 and all(len(set(persons[fold])) == 1 for fold in folds)
-    alone = dataclasses.replace(part, groups={"trial": part.groups["trial"]})
+    alone = replace(part, groups={"trial": part.groups["trial"]})
     assert any(len(set(persons[fold])) > 1 for fold in inner_folds(alone, ["trial"]))
 
 

@@ -1,9 +1,9 @@
 """Recordings of other people's tools: written with the format's own library, they are the recordings of the
 archive; damaged ones are refused in a sentence."""
 
-import dataclasses
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -27,7 +27,7 @@ def known(make_recordings) -> Recordings:
     made = make_recordings(
         [20, 25, 30, 22, 21, 24], labels=[0, 0, 0, 1, 1, 1], sample_rate_hz=RATE, groups=groups
     )
-    return dataclasses.replace(made, samples=made.samples % 1000, class_names=("felt", "silk"))
+    return replace(made, samples=made.samples % 1000, class_names=("felt", "silk"))
 
 
 def check(recordings: Recordings, known: Recordings, unit: str = "", groups: bool = True) -> None:
@@ -55,7 +55,7 @@ def test_hdf5_that_says_its_classes_in_attributes(tmp_path, known):
         load_recordings(tmp_path / "a.hdf5", reading=reading)
     with h5py.File(tmp_path / "a.hdf5", "a") as file:
         file["r5"].attrs["fs"] = RATE
-    recordings = load_recordings(tmp_path / "a.hdf5", reading=dataclasses.replace(reading, scale=0.125))
+    recordings = load_recordings(tmp_path / "a.hdf5", reading=replace(reading, scale=0.125))
     check(recordings, known)
     assert recordings.volt_per_code == 0.125
     check(load_recordings(tmp_path / "a.hdf5", reading=Reading(scale=0.125)), known)

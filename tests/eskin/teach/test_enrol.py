@@ -1,8 +1,8 @@
 """eskin/teach/enrol.py: a shifted mounting is learnt, the configuration stays, what cannot be enrolled is
 refused."""
 
-import dataclasses
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,15 +30,13 @@ GAINS = np.array([0.4, -0.8, 1.2, 1.6])
 
 def updates(monkeypatch, count: int) -> None:
     """Of the first training."""
-    few = {name: dataclasses.replace(one, updates=count) for name, one in recipe.RECIPES.items()}
+    few = {name: replace(one, updates=count) for name, one in recipe.RECIPES.items()}
     monkeypatch.setattr(recipe, "RECIPES", few)
 
 
 def fewer_after(monkeypatch, known: bool, count: int) -> None:
     """Updates of an enrolment with or without known recordings."""
-    monkeypatch.setitem(
-        enrolling.SETTINGS, known, dataclasses.replace(enrolling.SETTINGS[known], updates=count)
-    )
+    monkeypatch.setitem(enrolling.SETTINGS, known, replace(enrolling.SETTINGS[known], updates=count))
 
 
 @pytest.fixture(autouse=True)
@@ -51,7 +49,7 @@ def mounted(recordings: Recordings, gains: np.ndarray = GAINS, offset: int = 40)
     """The same touches on a mounting that answers ``gains`` times as much and rests ``offset`` codes
     higher."""
     samples = np.rint(1000 + offset + (recordings.samples - 1000) * gains).astype(np.int32)
-    return dataclasses.replace(recordings, samples=samples)
+    return replace(recordings, samples=samples)
 
 
 def of_classes(recordings: Recordings, each: int, first: int = 2) -> np.ndarray:
@@ -114,7 +112,7 @@ def test_an_enrolment_that_loses_does_not_pass(model, tmp_path, monkeypatch, new
     """By the accuracies (before, after) on the new recordings and on the known ones; at most a hundredth of
     these may be lost."""
     pair = enrolling.load_pair(model)
-    trained = dataclasses.replace(pair, integer=dataclasses.replace(pair.integer, source="trained on"))
+    trained = replace(pair, integer=replace(pair.integer, source="trained on"))
 
     def measure(integer, data):
         which = int(integer is trained.integer)
@@ -133,11 +131,11 @@ def test_an_enrolment_that_loses_does_not_pass(model, tmp_path, monkeypatch, new
 @each_row(
     "change, says",
     [
-        (lambda: dataclasses.replace(FEW, class_names=("rise", "fall", "wave")), "has recordings of wave"),
-        (lambda: dataclasses.replace(FEW, samples=FEW.samples[:, :3]), "has 3 taxels"),
-        (lambda: dataclasses.replace(FEW, sample_rate_hz=500.0), "sample_rate_hz"),
+        (lambda: replace(FEW, class_names=("rise", "fall", "wave")), "has recordings of wave"),
+        (lambda: replace(FEW, samples=FEW.samples[:, :3]), "has 3 taxels"),
+        (lambda: replace(FEW, sample_rate_hz=500.0), "sample_rate_hz"),
         (lambda: FEW.subset(np.flatnonzero(FEW.labels != 2)), "no touch of class pulse"),
-        (lambda: dataclasses.replace(FEW, samples=np.full_like(FEW.samples, 1000)), "no touch of class rise"),
+        (lambda: replace(FEW, samples=np.full_like(FEW.samples, 1000)), "no touch of class rise"),
     ],
 )
 def test_what_cannot_be_enrolled_is_refused(model, tmp_path, change, says):
@@ -147,7 +145,7 @@ def test_what_cannot_be_enrolled_is_refused(model, tmp_path, change, says):
 
 
 # ---------------------------------------------------------------------- evaluation
-BOTH = dataclasses.replace(
+BOTH = replace(
     enrolling.joined(OLD.subset(np.arange(2, 90)), NEW.subset(np.arange(2, 60))),
     groups={"mounting": np.repeat([0, 1], [88, 58])},
 )
@@ -211,12 +209,12 @@ def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
     end."""
     monkeypatch.setattr(evaluating, "CHOICES", 2)
     mounting = np.arange(72) // 3 % 3
-    three = dataclasses.replace(BOTH.subset(np.arange(72)), groups={"mounting": mounting})
+    three = replace(BOTH.subset(np.arange(72)), groups={"mounting": mounting})
     values = evaluating.group_values(three, ["mounting"], [1])
     configs = evaluating.front_ends_without(three, values, ["mounting"], priced())
     assert configs[0] == configs[2]
     labels = np.where(mounting == 1, np.random.default_rng(0).permutation(three.labels), three.labels)
-    mixed = dataclasses.replace(three, labels=labels)
+    mixed = replace(three, labels=labels)
     assert evaluating.front_ends_without(mixed, values, ["mounting"], priced())[1] == configs[1]
 
 

@@ -1,8 +1,8 @@
 """Energy of a chip: what is made of the counts of frames, and a small netlist played from random contents,
 whole and with a wrong cell."""
 
-import dataclasses
 import random
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -118,7 +118,7 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     libraries = asic_job.libraries_of(paths)
     process = process_of("ihp-sg13g2", libraries["typ"])
     case = Case(asic_job.chip_config(SMALL, 1, rom))
-    model = dataclasses.replace(random_integer_model(case.config, 5), config=case.config)
+    model = replace(random_integer_model(case.config, 5), config=case.config)
     monkeypatch.setattr(asic_job, "CACHE", tmp_path / "chips")
     netlist = asic_job.netlist_of(case.config, model.arrays, process)
     nets, wire = Nets(netlist.module, process.cells), process.library.wire_loads["10k"]
@@ -126,7 +126,7 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     whole = played()
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     if rom:  # another model's weights are not in this chip
-        other = dataclasses.replace(random_integer_model(case.config, 6), config=case.config)
+        other = replace(random_integer_model(case.config, 6), config=case.config)
         assert not chip_energy.measured(other, *played.args[1:])["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in paths], "rom": rom}

@@ -1,7 +1,7 @@
 """golden/model/prototypes.py: distances against a plain walk through the specification; what teaching and
 forgetting leave, in a model and in the middle of a stream."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,8 +27,8 @@ def test_a_touch_further_from_all_than_its_step_allows_is_unsure():
     model = taught_model("gru", "last")
     nearest = -run(model, scene(20, seed=6)).scores.max(axis=-1)
     limit = int(np.median(nearest[:, -1])) // SMALL.windows.steps
-    rule = dataclasses.replace(model.config.readout_rule, unknown_above=limit)
-    model = dataclasses.replace(model, config=dataclasses.replace(model.config, readout_rule=rule))
+    rule = replace(model.config.readout_rule, unknown_above=limit)
+    model = replace(model, config=replace(model.config, readout_rule=rule))
     trace, rows = run(model, scene(20, seed=6)), np.arange(len(nearest))
     far = nearest[rows, trace.global_step] > limit * (trace.global_step + 1)
     whole = trace.touches.completed > 0

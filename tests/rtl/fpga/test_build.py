@@ -1,10 +1,10 @@
 """From a model to a bitstream: figures that add up, the same bits from the same seed, and refusals that say
 what helps."""
 
-import dataclasses
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -87,7 +87,7 @@ class TwoBlocks(wiring.Component):
         return m
 
 
-NO_MULTIPLIERS = dataclasses.replace(
+NO_MULTIPLIERS = replace(
     target("icebreaker"),
     name="small",
     device="iCE40HX1K",
@@ -339,7 +339,7 @@ def test_a_converter_is_on_the_first_pins_and_too_many_are_refused():
     assert row in one.table()
     crowded = one.config.replace(**behind("ad7476", taxels=16))
     with refused("has 16 free pins, and 24 are needed; use another board or converter"):
-        dataclasses.replace(one, config=crowded).sites()
+        replace(one, config=crowded).sites()
 
 
 class Program(wiring.Component):
