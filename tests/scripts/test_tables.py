@@ -15,7 +15,7 @@ KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="chan
 
 
 @each_row(
-    ("preset", "changes", "lanes", "plain", "ends", "mean", "quiet", "step"),
+    "preset, changes, lanes, plain, ends, mean, quiet, step",
     [
         ("thesis", {}, 6, 23, 71, 21.163, 18, 195),
         ("synthetic", KINDS | dict(activity_block=24), 4, 26, 202, 25.032, 19.188, 565),

@@ -211,12 +211,15 @@ def message(kind: str, codes: np.ndarray, when: int, store: Typestore) -> Any:
 
 
 def write_bag(recordings: Recordings, path: Path, kind: str = "std_msgs/msg/UInt16MultiArray",
-              plugin: StoragePlugin | None = StoragePlugin.MCAP) -> None:  # fmt: skip
+              plugin: StoragePlugin | None = StoragePlugin.MCAP, packed: tuple = ()) -> None:  # fmt: skip
     """A ROS 2 bag, or a ROS 1 bag without ``plugin``, with the topics /skin and /touched: the class, and an empty
-    text after each recording."""
+    text after each recording. packed: how."""
     store, word_kind = STORE if plugin else STORE1, "std_msgs/msg/String"
     serialize = store.serialize_cdr if plugin else store.serialize_ros1
-    with Writer(path, version=9, storage_plugin=plugin) if plugin else Writer1(path) as bag:
+    writer = Writer(path, version=9, storage_plugin=plugin) if plugin else Writer1(path)
+    if packed:
+        writer.set_compression(*packed)
+    with writer as bag:
         skin = bag.add_connection("/skin", kind, typestore=store)
         touched = bag.add_connection("/touched", word_kind, typestore=store)
         before, last = -1, 0

@@ -1,11 +1,25 @@
 """A table of cheap cases as one test, where collecting and naming every row apart tells no more than the row
-itself."""
+itself; and what every refusal must be."""
 
 import inspect
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+import re
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import wraps
 from typing import Any
+
+import pytest
+
+from eskin.golden.core import InputError
+
+
+@contextmanager
+def refused(*said: str) -> Iterator[pytest.ExceptionInfo]:
+    """A bad input is refused, in one line in which each of the patterns is found."""
+    with pytest.raises(InputError) as caught:
+        yield caught
+    sentence = str(caught.value)
+    assert "\n" not in sentence and all(re.search(each, sentence) for each in said), sentence
 
 
 def each_row(names: str | tuple[str, ...], table: Iterable[Any]) -> Callable[[Callable], Callable]:

@@ -5,12 +5,12 @@ import pytest
 
 from eskin.choose.candidate import Candidate, ScoredCandidate, choose
 from eskin.choose.cost import Cost
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.training.formats import with_network
 from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import RECIPES
 from tests.support.prices import priced
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 
 CONFIG = AcceleratorConfig.of(
     name="derived",
@@ -39,7 +39,7 @@ def judged(cell: str, hidden: int | None, right: int, of: int = 100, won: int = 
 
 
 @each_row(
-    ("right", "won", "level"),
+    "right, won, level",
     [
         (89, 0, True),  # one lost, none won: exactly one standard error
         (88, 0, False),  # two lost: 0.02 behind, 0.014
@@ -79,7 +79,7 @@ def test_a_named_board_has_to_hold_the_best_too():
     best, smaller = judged("gru", 12, 99), judged("gru", 4, 80)
     named = priced(named=True, fits=lambda config: config.network.hidden == 4)
     assert choose([best, smaller], named) is smaller
-    with pytest.raises(InputError, match="--fits icebreaker: is too small for all 2 candidates"):
+    with refused("--fits icebreaker: is too small for all 2 candidates"):
         choose([best, smaller], priced(named=True, fits=lambda config: False))
 
 

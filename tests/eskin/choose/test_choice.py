@@ -1,8 +1,8 @@
 """What is chosen and noted, what the command line fixes, and figures of folds that chose nothing: no label of
 a fold is seen by what is chosen for it."""
 
-import dataclasses
 import json
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -11,7 +11,6 @@ import pytest
 from eskin.choose import choice as choosing
 from eskin.choose.choice import choose_inside, configure, inner_folds, train_chosen, unseen
 from eskin.choose.networks import SearchOptions
-from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
 from eskin.training import train
@@ -22,6 +21,7 @@ from eskin.training.splits import error_over_groups, split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
+from tests.support.table import refused
 
 FEW = {"folds": 2, "seeds": 1}
 
@@ -107,7 +107,7 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
     record = trained(gripped, None, tmp_path, folds=0)
     network = record["config"]["network"]
     assert (network["cell"], network["hidden"], record["cross_validation"]) == ("gru", 12, [])
-    with pytest.raises(InputError, match="--cell auto: needs cross-validation"):
+    with refused("--cell auto: needs cross-validation"):
         trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
 
 
@@ -137,7 +137,7 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, opt
     before, tests = chosen(gripped)
     labels = gripped.labels.copy()
     labels[tests[0]] = (labels[tests[0]] + 1) % 3
-    assert chosen(dataclasses.replace(gripped, labels=labels))[0][0] == before[0]
+    assert chosen(replace(gripped, labels=labels))[0][0] == before[0]
 
 
 def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value(gripped):
@@ -145,7 +145,7 @@ def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value
     folds, persons = inner_folds(part, ["trial"]), part.groups["person"]
     assert sorted(np.concatenate(folds)) == list(range(len(part)))
     assert len(folds) == 4 and all(len(set(persons[fold])) == 1 for fold in folds)
-    alone = dataclasses.replace(part, groups={"trial": part.groups["trial"]})
+    alone = replace(part, groups={"trial": part.groups["trial"]})
     assert any(len(set(persons[fold])) > 1 for fold in inner_folds(alone, ["trial"]))
 
 

@@ -45,7 +45,7 @@ NONE_BETTER = "no other candidate is better"
 
 
 @each_row(
-    ("rows", "candidates", "parts"),
+    "rows, candidates, parts",
     [
         ([], None, None),
         ([baseline(0.915), baseline(0.99, groups=("speed",))], None, None),
@@ -90,7 +90,7 @@ def test_a_choice_that_is_too_optimistic():
 
 
 @each_row(
-    ("on_smooth", "on_rough", "said"),
+    "on_smooth, on_rough, said",
     [
         ((9, 1, 0, 0), (0, 9, 1, 0), []),
         ((9, 1, 0, 0), (0, 0, 0, 0), []),  # no recording of it
@@ -108,7 +108,7 @@ def test_a_lost_class(on_smooth, on_rough, said):
 
 
 @each_row(
-    ("steps", "right", "brief", "doubted"),
+    "steps, right, brief, doubted",
     [
         (6, 80, 60, True),
         (6, 80, 77, False),  # two standard errors at least

@@ -14,8 +14,8 @@ RIVALS = [("linear classifier on the same features", True), ("RBF-SVM on the sam
 
 
 @each_row("verb", ["run", "train"])
-@each_row(("name", "hardware"), RIVALS)
-@each_row(("cell", "hidden"), [("linear", 0), ("gru", 8), ("gru", 32)])
+@each_row("name, hardware", RIVALS)
+@each_row("cell, hidden", [("linear", 0), ("gru", 8), ("gru", 32)])
 def test_every_advice_is_something_that_the_verbs_take(verb, name, hardware, cell, hidden):
     """The options of the sentence are options of both verbs, and the network is one that there is."""
     options = {opt for parameter in get_command(app).commands[verb].params for opt in parameter.opts}

@@ -4,15 +4,13 @@ import dataclasses
 
 import numpy as np
 import pandas as pd
-import pytest
 
 import eskin
 from eskin.data import Reading, load_recordings
 from eskin.data.archive import load_archive
-from eskin.golden.core import InputError
 from eskin.pages.inspect_data import in_rows, inspect
 from eskin.pages.views import words
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 from tests.support.written import texts
 
 CODES = np.random.default_rng(3).integers(100, 900, (6, 20, 3))
@@ -35,7 +33,7 @@ def rows(index: int) -> list[str]:
 
 
 @each_row(
-    ("labels", "names", "expected"),
+    "labels, names, expected",
     [
         (np.array(["m10", "m2"] * 3), None, ("m2", "m10")),
         (np.array([b"m10", b"m2"] * 3), None, ("m2", "m10")),
@@ -57,7 +55,7 @@ def test_text_labels_of_lists_series_and_images(tmp_path):
         assert made.class_names == ("a", "b") and made.labels.tolist() == [1, 0]
     np.savez(tmp_path / "i.npz", images=np.zeros((2, 8, 8), np.uint8), labels=np.array(["cup", "ball"]))
     assert load_archive(tmp_path / "i.npz").class_names == ("ball", "cup")
-    with pytest.raises(InputError, match="array labels: holds 'silk', which is not in class_names"):
+    with refused("array labels: holds 'silk', which is not in class_names"):
         archive(tmp_path / "a.npz", class_names=np.array(["felt", "wool"]))
 
 
@@ -65,12 +63,12 @@ def test_classes_are_matched_by_name():
     held = eskin.Recordings.of(CODES, ["c", "a"] * 3, sample_rate_hz=100, class_names=["c", "a", "d"])
     matched = held.with_classes(("a", "b", "c"), "the model")
     assert matched.class_names == ("a", "b", "c") and matched.labels.tolist() == [2, 0] * 3
-    with pytest.raises(InputError, match="has recordings of c, and the model knows a, b; leave those"):
+    with refused("has recordings of c, and the model knows a, b; leave those"):
         held.with_classes(("a", "b"), "the model")
 
 
 @each_row(
-    ("header", "unit", "rate"),
+    "header, unit, rate",
     [
         ("time,a,b,c\nms,kPa,kPa,kPa", "kPa", 500.0),
         ("time (s),a [N],b [N],c [N]", "N", 0.5),
@@ -91,7 +89,7 @@ def test_a_cut_last_line_is_dropped_and_said(tmp_path, end):
     assert recordings.lengths.tolist() == [20] * 4
     assert "line 22, the last of 'r0.csv', is cut off and was dropped" in " ".join(recordings.notes)
     middle = lambda index: "\n".join(["a,b,c", *rows(index)[:5], "512,40", *rows(index)[5:]])
-    with pytest.raises(InputError, match="line 7: has 2 cells"):
+    with refused("line 7: has 2 cells"):
         texts(tmp_path, middle, AT)
 
 

@@ -1,6 +1,8 @@
 """What no taxel is, is never taken for one in silence: it is understood and said, or refused with file and
 line."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +12,7 @@ from eskin.data import Reading, load_recordings
 from eskin.data.archive import load_archive, save_archive
 from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 from tests.support.written import by_class, texts
 
 FRAMES = 30
@@ -36,7 +38,7 @@ def read(tmp_path, text: str, reading: Reading = AT) -> Recordings:
 
 
 @each_row(
-    ("extra", "groups", "note"),
+    "extra, groups, note",
     [
         ({"class_id": lambda r, k: 7 * (r % 2)}, {}, "column 'class_id' tells the class, too,"),
         (
@@ -81,7 +83,7 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
 
 
 @each_row(
-    ("text", "reading", "sentence"),
+    "text, reading, sentence",
     [
         (table(speed=lambda r, k: 0.1 * k), AT, "line 3: column 'speed' is a group and changes inside "
                                                 "recording r0; name what a recording"),
@@ -101,9 +103,8 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
     ],
 )  # fmt: skip
 def test_what_is_not_certain_is_refused_with_its_line(tmp_path, text, reading, sentence):
-    with pytest.raises(InputError) as refusal:
+    with refused(re.escape(sentence), "all.csv"):
         read(tmp_path, text, reading)
-    assert sentence in str(refusal.value) and "all.csv" in str(refusal.value), str(refusal.value)[:300]
 
 
 def test_long_numbers_and_numbers_as_names(tmp_path):
@@ -122,9 +123,7 @@ def test_a_column_without_a_name_that_tells_the_class(tmp_path):
     text = lambda number: "\n".join(
         f"{','.join(map(str, row))},{number % 2}" for row in CODES[number].tolist()
     )
-    with pytest.raises(
-        InputError, match=r"r0\.csv', line 1: column 4 has one value in each recording, so is not a taxel"
-    ):
+    with refused(r"r0\.csv', line 1: column 4 has one value in each recording, so is not a taxel"):
         texts(tmp_path, text, AT)
 
 
@@ -154,7 +153,7 @@ def test_a_data_frame_is_a_long_table():
     assert np.array_equal(recordings.samples, CODES.reshape(-1, 3)) and recordings.sample_rate_hz == 250
     assert recordings.class_names == ("felt", "wool") and recordings.source == "DataFrame"
     frame.loc[70, "class"] = np.nan
-    with pytest.raises(InputError, match="'DataFrame', line 71: column 'class' holds an empty cell"):
+    with refused("'DataFrame', line 71: column 'class' holds an empty cell"):
         eskin.load(frame)
     for nothing in (None, 5, frame.iloc[:0]):
         with pytest.raises(InputError):

@@ -1,9 +1,9 @@
 """Recordings of other people's tools: written with the format's own library, they are the recordings of the
 archive; damaged ones are refused in a sentence."""
 
-import dataclasses
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -13,10 +13,9 @@ from rosbags.rosbag2 import StoragePlugin
 
 from eskin.data import Reading, load_recordings
 from eskin.extras import EXTRAS
-from eskin.golden.core import InputError
 from eskin.golden.data import Recordings
 from tests.support import doors
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 
 RATE = 200.0
 
@@ -28,7 +27,7 @@ def known(make_recordings) -> Recordings:
     made = make_recordings(
         [20, 25, 30, 22, 21, 24], labels=[0, 0, 0, 1, 1, 1], sample_rate_hz=RATE, groups=groups
     )
-    return dataclasses.replace(made, samples=made.samples % 1000, class_names=("felt", "silk"))
+    return replace(made, samples=made.samples % 1000, class_names=("felt", "silk"))
 
 
 def check(recordings: Recordings, known: Recordings, unit: str = "", groups: bool = True) -> None:
@@ -52,20 +51,18 @@ def test_hdf5_that_says_its_classes_in_attributes(tmp_path, known):
             )
             table.attrs["fs"] = RATE if index < 5 else 2 * RATE
     reading = Reading(label="material")
-    with pytest.raises(
-        InputError, match="'fs of r0' has 200 frames a second and 'fs of r5' 400; .*--rate HZ"
-    ):
+    with refused("'fs of r0' has 200 frames a second and 'fs of r5' 400; .*--rate HZ"):
         load_recordings(tmp_path / "a.hdf5", reading=reading)
     with h5py.File(tmp_path / "a.hdf5", "a") as file:
         file["r5"].attrs["fs"] = RATE
-    recordings = load_recordings(tmp_path / "a.hdf5", reading=dataclasses.replace(reading, scale=0.125))
+    recordings = load_recordings(tmp_path / "a.hdf5", reading=replace(reading, scale=0.125))
     check(recordings, known)
     assert recordings.volt_per_code == 0.125
     check(load_recordings(tmp_path / "a.hdf5", reading=Reading(scale=0.125)), known)
     with h5py.File(tmp_path / "a.hdf5", "a") as file:
         for table in file.values():
             table.attrs["texture"] = "dry"
-    with pytest.raises(InputError, match="material and texture may name the class; choose one with --class"):
+    with refused("material and texture may name the class; choose one with --class"):
         load_recordings(tmp_path / "a.hdf5")
 
 
@@ -80,7 +77,7 @@ def test_a_data_frame_and_a_folder_of_parquet(tmp_path, known):
 
 
 @each_row(
-    ("kind", "plugin"),
+    "kind, plugin",
     [
         ("std_msgs/msg/UInt16MultiArray", StoragePlugin.MCAP),
         ("std_msgs/msg/Float32MultiArray", StoragePlugin.SQLITE3),
@@ -97,24 +94,20 @@ def test_a_bag_with_classes_by_topic_and_by_times(tmp_path, known, kind, plugin)
     for source in sources:
         check(load_recordings(source, reading=Reading(label="/touched")), known, groups=False)
         check(load_recordings(source, reading=Reading(labels=tmp_path / "times.csv")), known)
-    with pytest.raises(
-        InputError,
-        match="no column or attribute that names the class .* --class, of a log also with --labels",
-    ):
+    with refused("no column or attribute that names the class .* --class, of a log also with --labels"):
         load_recordings(source)
-    with pytest.raises(InputError, match=r"--samples /x: is not a topic of this log; choose one of /skin"):
+    with refused(r"--samples /x: is not a topic of this log; choose one of /skin"):
         load_recordings(source, reading=Reading(label="/touched", samples="/x"))
 
 
 @each_row(
-    ("name", "write", "options"),
+    "name, write, options",
     [
         ("a.h5", doors.write_hdf5, []),
         ("sets.hdf5", doors.write_hdf5_by_dataset, []),
         ("a.parquet", lambda known, path: doors.long_table(known).to_parquet(path), []),
         ("bag", doors.write_bag, ["--labels", "times.csv"]),
-        ("a.bag", lambda known, path: doors.write_bag(known, path, plugin=None), ["--labels", "times.csv"]),
-        ("b.bag", lambda known, path: doors.write_bag(known, path, plugin=None), ["--class", "/touched"]),
+        ("a.bag", lambda known, path: doors.write_bag(known, path, plugin=None), ["--class", "/touched"]),
     ],
 )
 def test_convert_gives_the_archive_that_it_came_from(
@@ -130,7 +123,7 @@ def test_convert_gives_the_archive_that_it_came_from(
 
 def test_a_folder_of_ros_2_with_a_name_of_ros_1(tmp_path, known):
     doors.write_bag(known, tmp_path / "a.bag")
-    with pytest.raises(InputError, match="rename it without .bag"):
+    with refused("rename it without .bag"):
         load_recordings(tmp_path / "a.bag", reading=Reading(label="/touched"))
 
 
@@ -161,31 +154,30 @@ def test_a_pipe_in_the_folder_of_a_bag_is_refused(tmp_path, known):
     doors.write_bag(known, tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
     (tmp_path / "bag" / "bag.db3").unlink()
     os.mkfifo(tmp_path / "bag" / "bag.db3")
-    with pytest.raises(InputError, match="bag': bag.db3 is not a regular file"):
+    with refused("bag': bag.db3 is not a regular file"):
         load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
 
 
 @each_row(
-    ("name", "package"),
-    [("a.h5", "h5py"), ("a.parquet", "pyarrow"), ("a.mcap", "mcap"), ("a.bag", "rosbags")],
+    "name, package", [("a.h5", "h5py"), ("a.parquet", "pyarrow"), ("a.mcap", "mcap"), ("a.bag", "rosbags")]
 )
 def test_without_its_extra_the_sentence_names_it(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b"x")
     for module in [module for module in sys.modules if module.partition(".")[0] == package]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(InputError, match=rf"needs {package}, .* pip install 'eskin\[{EXTRAS[package]}\]'"):
+    with refused(rf"needs {package}, .* pip install 'eskin\[{EXTRAS[package]}\]'"):
         load_recordings(tmp_path / name, reading=Reading(label="/x"))
 
 
 def test_a_table_of_times_is_for_a_log(tmp_path, known):
     doors.write_hdf5(known, tmp_path / "a.h5")
     for source in (tmp_path / "a.h5", tmp_path):
-        with pytest.raises(InputError, match="--labels is for one log"):
+        with refused("--labels is for one log"):
             load_recordings(source, reading=Reading(labels=tmp_path / "times.csv"))
 
 
 def test_an_unknown_ending_is_refused_with_the_formats_there_are(tmp_path):
     (tmp_path / "a.xlsx").write_bytes(b"PK")
-    with pytest.raises(InputError, match=r"ends in '.xlsx', which is not a format .* \.npz .*\.h5 .*\.mcap"):
+    with refused(r"ends in '.xlsx', which is not a format .* \.npz .*\.h5 .*\.mcap"):
         load_recordings(tmp_path / "a.xlsx")

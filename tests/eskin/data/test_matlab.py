@@ -7,8 +7,7 @@ import pytest
 from scipy.io import savemat
 
 from eskin.data import Reading, load_recordings
-from eskin.golden.core import InputError
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 
 PARTS = [np.random.default_rng(n).integers(0, 500, (20 + n, 4)).astype(float) for n in range(4)]
 
@@ -37,26 +36,21 @@ def write(path, **changes):
     return path
 
 
-def test_a_cell_array_of_recordings(tmp_path):
-    recordings = load_recordings(write(tmp_path / "r.mat"))
-    assert recordings.class_names == ("silk", "felt") and recordings.labels.tolist() == [0, 1, 0, 1]
-    assert recordings.sample_rate_hz == 250 and recordings.groups["person"].tolist() == [0, 0, 1, 1]
-    assert all(np.array_equal(recordings.recording(n), PARTS[n]) for n in range(4))
-    assert any("numbered from 1" in note for note in recordings.notes)
-
-
 @each_row(
     "changes",
     [
+        {},
         {"samples": None, "data": cells(PARTS)},
         {"samples": np.concatenate(PARTS), "offsets": np.cumsum([0, *map(len, PARTS)])},
         {"labels": cells(["silk", "felt", "silk", "felt"])},
         {"fs": None, "sample_rate_hz": 250},
     ],
 )
-def test_other_forms_of_the_same(tmp_path, changes):
+def test_recordings_in_several_forms(tmp_path, changes):
     recordings = load_recordings(write(tmp_path / "r.mat", **changes))
-    assert recordings.labels.tolist() == [0, 1, 0, 1] and recordings.sample_rate_hz == 250
+    assert recordings.class_names == ("silk", "felt") and recordings.labels.tolist() == [0, 1, 0, 1]
+    assert recordings.sample_rate_hz == 250 and recordings.groups["person"].tolist() == [0, 0, 1, 1]
+    assert changes or any("numbered from 1" in note for note in recordings.notes)
     assert all(np.array_equal(recordings.recording(n), PARTS[n]) for n in range(4))
 
 
@@ -90,9 +84,8 @@ BROKEN = [
 
 @each_row("changes, sentence", BROKEN)
 def test_a_broken_file_is_refused(tmp_path, changes, sentence):
-    with pytest.raises(InputError) as refusal:
+    with refused(sentence, "r.mat"):
         load_recordings(write(tmp_path / "r.mat", **changes))
-    assert sentence in str(refusal.value) and "r.mat" in str(refusal.value), str(refusal.value)
 
 
 def test_files_that_are_none(tmp_path):
@@ -100,10 +93,10 @@ def test_files_that_are_none(tmp_path):
     data = path.read_bytes()
     for damaged in (b"", data[:200], data[:-40], b"\0" * 500, b"text"):
         path.write_bytes(damaged)
-        with pytest.raises(InputError, match="r.mat"):
+        with refused("r.mat"):
             load_recordings(path)
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 90)
-    with pytest.raises(InputError, match="version 7.3"):
+    with refused("version 7.3"):
         load_recordings(path)
 
 
@@ -116,7 +109,7 @@ def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is_read(tmp_path, 
         head = zlib.compress(b"\x0e\0\0\0" + b"\xff\xff\xff\xef" + b"\0" * 64)
         path.write_bytes(data[:128] + b"\x0f\0\0\0" + len(head).to_bytes(4, "little") + head)
     monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: pytest.fail("it was read"))
-    with pytest.raises(InputError, match=r"r.mat': has \d+ bytes and unpacks to \d+ MB"):
+    with refused(r"r.mat': has \d+ bytes and unpacks to \d+ MB"):
         load_recordings(path)
 
 
@@ -126,5 +119,5 @@ def test_a_file_that_kills_scipys_reader_is_refused(tmp_path):
     assert data.count(tag) == 1
     # numbers of a kind that there is not
     (tmp_path / "r.mat").write_bytes(data.replace(tag, b"\xff" + tag[1:]))
-    with pytest.raises(InputError, match="r.mat': is damaged"):
+    with refused("r.mat': is damaged"):
         load_recordings(tmp_path / "r.mat")

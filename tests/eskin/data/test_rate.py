@@ -25,7 +25,7 @@ def test_recordings_that_no_touch_takes_so_long_for():
     assert "lasts 40 minutes" in wrong_rate(recordings(0.25))[0]
 
 
-@each_row(("name", "unit"), [("duration_ms", 1e3), ("duration_s", 1.0)])
+@each_row("name, unit", [("duration_ms", 1e3), ("duration_s", 1.0)])
 def test_the_archives_own_durations_are_believed(name, unit):
     (sentence,) = wrong_rate(recordings(1000, groups={name: np.full(10, 6.0 * unit)}))
     assert "declares 1000 frames a second" in sentence and f"{name} makes it 100:" in sentence

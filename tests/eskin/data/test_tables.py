@@ -4,16 +4,14 @@ with file and line."""
 import re
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import Reading, load_recordings
-from eskin.data.archive import load_archive, save_archive
 from eskin.data.fit import check_fit
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import round_step, to_codes
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 from tests.support.written import by_class, texts
 
 RATE = 200.0
@@ -86,7 +84,7 @@ def test_time_in_milliseconds_and_an_index_column(tmp_path):
     recordings = texts(tmp_path, text)
     assert recordings.sample_rate_hz == RATE and np.array_equal(recordings.recording(0), codes(0))
     plain = lambda number: text(number, "time")
-    with pytest.raises(InputError, match="name its unit in the header"):
+    with refused("name its unit in the header"):
         texts(tmp_path, plain)
     assert texts(tmp_path, plain, Reading(rate_hz=50.0)).sample_rate_hz == 50
 
@@ -98,22 +96,11 @@ def test_columns_are_chosen_by_name_and_number(tmp_path):
     assert np.array_equal(
         load_recordings(folder, reading=Reading(columns=("3-4",))).recording(0), codes(0)[:, 1:3]
     )
-    with pytest.raises(InputError, match="no such column; it has time, a, b, c, d"):
+    with refused("no such column; it has time, a, b, c, d"):
         load_recordings(folder, reading=Reading(columns=("e",)))
 
 
-def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
-    said = load_recordings(make_folder(tmp_path / "d"), reading=Reading(rate_hz=RATE * 1.005)).notes
-    assert "the sample rate is the given one" in said
-    made = load_recordings(tmp_path / "d", reading=Reading(rate_hz=10 * RATE))
-    assert made.sample_rate_hz == 10 * RATE
-    assert (
-        f"the sample rate is the given one, {10 * RATE:g} Hz; but the recordings say {RATE:.5g} Hz"
-        in made.notes
-    )
-
-
-@each_row(("times", "same"), [(1.015, True), (1.03, False)])
+@each_row("times, same", [(1.015, True), (1.03, False)])
 def test_rates_within_two_in_a_hundred_are_one(tmp_path, times, same):
     """Of two recordings, and of recordings and what was asked for."""
 
@@ -125,22 +112,24 @@ def test_rates_within_two_in_a_hundred_are_one(tmp_path, times, same):
     if same:
         assert RATE <= texts(tmp_path, text, count=2).sample_rate_hz <= RATE * times
     else:
-        with pytest.raises(InputError, match="has 200 frames a second and .* 206;"):
+        with refused("has 200 frames a second and .* 206;"):
             texts(tmp_path, text, count=2)
     asked = load_recordings(make_folder(tmp_path / "d"), reading=Reading(rate_hz=RATE * times))
-    assert asked.sample_rate_hz == RATE * times and ("recordings say" not in "".join(asked.notes)) is same
+    said = f"the sample rate is the given one, {RATE * times:g} Hz; but the recordings say {RATE:g} Hz"
+    assert asked.sample_rate_hz == RATE * times
+    assert (said.partition(",")[0] if same else said) in asked.notes
 
 
 def test_a_rate_is_asked_for_where_no_column_says_it(tmp_path):
     folder = make_folder(tmp_path / "d", time=None)
-    with pytest.raises(InputError, match="--rate HZ"):
+    with refused("--rate HZ"):
         load_recordings(folder)
     assert load_recordings(folder, reading=Reading(rate_hz=31.0)).sample_rate_hz == 31
     config = AcceleratorConfig.of(taxels=4, sample_rate_hz=77.0)
     assert load_recordings(folder, config=config).sample_rate_hz == 77
 
 
-def long_table(**changes) -> list[str]:
+def long_table() -> list[str]:
     """Six recordings of two classes and three persons, as lines."""
     lines = ["recording,person,class,time,a,b,c,d"]
     for number in range(6):
@@ -152,20 +141,15 @@ def long_table(**changes) -> list[str]:
     return lines
 
 
-def test_one_long_table(tmp_path):
+def test_columns_of_one_long_table_are_named(tmp_path):
     path = tmp_path / "all.csv"
-    path.write_text("\n".join(long_table()))
-    recordings = load_recordings(path)
-    assert recordings.class_names == ("felt", "silk") and recordings.labels.tolist() == [1, 0, 1, 0, 1, 0]
-    assert recordings.groups["person"].tolist() == [0, 0, 1, 1, 2, 2]
-    assert recordings.groups["recording"][5] == "r5" and recordings.sample_rate_hz == RATE
-    assert all(np.array_equal(recordings.recording(number), codes(number)) for number in range(6))
     path.write_text("\n".join(long_table()).replace("recording,person,class", "nr,who,what"))
-    with pytest.raises(InputError, match="--class"):
+    with refused("--class"):
         load_recordings(path)
     named = load_recordings(path, reading=Reading(label="what", recording="nr"))
-    assert np.array_equal(named.labels, recordings.labels)
-    assert named.groups["who"].tolist() == [0, 0, 1, 1, 2, 2]
+    assert named.class_names == ("felt", "silk") and named.labels.tolist() == [1, 0, 1, 0, 1, 0]
+    assert named.groups["who"].tolist() == [0, 0, 1, 1, 2, 2] and named.groups["nr"][5] == "r5"
+    assert named.sample_rate_hz == RATE and np.array_equal(named.recording(5), codes(5))
 
 
 def broken_folder(tmp_path, change):
@@ -212,14 +196,12 @@ BROKEN = [
 
 @each_row("change, said", BROKEN)
 def test_a_broken_file_is_refused_with_its_place(tmp_path, change, said):
-    with pytest.raises(InputError) as refusal:
+    with refused(said, "p1_t1.csv"):
         load_recordings(broken_folder(tmp_path, change))
-    assert said in str(refusal.value) and "p1_t1.csv" in str(refusal.value), str(refusal.value)
 
 
 BROKEN_TABLES = [
     (lambda lines: lines[1:], "has no header"),
-    (lambda lines: [line.replace("class", "kind") for line in lines], "--class"),
     (lambda lines: [line.replace("recording", "what") for line in lines], "--recording"),
     (lambda lines: [*lines, lines[1]], "line 77: recording r0 goes on here after another one"),
     (
@@ -236,13 +218,12 @@ BROKEN_TABLES = [
 def test_a_broken_table_is_refused_with_its_place(tmp_path, change, said):
     path = tmp_path / "all.csv"
     path.write_text("\n".join(change(long_table())))
-    with pytest.raises(InputError) as refusal:
+    with refused(said):
         load_recordings(path)
-    assert said in str(refusal.value), str(refusal.value)
 
 
 # ---------------------------------------------------------------------- real samples
-def test_real_samples_get_a_scale_that_is_kept(tmp_path):
+def test_real_samples_get_a_scale_or_that_of_the_configuration(tmp_path):
     folder, volts = tmp_path / "d", [(codes(number) - 400) / 977 for number in range(4)]
     text = lambda number: "\n".join(
         ["a,b,c,d", *(",".join(f"{v:.9f}" for v in row) for row in volts[number])]
@@ -252,11 +233,6 @@ def test_real_samples_get_a_scale_that_is_kept(tmp_path):
     assert recordings.sample_signed and recordings.sample_bits == 16 and step == 5e-5
     assert np.abs(recordings.recording(0) * step - volts[0]).max() <= 0.5 * step
     assert any(f"one code is {step:g}" in note for note in recordings.notes)
-    save_archive(recordings, tmp_path / "made.npz")
-    again = load_archive(tmp_path / "made.npz")
-    assert again.volt_per_code == step
-    assert np.array_equal(again.samples, recordings.samples)
-    assert again.sample_format == recordings.sample_format
     config = AcceleratorConfig.of(
         taxels=4,
         sample_rate_hz=RATE,
@@ -269,7 +245,7 @@ def test_real_samples_get_a_scale_that_is_kept(tmp_path):
     scaled = load_recordings(folder, config=config)
     assert scaled.volt_per_code == 1e-3 and np.array_equal(scaled.recording(0), np.rint(volts[0] / 1e-3))
     check_fit(scaled, config)
-    with pytest.raises(InputError, match="has a code worth 5e-05"):
+    with refused("has a code worth 5e-05"):
         check_fit(recordings, config)
 
 
@@ -282,7 +258,7 @@ def test_whole_numbers_are_codes_and_others_are_not():
     assert to_codes(table, "x", 2.0)[0].tolist() == [[0, 32768], [0, 4]]
     held, _, notes = to_codes(table, "x", 0.5)
     assert held.max() == 65535 and "0.25 of the samples lie beyond" in notes[1]
-    with pytest.raises(InputError, match="every sample is 0"):
+    with refused("every sample is 0"):
         to_codes(np.array([[0.0, 1e-310]]), "x")
     level = 1e5 + np.random.default_rng(1).normal(0, 0.1, (500, 4))
     assert any("taxels 0, 1, 2, 3: fewer than 16 codes" in note for note in to_codes(level, "x")[2])
@@ -298,28 +274,18 @@ def test_a_round_step_is_enough_and_not_twice_too_large(largest, top):
 
 @given(
     st.integers(1, 9),
-    st.integers(4, 6),
     st.sampled_from([",", ";", "\t", " "]),
     st.booleans(),
     st.booleans(),
     st.integers(0, 2**31),
-    st.data(),
 )
 @settings(max_examples=60, deadline=None)
-def test_any_recording_written_as_text_is_read_back(
-    tmp_path_factory, rows, columns, delimiter, header, real, seed, data
-):
+def test_any_recording_written_as_text_is_read_back(tmp_path_factory, rows, delimiter, header, real, seed):
     rng = np.random.default_rng(seed)
-    samples = rng.normal(0, 100, (rows, columns)) if real else rng.integers(-500, 500, (rows, columns))
-    folder = tmp_path_factory.mktemp("any")
-    (folder / "c").mkdir()
-    lines = [delimiter.join(f"t{n}" for n in range(columns))] if header else []
-    (folder / "c" / "one.csv").write_text(
-        "\n".join(lines + [delimiter.join(map(repr, row)) for row in samples.tolist()])
-    )
-    recordings = load_recordings(
-        folder, reading=Reading(rate_hz=10.0, columns=tuple(str(n + 1) for n in range(columns)))
-    )
+    samples = rng.normal(0, 100, (rows, 4)) if real else rng.integers(-500, 500, (rows, 4))
+    text = lambda number: written(samples, time=None, delimiter=delimiter, header=header)
+    reading = Reading(rate_hz=10.0, columns=("1-4",))
+    recordings = texts(tmp_path_factory.mktemp("any"), text, reading, count=1)
     step = recordings.volt_per_code or 1.0
     assert recordings.samples.shape == samples.shape
     assert np.abs(recordings.samples * step - samples).max() <= 0.5000001 * step * real

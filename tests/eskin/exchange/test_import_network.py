@@ -6,16 +6,15 @@ import os
 from pathlib import Path
 
 import numpy as np
-import pytest
 import torch
 
 from eskin.exchange.import_network import import_network
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.model import FloatModel, find_touches, real_features
 from eskin.training.datasets import find_dataset, touch_rows
 from eskin.training.fit import fit_networks
 from eskin.training.recipe import Recipe
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL, scene
 
 SYNTHETIC = PRESETS["synthetic"]
@@ -49,7 +48,7 @@ def saved(path: Path, state: dict) -> Path:
     return path
 
 
-@each_row(("prefix", "steps"), [("", 20), ("module.net.", 1)])
+@each_row("prefix, steps", [("", 20), ("module.net.", 1)])
 @each_row("name", ["GRU", "LSTM", "GRUCell", "LSTMCell"])
 def test_torch_network_computes_the_same(tmp_path, name, prefix, steps):
     network = Network(getattr(torch.nn, name)).double()
@@ -72,11 +71,13 @@ def test_torch_network_computes_the_same(tmp_path, name, prefix, steps):
 
 
 # ---------------------------------------------------------------------- refusals
-def refused(tmp_path: Path, file: Path, match: str, config: AcceleratorConfig = SYNTHETIC, **options) -> None:
+def not_imported(
+    tmp_path: Path, file: Path, match: str, config: AcceleratorConfig = SYNTHETIC, **options
+) -> None:
     """One sentence that says so, and no folder."""
-    with pytest.raises(InputError, match=match) as error:
+    with refused(match) as error:
         import_network(file, config, out=tmp_path / "model", **({"reset": "after"} | SCALE | options))
-    assert "\n" not in str(error.value) and str(error.value).count(". ") == 0
+    assert str(error.value).count(". ") == 0
     assert not (tmp_path / "model").exists()
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
@@ -105,7 +106,7 @@ def torch_file(tmp_path: Path, cell: type = torch.nn.GRU, *sizes: int, **arrays:
     ],
 )
 def test_a_file_of_another_variant(tmp_path, file, arguments, cell, reset, match):
-    refused(tmp_path, file(tmp_path, *arguments), match, cell=cell, reset=reset)
+    not_imported(tmp_path, file(tmp_path, *arguments), match, cell=cell, reset=reset)
 
 
 ONES, SPOILED = torch.ones, Network(torch.nn.GRU).state_dict()["recurrent.weight_hh_l0"].clone()
@@ -127,7 +128,7 @@ ELSE = "holds objects other than tensors"
     ],
 )
 def test_torch_arrays_that_do_not_make_one_network(tmp_path, arrays, match):
-    refused(tmp_path, torch_file(tmp_path, **arrays), match)
+    not_imported(tmp_path, torch_file(tmp_path, **arrays), match)
 
 
 class Code:
@@ -145,9 +146,9 @@ def test_code_in_a_file_is_never_run(tmp_path):
     state = Network(torch.nn.GRU).state_dict()
     for zipped in (True, False):
         torch.save(state | {"head.bias": Code(mark)}, file, _use_new_zipfile_serialization=zipped)
-        refused(tmp_path, file, "holds pickled code, which is never run; save only the weights")
+        not_imported(tmp_path, file, "holds pickled code, which is never run; save only the weights")
     torch.save(Network(torch.nn.GRU), file)
-    refused(tmp_path, file, "holds pickled code, which is never run; save only the weights")
+    not_imported(tmp_path, file, "holds pickled code, which is never run; save only the weights")
     assert not mark.exists()
     torch.load(file, weights_only=False)  # the trap works where somebody falls into it
     torch.save(Code(mark), file)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from eskin.data import load_recordings
 from eskin.exchange import plain_c
-from eskin.golden.core import AcceleratorConfig, InputError, QFormat
+from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model import IntegerModel, run, run_images
 from eskin.training.made_up import random_images, random_recordings
 from eskin.verbs.export_job import export_c
@@ -22,6 +22,7 @@ from tests.support.c_played import model_of as model_on
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
 from tests.support.strategies import configurations, examples
+from tests.support.table import refused
 
 GCC = ("gcc", "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1")
 SANITIZED = (*GCC, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -283,7 +284,7 @@ def test_two_models_go_into_one_program(tmp_path):
     subprocess.run(command, cwd=tmp_path, check=True)
     assert subprocess.run([tmp_path / "both"]).returncode == 0
     for wrong in ("", "2left", "a b", "a;x", "é", "x" * 41):
-        with pytest.raises(InputError, match="--prefix .*: is not a prefix for names in C"):
+        with refused("--prefix .*: is not a prefix for names in C"):
             export_c(model_of(RING, 3), tmp_path / "no", prefix=wrong)
     assert not (tmp_path / "no").exists()
 

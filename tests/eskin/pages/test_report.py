@@ -10,11 +10,10 @@ from html.parser import HTMLParser
 import pytest
 
 from eskin.choose.candidate import front_end_fields
-from eskin.golden.core import InputError
 from eskin.pages.report import draw_candidates, fewer_scans, summary, write_report
 from eskin.pages.views import count, hertz, percent, seconds
 from tests.support.result_case import CONFIG, STAGE_COUNTS, edit, make_result
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 
 SPACE = "\u202f"
 
@@ -183,7 +182,7 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
 
 
 @each_row(
-    ("file", "change", "expected"),
+    "file, change, expected",
     [
         ("cosim.json", {"bit_exact": False, "mismatches": 31}, "DIFFERS"),
         (
@@ -223,7 +222,7 @@ def test_the_page_stands_alone_and_is_the_same_when_made_again(result):
 
 
 @each_row(
-    ("name", "field"),
+    "name, field",
     [
         ("cosim.json", "stages"),
         ("cosim_declared.json", "budgets"),
@@ -234,19 +233,19 @@ def test_the_page_stands_alone_and_is_the_same_when_made_again(result):
 def test_a_missing_field_is_named(result, name, field):
     whole = (result / name).read_bytes()
     edit(result / name, **{field: None})
-    with pytest.raises(InputError, match=rf"field of its files is missing .*{field}"):
+    with refused(rf"field of its files is missing .*{field}"):
         write_report(result)
     (result / name).write_bytes(whole)
 
 
 def test_a_pipe_in_the_place_of_a_file_is_refused(tmp_path):
     os.mkfifo(tmp_path / "run.json")
-    with pytest.raises(InputError, match="not a regular file"):
+    with refused("not a regular file"):
         write_report(tmp_path)
 
 
 @each_row(
-    ("shown", "text"),
+    "shown, text",
     [
         (percent(1.0), "100.0 %"),
         (percent(0.99999), "99.9 %"),

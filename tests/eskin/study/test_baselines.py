@@ -1,7 +1,7 @@
 """eskin/study/baselines.py: each method learns a task it can learn, is counted right, and sees nothing of a part
 that was left out."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from tests.support.touch_scenes import SMALL, scene
 
 @pytest.mark.parametrize("name", METHODS)
 def test_each_learns_the_scene(name, monkeypatch):
-    quick = {key: dataclasses.replace(recipe, updates=150) for key, recipe in recipes.RECIPES.items()}
+    quick = {key: replace(recipe, updates=150) for key, recipe in recipes.RECIPES.items()}
     monkeypatch.setattr(recipes, "RECIPES", quick)
     shared = Scene.of(scene(60, seed=3), SMALL)
     row = judge(shared, (METHODS[name], ("person",), (1,), 2))
@@ -37,7 +37,7 @@ def test_each_learns_the_scene(name, monkeypatch):
 def test_labels_of_the_test_part_are_not_seen():
     """What can only be learnt by heart is not known of a part that was left out."""
     recordings = scene(60, seed=3)
-    shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
+    shuffled = replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
     row = judge(Scene.of(shuffled, SMALL), (METHODS["neighbours"], ("person",), (0,), 5))
     assert row["accuracy"] < 0.5
 

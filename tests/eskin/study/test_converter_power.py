@@ -11,7 +11,7 @@ from tests.support.table import each_row
 THESIS = PRESETS["thesis"].replace(feature_shift=(10, 9))
 
 
-@each_row(("name", "count"), [("ads7953", 1), ("mcp3208x2", 2), ("ad7476", 16)])
+@each_row("name, count", [("ads7953", 1), ("mcp3208x2", 2), ("ad7476", 16)])
 def test_chips_times_power_times_the_touch(name, count):
     power = converter_power(THESIS.replace(converter=name))
     assert power["chips"] == count and power["power_w"] == pytest.approx(count * CONVERTERS[name].watt)

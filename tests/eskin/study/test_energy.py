@@ -1,6 +1,6 @@
 """The energy estimate: its sums against sums by hand, its bounds, its page."""
 
-import dataclasses
+from dataclasses import replace
 
 import pytest
 
@@ -60,7 +60,7 @@ def test_a_step_a_touch_and_the_powers_are_the_sums_by_hand():
     )
     assert BATTERY_J == 18000 and on["hours"] == pytest.approx(18000 / on["average_w"] / 3600)
     assert on["touches"] == pytest.approx(18000 / (idle * 2.048 + added))
-    always = estimate(CONFIG, dataclasses.replace(PART, clock_stops=False), ACTIVITY, 2e6)["choices"]
+    always = estimate(CONFIG, replace(PART, clock_stops=False), ACTIVITY, 2e6)["choices"]
     assert [choice["name"] for choice in always] == ["outside clock, always on", "own oscillator, 6 MHz"]
 
 
@@ -101,7 +101,7 @@ def test_idle_toggles_are_what_two_runs_differ_by():
 def rows(**changes):
     made = []
     for name, part, cycles in (("a", "iCE40UP5K", 200), ("b", "iCE40UP5K", 1100), ("c", "LFE5U-25F", 120)):
-        figures = estimate(CONFIG, part, dataclasses.replace(ACTIVITY, step_cycles=cycles), 5e3 * cycles)
+        figures = estimate(CONFIG, part, replace(ACTIVITY, step_cycles=cycles), 5e3 * cycles)
         made.append({"name": name, "bit_exact": name not in changes.get("wrong", ()), **figures})
     return made
 

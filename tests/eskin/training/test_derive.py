@@ -8,12 +8,12 @@ import pytest
 
 from eskin.choose.choice import configure
 from eskin.data import load_recordings
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
 from eskin.training.derive import derive_config
 from tests.support.prices import priced
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 
 
 @pytest.fixture(scope="module")
@@ -139,9 +139,7 @@ def test_a_preset_takes_the_classes_of_the_recordings_and_a_file_does_not(make_r
     assert "class0, class1" in front_end.reasons[1]
     assert front_end.record() is None
     own = PRESETS["pvdf"].replace(name="mine")
-    with pytest.raises(
-        InputError, match="array class_names: is class0, class1 and configuration 'mine' has Cube3"
-    ):
+    with refused("array class_names: is class0, class1 and configuration 'mine' has Cube3"):
         configure(recordings, own, priced())
-    with pytest.raises(InputError, match="has 8 taxels and configuration 'fabric', field taxels, has 16"):
+    with refused("has 8 taxels and configuration 'fabric', field taxels, has 16"):
         configure(recordings, PRESETS["fabric"], priced())

@@ -73,7 +73,7 @@ COARSENED = [
 same rounding."""
 
 
-@each_row(("cell", "reset", "stage"), COARSENED)
+@each_row("cell, reset, stage", COARSENED)
 def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, stage):
     fine, coarse = (
         {error["stage"]: error for error in stage_errors(*models(cell, reset, **formats))}

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from eskin.data import load_recordings
-from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
+from eskin.golden.core import FEATURE_KINDS, PRESETS
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
@@ -30,7 +30,7 @@ from eskin.training.recipe import RECIPES
 from eskin.training.splits import default_splits, split_folds
 from eskin.training.train import TrainingRequest, train
 from tests.golden.model.test_cells import CELLS
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL, scene
 
 QUICK = replace(RECIPES["onset"], updates=200)
@@ -76,7 +76,7 @@ WIDTHS = [
 ]
 
 
-@each_row(("cell", "reset", "widths"), [(*CELLS[number % 3], widths) for number, widths in enumerate(WIDTHS)])
+@each_row("cell, reset, widths", [(*CELLS[number % 3], widths) for number, widths in enumerate(WIDTHS)])
 def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, cell, reset, widths):
     """Every batch of a fine-tuning run: features, then logits, against numpy and IntegerModel.forward of what
     is exported then."""
@@ -297,7 +297,7 @@ def test_networks_are_trained_and_profiled_on_what_the_fault_detector_leaves():
     (one,), (other,) = (fit(given, [part], few(3, plain), DETECTING) for given in (data, loud))
     assert profile(one, data.touches) == profile(other, loud.touches)
     assert all((one.arrays[name] == other.arrays[name]).all() for name in one.arrays)
-    with pytest.raises(InputError, match="field fault_activity: is 17.*masks every taxel"):
+    with refused("field fault_activity: is 17.*masks every taxel"):
         datasets.scaling(
             DETECTING,
             data.means[part, : SMALL.windows.steps],

@@ -19,7 +19,7 @@ from tests.support.traffic_case import CONFIG
 
 
 @each_row(
-    ("clock_hz", "decide_within_s", "in_one"),
+    "clock_hz, decide_within_s, in_one",
     [(12e6, 0.0, True), (786e3, 0.0, False), (786e3, 0.001, True), (12e6, 1e-5, False)],
 )
 def test_rows_in_one_phase_where_the_clock_decides_in_time(clock_hz, decide_within_s, in_one):

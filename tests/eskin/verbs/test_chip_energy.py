@@ -1,15 +1,15 @@
 """Energy of a chip: what is made of the counts of frames, and a small netlist played from random contents,
 whole and with a wrong cell."""
 
-import dataclasses
 import random
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
 from eskin.cosim.device import Design, Device
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.nets import Nets, costs
 from eskin.rtl.asic.synthesis import process_of
@@ -17,6 +17,7 @@ from eskin.rtl.program.schedule import schedule
 from eskin.verbs import asic_job, chip_energy
 from eskin.verbs.flow import cosimulate
 from tests.support.random_models import random_integer_model
+from tests.support.table import refused
 from tests.support.tiny_cells import MEMORY_PINS, liberty_files
 from tests.support.traffic_case import CONFIG as TINY
 from tests.support.traffic_case import Case
@@ -105,7 +106,7 @@ def test_recordings_may_end_with_their_touch():
     assert played.lengths == longer.lengths - hop
     held = chip_energy._resting(played, hop)
     assert held.lengths == longer.lengths and (held.samples[-hop:] == played.samples[-1]).all()
-    with pytest.raises(InputError, match="none has a whole touch; energy needs one"):
+    with refused("none has a whole touch; energy needs one"):
         chip_energy.with_touches(model, ending.until(ending.lengths - 1), 1)
 
 
@@ -117,7 +118,7 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     libraries = asic_job.libraries_of(paths)
     process = process_of("ihp-sg13g2", libraries["typ"])
     case = Case(asic_job.chip_config(SMALL, 1, rom))
-    model = dataclasses.replace(random_integer_model(case.config, 5), config=case.config)
+    model = replace(random_integer_model(case.config, 5), config=case.config)
     monkeypatch.setattr(asic_job, "CACHE", tmp_path / "chips")
     netlist = asic_job.netlist_of(case.config, model.arrays, process)
     nets, wire = Nets(netlist.module, process.cells), process.library.wire_loads["10k"]
@@ -125,7 +126,7 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     whole = played()
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     if rom:  # another model's weights are not in this chip
-        other = dataclasses.replace(random_integer_model(case.config, 6), config=case.config)
+        other = replace(random_integer_model(case.config, 6), config=case.config)
         assert not chip_energy.measured(other, *played.args[1:])["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in paths], "rom": rom}

@@ -47,7 +47,7 @@ def test_a_hard_sigmoid_is_clipped_in_float_too():
     assert gates.sigmoid(np.array([-3.0, -1.0, 0.0, 2.0, 9.0])) == pytest.approx([0, 0.3, 0.5, 0.9, 1])
 
 
-@each_row(("cell", "reset"), CELLS)
+@each_row("cell, reset", CELLS)
 def test_fixed_gradients_follow_the_float_ones(cell, reset):
     """Straight through: codes at full resolution give nearly the gradient of the real network they stand
     for."""

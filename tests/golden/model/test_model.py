@@ -1,10 +1,9 @@
 """golden/model/model.py: parameter counts, model folders, and what is refused with which words."""
 
 import numpy as np
-import pytest
 import torch
 
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.golden.model import (
     Float,
     FloatModel,
@@ -18,7 +17,7 @@ from eskin.training.formats import normaliser_constants, with_network
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
 from tests.support.random_models import random_integer_model
-from tests.support.table import each_row
+from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL
 
 
@@ -33,7 +32,7 @@ def float_model(config=SMALL, seed=0):
 
 # ---------------------------------------------------------------------- counts
 @each_row(
-    ("network", "count"),
+    "network, count",
     [
         ({"hidden": 12}, 1083),
         ({"hidden": 10}, 843),
@@ -80,7 +79,7 @@ def test_a_folder_of_something_else_is_not_replaced(tmp_path, content):
         folder.mkdir()
     (folder / "notes.txt").write_text("months of work")
     before = contents(tmp_path)
-    with pytest.raises(InputError, match=r"precious.*notes\.txt.*name a new folder"):
+    with refused(r"precious.*notes\.txt.*name a new folder"):
         float_model().save(folder, {})
     assert contents(tmp_path) == before
 
@@ -95,7 +94,7 @@ def save_arrays(folder, change):
 
 
 @each_row(
-    ("change", "words"),
+    "change, words",
     [
         (
             lambda a: a.pop("U_r"),
@@ -115,7 +114,7 @@ def save_arrays(folder, change):
 def test_damaged_weights_are_named(tmp_path, change, words):
     save_arrays(tmp_path / "model", change)
     before = contents(tmp_path)
-    with pytest.raises(InputError, match=words):
+    with refused(words):
         IntegerModel.load(tmp_path / "model")
     assert contents(tmp_path) == before
 
@@ -145,7 +144,7 @@ def test_a_spread_too_small_for_the_scale_is_refused():
     least = 2.0 ** (fmt.frac_bits + config.formats.gate_frac) / (config.feature_units[0] * top)
     filled, _, scale = normaliser_constants(config, 0.0, least)
     assert (*filled.features.feature_shift, *scale) == (0, top), "the largest code is one"
-    with pytest.raises(InputError, match="feature_format.*fewer feature bits"):
+    with refused("feature_format.*fewer feature bits"):
         normaliser_constants(config, 0.0, 0.0005)
 
 
@@ -159,7 +158,7 @@ def test_with_network_moves_the_state_format_and_the_windows():
     assert (finer.windows.hop, finer.windows.window, finer.windows.steps) == (122, 245, 50)
     assert with_network(PRESETS["pvdf"], steps=10).windows.hop == PRESETS["pvdf"].windows.hop
     for name in ("thesis", "pvdf"):
-        with pytest.raises(InputError, match="field steps"):
+        with refused("field steps"):
             with_network(PRESETS[name], steps=0)
 
 

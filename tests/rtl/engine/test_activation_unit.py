@@ -80,7 +80,7 @@ def test_a_wrong_entry_is_told_from_the_cycle_after_its_look_up_to_the_next():
 
 
 @each_row(
-    ("changes", "tables"),
+    "changes, tables",
     [
         ({}, 1),
         ({"lane_type": "dsp", "lanes": 5}, 1),

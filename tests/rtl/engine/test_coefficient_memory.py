@@ -15,7 +15,7 @@ from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
-@each_row(("lanes", "cell"), [(1, "gru"), (4, "lstm")])
+@each_row("lanes, cell", [(1, "gru"), (4, "lstm")])
 def test_what_is_written_is_read_and_nothing_with_it(lanes, cell):
     config = reference(cell, lanes=lanes, lane_type="dsp")
     program = cell_program(config)

@@ -127,23 +127,19 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
 
 
 @pytest.mark.parametrize(
-    ("cell", "reset", "lanes", "decision"),
+    ("cell", "reset", "lanes", "decision", "lane_type"),
     [
-        ("gru", "before", 1, "vote"),
-        ("lstm", "before", 2, "last"),
-        ("gru", "after", 4, "last"),
-        ("lstm", "before", 4, "vote"),
+        ("gru", "before", 1, "vote", "plain"),
+        ("lstm", "before", 2, "last", "plain"),
+        ("gru", "after", 4, "last", "plain"),
+        ("lstm", "before", 4, "vote", "plain"),
+        ("gru", "after", 4, "vote", "dsp"),
+        ("lstm", "before", 1, "vote", "dsp"),
+        ("gru", "before", 2, "vote", "dsp"),
     ],
 )
-def test_bit_exact_in_the_schedule(cell, reset, lanes, decision):
-    check_exact_and_cycles(small(cell, reset, lanes, decision=decision), touches=3)
-
-
-@pytest.mark.parametrize(
-    ("cell", "reset", "lanes"), [("gru", "after", 4), ("lstm", "before", 1), ("gru", "before", 2)]
-)
-def test_dsp_lanes_are_bit_exact_too(cell, reset, lanes):
-    check_exact_and_cycles(small(cell, reset, lanes, lane_type="dsp"), touches=2)
+def test_bit_exact_in_the_schedule(cell, reset, lanes, decision, lane_type):
+    check_exact_and_cycles(small(cell, reset, lanes, decision=decision, lane_type=lane_type), touches=3)
 
 
 def check_exact(model: IntegerModel, centred: np.ndarray, **options):

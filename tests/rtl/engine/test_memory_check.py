@@ -4,11 +4,11 @@ else."""
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.program.memory_map import Fault, Memory, Register, Status, load_writes, words_per_entry
+from eskin.rtl.program.memory_map import Fault, Memory, Register, load_writes, words_per_entry
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import START, WIDTH, advance, fold, parity, reads, retreat
-from tests.rtl.top.test_accelerator import CONFIGS, check, play, recordings
+from tests.rtl.top.test_accelerator import CONFIGS, play, recordings
 from tests.support.random_models import random_integer_model
 from tests.support.unseen import unseen
 
@@ -37,18 +37,6 @@ def test_no_single_flip_leaves_the_signature_and_no_slot_or_word_is_added(cell, 
         assert unseen(code, constant_counts(config, code)) == [], (preset, lanes)
         if code.plan.shared:
             assert ("addend", code.plan.half_address) in {read for _, read in reads(code, 0)}
-
-
-def test_bit_exact_and_without_a_flag_where_nothing_is_wrong():
-    """Other designs: random ones, half of which are checked."""
-    config = checked("thesis", loadable=False, lanes=1)
-    model = random_integer_model(config, seed=3)
-    data = recordings(config, 41, [150, 60])
-    streams, statuses = play(model, data, stall=0.2)
-    check(model, data, streams)
-    assert streams["decision"] and not any(
-        status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) or status[0] & Status.FAULT for status in statuses
-    )
 
 
 def touch_data(config, frames: int = 110):
@@ -98,12 +86,7 @@ def test_a_reload_word_by_word_raises_no_flag_and_a_half_one_does():
     assert first != second and not faults(other, [*first, *second]) & Fault.CHECKSUM
     half = second[: len(second) // 2]
     assert faults(other, [*first, *half]) & Fault.CHECKSUM
-
-
-def test_memories_that_were_never_loaded_are_flagged():
-    config = checked("thesis", rearm_frames=60)
-    model = random_integer_model(config, seed=3)
-    assert faults(model, []) & Fault.CHECKSUM
+    assert faults(other, []) & Fault.CHECKSUM  # nothing was ever loaded
 
 
 def test_the_register_runs_through_every_value_and_back():

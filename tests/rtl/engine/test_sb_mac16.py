@@ -42,14 +42,14 @@ def of_a_lane(tmp_path: Path, accumulates: bool, acc_bits: int, **change) -> tup
     return differences(tmp_path, made, inputs, ("acc", acc_bits), played, **change)
 
 
-@each_row(("accumulates", "acc_bits"), [(True, 32), (False, 27)])
+@each_row("accumulates, acc_bits", [(True, 32), (False, 27)])
 def test_the_block_does_what_the_behaviour_says(tmp_path, accumulates, acc_bits):
     differ, moved = of_a_lane(tmp_path, accumulates, acc_bits)
     assert differ == 0 and moved > OPERATIONS // 3
 
 
 @each_row(
-    ("accumulates", "parameter", "wrong"),
+    "accumulates, parameter, wrong",
     [(True, "A_SIGNED", 0), (True, "TOPADDSUB_CARRYSELECT", 0), (False, "BOTADDSUB_LOWERINPUT", 1)],
 )
 def test_a_wrong_parameter_is_seen(tmp_path, accumulates, parameter, wrong):

@@ -6,13 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import generate
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL, behind
+from tests.support.table import refused
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -61,7 +60,7 @@ def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(tmp_pa
     other, out = tmp_path / "other", tmp_path / "out"
     other.mkdir()
     (other / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match="other files in it; give a new folder with --out"):
+    with refused("other files in it; give a new folder with --out"):
         generate(model.config, model.arrays, other)
     assert [path.name for path in tmp_path.rglob("*")] == ["other", "notes.txt"]
     for _ in range(2):

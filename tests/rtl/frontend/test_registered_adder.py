@@ -41,13 +41,13 @@ def test_the_block_does_what_the_behaviour_says(tmp_path, carry):
     assert CONFIG.sum_bits > 16 and differ == 0 and moved > OPERATIONS // 3
 
 
-@each_row(("parameter", "wrong"), [("TOPADDSUB_CARRYSELECT", 0), ("BOTOUTPUT_SELECT", 0)])
+@each_row("parameter, wrong", [("TOPADDSUB_CARRYSELECT", 0), ("BOTOUTPUT_SELECT", 0)])
 def test_a_wrong_parameter_is_seen(tmp_path, parameter, wrong):
     assert of_the_adder(tmp_path, change=with_parameter(parameter, wrong))[0] > OPERATIONS // 100
 
 
 @each_row(
-    ("lanes", "lane_type", "platform", "blocks"),
+    "lanes, lane_type, platform, blocks",
     [
         (1, "dsp", ICE40, 2),
         (5, "dsp", ICE40, 2),

@@ -86,7 +86,7 @@ def test_loading_and_a_refused_write():
 
 
 @each_row(
-    ("signals", "fault"),
+    "signals, fault",
     [
         (lambda dut: (dut.frames.offered, dut.frames.first), Fault.INPUT_STALLED),
         (lambda dut: (dut.frames.offered,), 0),

@@ -53,7 +53,7 @@ def test_the_writes_come_in_order_and_arm_behind_them():
 
 
 @each_row(
-    ("image", "written"),
+    "image, written",
     [
         (b"", 0),  # erased, or no flash on a line that is pulled up
         (bytes(200), 0),

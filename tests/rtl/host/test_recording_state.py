@@ -41,12 +41,6 @@ def test_finish_waits():
         assert seen[40]["busy"] and not seen[-1]["busy"]
 
 
-def test_a_finish_in_the_cycle_of_the_clear_is_the_next_recordings():
-    assert (
-        sum(cycle["finish"] for cycle in play((20, {}), (1, {"clear": 1, "finish_asked": 1}), (30, {}))) == 1
-    )
-
-
 def test_touches_are_counted_until_each_is_decided():
     seen = play(BEGINS, (5, {}), BEGINS, (5, {}), DECIDED, (5, {}))
     assert [cycle["touch"] for cycle in seen[:3]] == [0, 0, 1]

@@ -1,8 +1,8 @@
 """rtl/interface/ddc232_converter.py: set-up, a frame's codes at their taxels, quiet times, and each kind of
 wrong answer."""
 
-import dataclasses
 import random
+from dataclasses import replace
 from itertools import pairwise
 from unittest import mock
 
@@ -23,8 +23,8 @@ def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, **
     times that a bench can wait for. ``delay``: cycles from CONV to DVALID."""
     converter = dict(name="ddc232", **fields)
     config = PRESETS["thesis"].replace(converter=converter, sample_rate_hz=1000.0, taxels=5)
-    plan = dataclasses.replace(converter_plan(config), wait=20, half=2, clk_half=1, quiet=QUIET)
-    plan = dataclasses.replace(plan, deadline=PERIOD - QUIET - plan.read_cycles)
+    plan = replace(converter_plan(config), wait=20, half=2, clk_half=1, quiet=QUIET)
+    plan = replace(plan, deadline=PERIOD - QUIET - plan.read_cycles)
     dut = Ddc232Converter(plan, 5)
     order = range(1, 33) if fields.get("ascending") else range(32, 0, -1)
     chip = DdcSlave(dut.pins, lambda: [codes(channel) for channel in order], plan.bits, delay, spoil)
@@ -32,7 +32,7 @@ def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, **
         return play_frames(dut, chip, count, period=PERIOD), chip
 
 
-@each_row(("fields", "first"), [(dict(), 28), (dict(bits=16, first=3, ascending=True), 3)])
+@each_row("fields, first", [(dict(), 28), (dict(bits=16, first=3, ascending=True), 3)])
 def test_every_code_at_its_taxel(fields, first):
     rng = random.Random(first)
     table = [rng.getrandbits(fields.get("bits", 20)) for _ in range(33)]

@@ -1,8 +1,8 @@
 """rtl/interface/matrix_converter.py: every cell's code at its taxel after its time to settle, and each kind
 of wrong answer."""
 
-import dataclasses
 import random
+from dataclasses import replace
 
 from eskin.golden.core import PRESETS, ConverterFault, converter_plan
 from eskin.rtl.interface.matrix_converter import MatrixConverter
@@ -70,14 +70,12 @@ def test_every_cell_at_its_taxel_when_it_has_settled():
 
 
 def test_a_cell_that_settles_within_the_converters_pause_takes_the_transfer_alone():
-    plan = dataclasses.replace(PLAN, settle=1, port=dataclasses.replace(PLAN.port, high=9))
+    plan = replace(PLAN, settle=1, port=replace(PLAN.port, high=9))
     frames, _ = play(lambda cell: 700, 3, plan)
     assert [frame.cycles for frame in frames[1:]] == [15 * plan.port.transfer_cycles - 1] * 2
 
 
-@each_row(
-    ("level", "fault"), [(0, ConverterFault.STUCK), (0xFFFF, ConverterFault.STUCK | ConverterFault.ORDER)]
-)
+@each_row("level, fault", [(0, ConverterFault.STUCK), (0xFFFF, ConverterFault.STUCK | ConverterFault.ORDER)])
 def test_a_stuck_line_is_a_fault(level, fault):
     assert play(lambda cell: level, 1)[0][0].fault == fault
 

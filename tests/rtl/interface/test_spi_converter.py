@@ -93,6 +93,6 @@ SPOILED = [
 ]
 
 
-@each_row(("name", "codes", "spoil", "fault"), SPOILED)
+@each_row("name, codes, spoil, fault", SPOILED)
 def test_what_a_chip_says_wrongly_is_told(name, codes, spoil, fault):
     assert frame_of(name, codes, spoil)[0].fault == fault

@@ -51,17 +51,3 @@ def test_every_byte_for_every_electrode_is_that_of_the_table():
         assert not model.is_on and model.frames.count("ON") == 24
 
     play(body)
-
-
-def test_an_electrode_is_off_at_its_time_limit():
-    async def body(ctx, dut, run):
-        ctx.set(dut.settings, {"amplitude": 17, "delay": 3, "frequency": 9, "width": 255})
-        model = StimulatorModel(LIMITS)
-        model.feed(await run(120))
-        ctx.set(dut.request, 1)
-        model.feed(await run(ON_CYCLES))
-        assert model.is_on
-        model.feed(await run(20))
-        assert not model.is_on and ctx.get(dut.resting) and not model.wrong
-
-    play(body)

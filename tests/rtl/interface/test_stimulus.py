@@ -34,7 +34,7 @@ def test_decisions_by_table_and_the_time_they_hold():
     assert run_events(PRESETS["thesis"].replace(stimulator="decisions"), [{"class": 2}]) == [(1, 2)]
 
 
-@each_row(("rows", "columns"), [(13, 9), (16, 10), (4, 4)])
+@each_row("rows, columns", [(13, 9), (16, 10), (4, 4)])
 def test_positions_by_the_arrays_size(rows, columns):
     config = AcceleratorConfig.of(
         taxels=rows * columns,

@@ -94,7 +94,7 @@ def test_bit_exact_on_random_frames_of_other_samples(fields):
     assert hardware(samples, config) == as_told(PositionStream(config).push(samples))
 
 
-@each_row(("beat", "behind"), [(None, 5), *((beat, 6) for beat in range(16))])
+@each_row("beat, behind", [(None, 5), *((beat, 6) for beat in range(16))])
 def test_a_clear_forgets_the_touch_and_the_frame_that_it_comes_in(beat, behind):
     config = config_of(4, 4)
     samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
@@ -106,7 +106,7 @@ def test_a_clear_forgets_the_touch_and_the_frame_that_it_comes_in(beat, behind):
     assert not any(row[4] for row in before)
 
 
-@each_row(("size", "inner_error"), [("13x9", 0.2), ("16x10", 0.2), ("4x4", 0.35)])
+@each_row("size, inner_error", [("13x9", 0.2), ("16x10", 0.2), ("4x4", 0.35)])
 def test_the_centre_is_near_the_truth_and_slides_give_their_direction(size, inner_error):
     rows, columns = SIZES[size]
     config = config_of(rows, columns)

@@ -7,7 +7,7 @@ from eskin.rtl.program.schedule import schedule
 from tests.support.table import each_row
 
 
-@each_row(("cell", "lanes"), [({}, 4), ({"cell": "lstm"}, 1), ({"cell": "linear"}, 4)])
+@each_row("cell, lanes", [({}, 4), ({"cell": "lstm"}, 1), ({"cell": "linear"}, 4)])
 def test_only_unused_addresses_are_held(cell, lanes):
     config = PRESETS["thesis"].replace(lanes=lanes, **cell)
     usual, held = (

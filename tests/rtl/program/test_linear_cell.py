@@ -49,7 +49,7 @@ def test_bit_exact_in_cycles(inputs, classes, lanes, lane_type):
     check_exact_and_cycles(config, touches=2)
 
 
-@each_row(("lanes", "lane_type"), [(4, "plain"), (1, "dsp")])
+@each_row("lanes, lane_type", [(4, "plain"), (1, "dsp")])
 def test_more_kinds_of_feature_are_more_inputs(lanes, lane_type):
     """Two kinds, a scale for each input, and a checksum whose check words, one a window, stand behind all
     those scales."""
@@ -74,7 +74,7 @@ def test_bit_exact_with_stalls(decision, lanes, lane_type):
 
 
 # ---------------------------------------------------------------------- checksum and images
-@each_row(("lanes", "sets"), [(1, "window"), (4, "window"), (4, "one"), (6, "window")])
+@each_row("lanes, sets", [(1, "window"), (4, "window"), (4, "one"), (6, "window")])
 def test_every_constant_is_under_the_checksum(lanes, sets):
     config = linear(
         lanes,

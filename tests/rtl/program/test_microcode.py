@@ -35,7 +35,7 @@ def test_unrolled_words_are_the_slots(codes):
 
 
 @each_row("checksum", [False, True])
-@each_row(("cell", "reset"), CELLS)
+@each_row("cell, reset", CELLS)
 def test_a_length_or_ed_into_the_address_of_scale_or_check_leads_to_its_own_word(cell, reset, checksum):
     """Few units, one to three lengths of windows: the constants begin where a power of two does."""
     counts = set()

@@ -15,7 +15,7 @@ from tests.support.strategies import examples
 from tests.support.table import each_row
 
 
-@each_row(("lanes", "limit"), [(1, 1.04), (2, 1.02), (4, 1.04), (6, 1.10), (12, 1.54)])
+@each_row("lanes, limit", [(1, 1.04), (2, 1.02), (4, 1.04), (6, 1.10), (12, 1.54)])
 @each_row("cell", CELLS)
 def test_reference_cycles_against_the_ideal(cell, lanes, limit):
     plan = schedule(reference(*cell, lanes=lanes))

@@ -27,7 +27,7 @@ def test_elaborates_with_the_ports_of_a_board(changes):
     assert ports == {*r"\clk \rst \rx \tx \decision \decision_valid \led".split()} | unsure
 
 
-@each_row(("class_pins", "bits"), [("each", 20), ("binary", 5)])
+@each_row("class_pins, bits", [("each", 20), ("binary", 5)])
 def test_the_pins_show_the_class_as_asked(class_pins, bits):
     """The accelerator's decisions by hand: what follows on the pins is the class of the latest."""
     config = random_integer_model(

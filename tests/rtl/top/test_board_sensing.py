@@ -8,11 +8,12 @@ import pytest
 from amaranth.hdl import Signal
 from amaranth.sim import Simulator
 
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.flash_loader import WAKE_S
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from eskin.rtl.top import board
 from tests.support.silent import Silent, forget
+from tests.support.table import refused
 
 CLOCK_HZ = 4 * STIMULATOR_BAUD
 CONFIG = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.03)
@@ -83,9 +84,9 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
 
 @pytest.mark.parametrize("host", [{"baud": CLOCK_HZ / 4}, {"shell": True}])
 def test_a_flash_beside_a_host_is_refused(monkeypatch, host):
-    with pytest.raises(InputError, match="from the flash or from a host") as refused:
+    with refused("from the flash or from a host") as caught:
         skin(monkeypatch, flash=True, **host)
-    forget(refused.traceback[-1].frame.f_locals["self"])
+    forget(caught.traceback[-1].frame.f_locals["self"])
 
 
 def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
@@ -107,8 +108,8 @@ def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
 
 
 def test_what_needs_a_host_is_refused():
-    with pytest.raises(InputError, match="there is no source of frames; add --converter"):
+    with refused("there is no source of frames; add --converter"):
         board.refuse_standalone(CONFIG.replace(converter="none"))
     immediate = dict(onset="immediate", window_mode="free", window=614, pretrigger_frames=0)
-    with pytest.raises(InputError, match="use 'band' or 'baseline'"):
+    with refused("use 'band' or 'baseline'"):
         board.refuse_standalone(CONFIG.replace(**immediate))

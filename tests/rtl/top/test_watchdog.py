@@ -9,7 +9,7 @@ from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
-from tests.rtl.top.test_accelerator import CONFIGS, SEED, Host, play, recordings
+from tests.rtl.top.test_accelerator import CONFIGS, SEED, Host, check, play, recordings
 from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, give_frame, put
 
@@ -59,8 +59,10 @@ def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
 
         bench._sim.add_testbench(measure, background=True)
 
-    _, statuses = play(model, data, stall=0.3, prepare=prepare)
-    assert 20 < longest[0] <= longest_wait(config) and not any(s[1] & Fault.WATCHDOG for s in statuses)
+    streams, statuses = play(model, data, stall=0.3, prepare=prepare)
+    check(model, data, streams)
+    assert 20 < longest[0] <= longest_wait(config)
+    assert not any(status[1] & (Fault.WATCHDOG | Fault.CHECKSUM) for status in statuses)
 
 
 def test_reset_once_after_a_touch(monkeypatch):

@@ -1,7 +1,7 @@
 """The panel of disturbances that networks are chosen by: the suite's own figures, and the rule that heeds them."""
 
-import dataclasses
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,13 +12,14 @@ from eskin.choose.choice_table import where_it_fails
 from eskin.choose.cost import Cost
 from eskin.choose.front_ends import Screen
 from eskin.choose.sturdy import SELDOM, Hardening
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.study.stability.core import Scene
 from eskin.study.stability.panel import PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.recipe import RECIPES
 from tests.support import stability_case
 from tests.support.prices import cost_by_size, priced
+from tests.support.table import refused
 
 MASKED = "one taxel stuck at full scale, masked, worst"
 
@@ -34,7 +35,7 @@ def test_the_panel_gives_the_figures_of_the_suite(make):
     bench, names = make(), [*PANEL, MASKED]
     panel = Panel(bench.recordings, dict.fromkeys(names, 1.0))
     wrong = panel.wrong(bench.config, bench.model, np.arange(len(bench.recordings)))
-    suite = dataclasses.replace(bench, few=len(bench.recordings), memo={})
+    suite = replace(bench, few=len(bench.recordings), memo={})
     figures = panel.figures(bench.config, wrong, bench.clean_accuracy)
     assert [row["mode"] for row in figures] == names
     for row in figures:
@@ -68,7 +69,7 @@ def energy(dear: float):
 
     def cost_of(config: AcceleratorConfig) -> Cost:
         price = dear if config.network.hidden == 8 else 1.0
-        return dataclasses.replace(cost_by_size(config), energy_touch_j=1e-6 * price)
+        return replace(cost_by_size(config), energy_touch_j=1e-6 * price)
 
     return priced(cost_of=cost_of)
 
@@ -101,7 +102,7 @@ def test_disturbances_cost_no_more_than_the_rule_says(right, dear, taken):
 def gate_costs(config: AcceleratorConfig) -> Cost:
     """A clip costs something here, and a gate that is always open too much."""
     dear = 1e-6 * (1 + 0.2 * (config.rest_level.clip > 0) + 2 * config.opens_at_once)
-    return dataclasses.replace(cost_by_size(config), energy_touch_j=dear)
+    return replace(cost_by_size(config), energy_touch_j=dear)
 
 
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
@@ -169,7 +170,7 @@ def test_weights_come_from_a_file_and_what_is_wrong_in_it_is_named(tmp_path):
         ("spikes", "is neither on nor off, nor a JSON file"),
     ):
         file.write_text(text)
-        with pytest.raises(InputError, match=words):
+        with refused(words):
             panel_of(recordings, str(file))
 
 
@@ -178,7 +179,7 @@ def test_columns_of_different_kinds_are_disturbed_by_their_own_deviations():
     bench = stability_case.bench()
     few = bench.recordings.subset(range(8))
     few = few.until([1, *few.lengths[1:]])
-    mixed = dataclasses.replace(few, samples=few.samples * np.where(np.arange(few.taxels) == 3, 1000, 1))
+    mixed = replace(few, samples=few.samples * np.where(np.arange(few.taxels) == 3, 1000, 1))
     config = bench.config.replace(onset="immediate", rest="initial", fault_frames=0, fault_activity=0, clip=0)
     alike, apart = (Scene(config=config, recordings=these, turns=0) for these in (few, mixed))
     assert np.ptp(alike.sigma) == np.ptp(alike.rest_noise) == 0 < alike.rest_noise[0]
