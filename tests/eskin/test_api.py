@@ -1,17 +1,15 @@
 """eskin/api.py, what ``import eskin`` shows: a model in Python, its stream against its predictions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import eskin
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import run
-from eskin.training import recipe
 from eskin.training.made_up import random_images
 from tests.support.folder import exchanges
 from tests.support.image_scenes import random_image_model
+from tests.support.recipes import few_updates
 from tests.support.table import refused
 from tests.support.touch_scenes import SMALL, scene
 
@@ -20,8 +18,7 @@ from tests.support.touch_scenes import SMALL, scene
 def model():
     """Trained on the small scene, as ``eskin.train`` does it."""
     with pytest.MonkeyPatch.context() as patch:
-        few = {name: replace(one, updates=200, epochs=0) for name, one in recipe.RECIPES.items()}
-        patch.setattr(recipe, "RECIPES", few)
+        few_updates(patch, 200, 0)
         return eskin.train(scene(60), config=SMALL, folds=0)
 
 

@@ -15,23 +15,17 @@ from eskin.teach import evaluate as evaluating
 from eskin.teach.enrol import enrol, teach_folder
 from eskin.teach.evaluate import EnrolmentTrial, judge, summary
 from eskin.training import prototypes as prototypes_of
-from eskin.training import recipe
 from eskin.training.evaluate import evaluate
 from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 from tests.support.folder import exchanges
 from tests.support.prices import priced
+from tests.support.recipes import few_updates
 from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL, scene
 
 GAINS = np.array([0.4, -0.8, 1.2, 1.6])
 """Of the new mounting, by taxel: one is turned over."""
-
-
-def updates(monkeypatch, count: int) -> None:
-    """Of the first training."""
-    few = {name: replace(one, updates=count) for name, one in recipe.RECIPES.items()}
-    monkeypatch.setattr(recipe, "RECIPES", few)
 
 
 def fewer_after(monkeypatch, known: bool, count: int) -> None:
@@ -42,7 +36,7 @@ def fewer_after(monkeypatch, known: bool, count: int) -> None:
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Fewer updates: this scene is learnt sooner than recordings are."""
-    updates(monkeypatch, 200)
+    few_updates(monkeypatch, 200)
 
 
 def mounted(recordings: Recordings, gains: np.ndarray = GAINS, offset: int = 40) -> Recordings:

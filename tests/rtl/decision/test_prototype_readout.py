@@ -123,16 +123,16 @@ class Player:
             if name != "locked":
                 ctx.set(port(name), 0)
 
+    def drawn(self, steps: int, low: int, high: int) -> np.ndarray:
+        """A trajectory (steps, values)."""
+        width = self.config.trajectory_width
+        return np.array([[self.rng.randint(low, high) for _ in range(width)] for _ in range(steps)])
+
     async def touch(self, ctx, steps: int, *, cut: bool = False) -> None:
         """A touch of ``steps`` steps, as it is decided or (``cut``) as a new recording drops it."""
         dut, config, rule = self.dut, self.config, self.config.readout_rule
         fmt, whole = config.trajectory_format, steps == config.windows.steps
-        values = np.array(
-            [
-                [self.rng.randint(fmt.min_code, fmt.max_code) for _ in range(config.trajectory_width)]
-                for _ in range(steps)
-            ]
-        )
+        values = self.drawn(steps, fmt.min_code, fmt.max_code)
         codes = narrowed(config, values)
         distances = self.distances(codes)
         if rule.taught:
@@ -210,7 +210,7 @@ class Player:
 
 
 @pytest.mark.parametrize(
-    ("cell", "decision", "stall", "spare", "shift"),
+    "cell, decision, stall, spare, shift",
     [
         ("gru", "last", 0.0, 0, 1),
         ("gru", "last", 0.4, 1, 2),
@@ -256,10 +256,7 @@ def test_a_damaged_code_is_left_out(decision):
                 player.damage = None
                 player.model = model
                 for label in (0, 1, 1, 2):
-                    taught = np.array(
-                        [[player.rng.randint(-8, 7) for _ in range(4)] for _ in range(config.windows.steps)]
-                    )
-                    player.model = teach(player.model, taught, label)
+                    player.model = teach(player.model, player.drawn(config.windows.steps, -8, 7), label)
                 step = player.damaged(number // 4 % 3)
                 await player.load(ctx)
             before, steps = player.wrong, player.rng.choice((1, 2, 3, 3))
