@@ -221,6 +221,7 @@ def evaluate(request: EvaluateRequest) -> Record:
 def compare(request: CompareRequest) -> Record:
     """Compare float with integer stage by stage: errors, saturations, share of the range in use."""
     from eskin.golden.model import load_config
+    from eskin.training.evaluate import OF_LABELS
     from eskin.training.evaluate import evaluate as judge
     from eskin.training.made_up import image_recordings, random_images, random_recordings
 
@@ -237,4 +238,5 @@ def compare(request: CompareRequest) -> Record:
         recordings = recordings_for(request.data, config)
     result = judge(request.model, recordings)
     show("compare", **result)
-    return {name: value for name, value in result.items() if name != "passed"}
+    left_out = ("passed", *(OF_LABELS if request.data is None else ()))
+    return {name: value for name, value in result.items() if name not in left_out}

@@ -18,6 +18,9 @@ MAX_LOSS = 0.01
 MIN_AGREEMENT = 0.98
 """Share of recordings on which both must decide the same."""
 
+OF_LABELS = ("float_accuracy", "integer_accuracy", "per_step", "per_class", "confusion", "chance")
+"""Figures that mean nothing where labels are random."""
+
 
 def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     """Run both models of a folder over recordings and compare; a recording without a decision counts as

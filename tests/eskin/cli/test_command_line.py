@@ -102,6 +102,15 @@ def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     assert re.search(r"│ 2 +│ constant +│ 7 +│ 7 +│", out) and re.search(r"│ 3 +│ saturated ", out)
 
 
+def test_a_comparison_on_random_touches_tells_nothing_of_their_labels(call, folder, model):
+    written = {}
+    for name, data in {"random": "", "real": "--data data.npz"}.items():
+        assert call(*f"compare model {data} --json {name}.json".split())[0] == 0
+        written[name] = set(json.loads(Path(f"{name}.json").read_text()))
+    of_labels = {"float_accuracy", "integer_accuracy", "per_step", "per_class", "confusion", "chance"}
+    assert written["real"] - written["random"] == of_labels and "agreement" in written["random"]
+
+
 # ---------------------------------------------------------------------- what is refused
 def bad_files(model: Path) -> None:
     """Archives, configurations, models and folders that the table of refusals names."""

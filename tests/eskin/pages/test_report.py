@@ -138,6 +138,21 @@ def test_the_verdict_counts_the_disturbances_that_it_held(result, held):
     page = (result / "report.html").read_text()
     assert ('class="verdict good"' in page) is ("checks held" in page) is held
     assert f"it withstands {count} of 2 disturbances" in summary(result)
+    sentence = "Every figure is within its bound." if held else "No candidate does better in this mode."
+    assert sentence in words and sentence in summary(result)
+
+
+def test_the_weakest_disturbance_names_the_candidate_that_does_better_and_its_cost(result):
+    rows = under_stress(False)
+    better = [rows[1]["stress"][0] | {"figure": 0.8}, rows[1]["stress"][1]]
+    rows[1] |= dict(hidden=8, stress=better, energy_touch_j=1.5e-6, cells=950, accuracy=0.98)
+    edit(result / "run.json", candidates=rows)
+    words = plain(Page(write_report(result)).text)
+    assert (
+        "The weakest is 'spikes': 50.0%, bound 90.0%. The best candidate in this mode reaches 80.0%: GRU 8"
+        in words
+    )
+    assert "it needs +0.50 uJ a touch and +50 logic cells" in words and "differs by +1.0 points" in words
 
 
 def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothing(result):
