@@ -83,17 +83,6 @@ def test_a_saved_model_is_the_same(model, tmp_path, monkeypatch):
         floats.predict(recordings)
 
 
-def test_a_model_is_fitted_on_arrays():
-    recordings = scene(30)
-    arrays = [recordings.recording(index) for index in range(30)]
-    fitted = eskin.Model(SMALL.replace(class_names=("class0", "class1", "class2")), cell="linear", folds=0)
-    assert repr(fitted) == "Model(not fitted)"
-    assert fitted.fit(arrays, recordings.labels, sample_rate_hz=1000) is fitted
-    assert fitted.score(arrays, recordings.labels) > 0.7
-    with refused("sample_rate_hz"):  # a configuration would say it
-        eskin.Model(cell="linear", folds=0).fit(arrays, recordings.labels)
-
-
 def test_a_model_of_real_samples_takes_real_samples():
     """Its scale is that of the recordings it was trained on, for predictions and streams alike."""
     whole = scene(30)

@@ -28,11 +28,6 @@ GAINS = np.array([0.4, -0.8, 1.2, 1.6])
 """Of the new mounting, by taxel: one is turned over."""
 
 
-def fewer_after(monkeypatch, known: bool, count: int) -> None:
-    """Updates of an enrolment with or without known recordings."""
-    monkeypatch.setitem(enrolling.SETTINGS, known, replace(enrolling.SETTINGS[known], updates=count))
-
-
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Fewer updates: this scene is learnt sooner than recordings are."""
@@ -151,7 +146,7 @@ def trial(**changes) -> EnrolmentTrial:
 
 
 def test_enrolment_is_judged_on_what_no_training_saw(monkeypatch):
-    fewer_after(monkeypatch, True, 100)
+    monkeypatch.setitem(enrolling.SETTINGS, True, replace(enrolling.SETTINGS[True], updates=100))
     rows = judge(BOTH, trial())
     assert [(row["value"], row["k"]) for row in rows] == [("0", 1), ("1", 1), ("0", 2), ("1", 2)]
     for row in rows:

@@ -123,6 +123,10 @@ class Player:
             if name != "locked":
                 ctx.set(port(name), 0)
 
+    async def pause(self, ctx, may: bool = True) -> None:
+        while may and self.rng.random() < self.stall:
+            await ctx.tick()
+
     def drawn(self, steps: int, low: int, high: int) -> np.ndarray:
         """A trajectory (steps, values)."""
         width = self.config.trajectory_width
@@ -147,15 +151,13 @@ class Player:
                 await ctx.tick()
                 ctx.set(dut.vector, {"valid": 0, "value": 0})
                 ctx.set(dut.logit_valid, 0)
-                while not last and self.rng.random() < self.stall:
-                    await ctx.tick()
+                await self.pause(ctx, not last)
             for number in range(config.classes if config.recurrent else 0):
                 ctx.set(dut.logit_valid, 1)
                 ctx.set(dut.step_done, number == config.classes - 1)
                 await ctx.tick()
                 ctx.set(dut.logit_valid, 0)
-                while number < config.classes - 1 and self.rng.random() < self.stall:
-                    await ctx.tick()
+                await self.pause(ctx, number < config.classes - 1)
             ctx.set(dut.step_done, 0)
             if cut and k == steps - 1:
                 for _ in range(self.rng.randrange(readout_cycles(config))):
@@ -173,8 +175,7 @@ class Player:
             assert scores == (~distances[k]).tolist() and ctx.get(dut.idle)
             if rule.unknown_above:
                 assert ctx.get(dut.far) == (distances[k].min() > rule.unknown_above * (k + 1))
-            while self.rng.random() < self.stall:  # until the decision is taken
-                await ctx.tick()
+            await self.pause(ctx)  # until the decision is taken
         if cut:
             await self.pulse(ctx, clear=1)
             self.last = None
