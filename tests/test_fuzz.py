@@ -60,7 +60,7 @@ def judged(corpus, tmp_path_factory, make, rng, run=watched.watched) -> str:
 
 @pytest.mark.timeout(0 if LONG else 600)
 @pytest.mark.parametrize(
-    ("make", "part"),
+    "make, part",
     [(make, part) for make, (_, _, parts) in SHARES.items() for part in range(parts if LONG else 1)],
 )
 def test_every_input_ends_well(corpus, tmp_path_factory, make, part):

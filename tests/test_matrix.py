@@ -4,7 +4,6 @@ A new verb needs an entry in ROWS, a new kind of model one in KINDS. What is ref
 docs/figures.md shows it.
 """
 
-import dataclasses
 import itertools
 import json
 import os
@@ -33,10 +32,11 @@ from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
 from eskin.study import sweep
-from eskin.training import recipe
 from eskin.verbs import baselines_job, energy_job, sweep_job
 from tests.support.link_device import Device, golden_decisions
+from tests.support.recipes import few_updates
 from tests.support.small_designs import TRACKED
+from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -218,22 +218,15 @@ def archives(folder: Path) -> None:
     samples = rng.normal(2000, 1, (12, 80, 4))
     for index in range(12):
         samples[index, 32:] += 300 * np.exp(-((taxel - (frame / 12 if index % 2 else 1.5)) ** 2))
-    labels = {
-        "labels": np.arange(12) % 2,
-        "class_names": TOUCHES.network.class_names,
-        "person": np.arange(12) // 4,
-    }
-    codes = np.rint(samples).astype(np.uint16).reshape(-1, 4)
-    np.savez(folder / "data.npz", samples=codes, offsets=np.arange(13) * 80, sample_rate_hz=2000.0, **labels)
+    names, person = TOUCHES.network.class_names, {"person": np.arange(12) // 4}
+    codes = np.rint(samples).astype(int)
+    touches = Recordings.of(codes, np.arange(12) % 2, sample_rate_hz=2000, class_names=names, groups=person)
+    save_archive(touches, folder / "data.npz")
     images = rng.integers(0, 60, (24, 8, 8)).astype(np.uint8)
     for index in range(24):
         images[index, index % 3 * 2 : index % 3 * 2 + 3, 2:6] += 150
-    labels = {
-        "labels": np.arange(24) % 3,
-        "class_names": IMAGES.network.class_names,
-        "person": np.arange(24) // 8,
-    }
-    np.savez(folder / "images.npz", images=images, **labels)
+    names, person = IMAGES.network.class_names, np.arange(24) // 8
+    np.savez(folder / "images.npz", images=images, labels=np.arange(24) % 3, class_names=names, person=person)
 
 
 def pushed_or_shaken() -> Recordings:
@@ -258,17 +251,14 @@ def weights_of(config: AcceleratorConfig, path: Path) -> Path:
 
     inputs, classes, units = config.inputs, config.classes, config.network.hidden
     if config.network.cell == "linear":
-        torch.save(torch.nn.Linear(inputs, classes).state_dict(), path.with_suffix(".pt"))
+        network: torch.nn.Module = torch.nn.Linear(inputs, classes)
     elif config.is_image:
-        torch.save(
-            torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3), torch.nn.Linear(64, classes)).state_dict(),
-            path.with_suffix(".pt"),
-        )
+        network = torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3), torch.nn.Linear(64, classes))
     else:
         cell = torch.nn.LSTM if config.network.cell == "lstm" else torch.nn.GRU
-        layers = torch.nn.ModuleList([cell(inputs, units), torch.nn.Linear(units, classes)])
-        torch.save(layers.state_dict(), path.with_suffix(".pt"))
-    return next(path.parent.glob(f"{path.name}.*"))
+        network = torch.nn.ModuleList([cell(inputs, units), torch.nn.Linear(units, classes)])
+    torch.save(network.state_dict(), path)
+    return path
 
 
 def call(*words: str) -> int:
@@ -322,7 +312,9 @@ class Case:
         path = self.shop / f"{self.kind}-{name}"
         with locked(path.with_suffix(".lock")):
             if not path.exists():
-                make(path)
+                new = path.with_name(f"new-{path.name}")
+                make(new)
+                new.rename(path)
         return path
 
     def data(self) -> Path:
@@ -337,14 +329,12 @@ class Case:
         """Result of the main job."""
 
         def run(path: Path) -> None:
-            new = path.with_name(f"{path.name}-new")
             words = "--group", "person", "--seeds", "1", "--recordings", "1"
             words = words if self.kind == "chosen" else ("--config", f"{self.config()}", *words)
-            assert call("run", "--data", f"{self.data()}", *words, "--out", f"{new}") in (
+            assert call("run", "--data", f"{self.data()}", *words, "--out", f"{path}") in (
                 0,
                 1,
             )  # the row judges
-            new.rename(path)
 
         return self.made("run", run)
 
@@ -356,11 +346,9 @@ class Case:
             return Path(shutil.copytree(self.job() / "model", self.out / "trained"))
 
         def train(path: Path) -> None:
-            new = path.with_name(f"{path.name}-new")
-            assert call("train", "--data", f"{self.data()}", *self.asked(), "--out", f"{new}") == 0
+            assert call("train", "--data", f"{self.data()}", *self.asked(), "--out", f"{path}") == 0
             made_of = f"--data {self.data()} --readout prototypes --group person"
-            assert call("quantise", f"{new}", *made_of.split() * (self.kind == "prototypes")) == 0
-            new.rename(path)
+            assert call("quantise", f"{path}", *made_of.split() * (self.kind == "prototypes")) == 0
 
         return Path(shutil.copytree(self.made("model", train), self.out / "trained"))
 
@@ -379,12 +367,12 @@ class Case:
             return taken.getsockname()[1]
 
     def weights(self) -> Path:
-        return weights_of(self.configuration, self.out / "weights")
+        return weights_of(self.configuration, self.out / "weights.pt")
 
     def onnx(self) -> Path | str:
         """An exported network; of an image's kind a torch one, which has no configuration in it."""
         if self.kind in ("image", "prototypes"):
-            return weights_of(self.configuration, self.out / "weights")
+            return weights_of(self.configuration, self.out / "weights.pt")
         assert call("export", f"{self.model()}", "--to", "onnx", "--out", f"{self.out}/net") == 0
         shutil.rmtree(self.out / "trained")
         return self.out / "net" / "model.onnx"
@@ -425,10 +413,7 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
         monkeypatch.setattr(sweep, name, value)
     monkeypatch.setattr(sweep_job, "FOLDS", 2)
     monkeypatch.setattr(baselines_job, "run", partial(baselines_job.run, folds=2, seeds=1))
-    few = {
-        name: dataclasses.replace(one, updates=min(one.updates, 60)) for name, one in recipe.RECIPES.items()
-    }
-    monkeypatch.setattr(recipe, "RECIPES", few)
+    few_updates(monkeypatch, 60)
     return lambda kind: Case(shop, kind, tmp_path)
 
 
@@ -456,7 +441,7 @@ def sentence_of(row: str, kind: str) -> str:
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize(("row", "kind"), cells())
+@pytest.mark.parametrize("row, kind", cells())
 def test_every_verb_takes_every_kind_of_model_or_says_why_not(row, kind, case_of, capsys):
     case, refusal = case_of(kind), sentence_of(row, kind)
     if row == "replay":
@@ -499,7 +484,7 @@ def test_the_documents_show_what_is_refused():
     assert table in page, table
 
 
-@pytest.mark.parametrize("held", [1, 4, 9, 300])
+@each_row("held", [1, 4, 9, 300])
 def test_the_slower_run_of_energy_is_slower(held):
     """Its frames take more cycles than at full pace, however many those take: the difference is divided
     by."""

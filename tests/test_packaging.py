@@ -87,7 +87,7 @@ def test_every_folder_of_code_is_a_package_of_the_wheel():
 
 
 @pytest.mark.parametrize(
-    ("name", "package"),
+    "name, package",
     [
         ("g++", "g++"),
         ("perl", "perl"),

@@ -9,6 +9,7 @@ from hypothesis import event, given
 
 from eskin.rtl.frontend import moving_sums
 from tests.support.strategies import LONG, Design, designs, differences, examples, taught_designs, touched
+from tests.support.table import each_row
 from tests.support.taught_device import taught_at_random
 
 FAILED = json.loads((Path(__file__).parent / "failing_designs.json").read_text())
@@ -54,21 +55,7 @@ def test_a_design_that_once_failed(tmp_path, title):
     assert not differences(Design.of(FAILED[title]), tmp_path)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-def test_a_broken_design_is_seen(tmp_path, monkeypatch):
-    """The threshold's upper bits ignored, as they once were."""
-    right = moving_sums.exceeds
-
-    def cut(value, bound):
-        half = 1 << len(value) - 1
-        return right(value, (bound + half) % (2 * half) - half if bound >= half else bound)
-
-    monkeypatch.setattr(moving_sums, "exceeds", cut)
-    assert differences(Design.of(FAILED["a threshold above the clip"]), tmp_path)
-
-
-@pytest.mark.parametrize("bits", [1, 3])
+@each_row("bits", [1, 3])
 def test_exceeds_for_every_value_and_bound(bits):
     """Bounds beyond the value's range too: they were cut to its width."""
     from amaranth.hdl import Module, Signal, signed, unsigned

@@ -91,7 +91,7 @@ class HostControl(wiring.Component):
         The recording is being finished, or the detector's touch and the one whose decision is due are not the
         same (``watchdog``).
     busy : Out(1)
-        A frame, sum, step, decision or command is in flight; otherwise no register of the chain changes.
+        As of `RecordingState`.
     awake : Out(1)
         Work, an access or a count is under way; otherwise the clock may stop (``clock_gate``).
 

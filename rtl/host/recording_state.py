@@ -24,13 +24,16 @@ class RecordingState(wiring.Component):
     passing : In(1)
         A beat is offered at the input, or is on its way to the windows; nothing changes after it.
     moving : In(1)
-        A sum is on its way to the engine, or a command to its block; what it changes is settled 3 cycles later.
+        A sum is on its way to the engine, or (``clock_gate``) a command to its block; what it changes is settled
+        3 cycles later.
     global_taken, decider_idle : In(1)
         A touch's last decision is taken; the classifier is idle.
     finish : Out(1)
         Pulse once everything in flight has been decided after ``finish_asked``.
     busy : Out(1)
-        A frame, sum, step, decision or command is in flight; otherwise no register changes.
+        A frame, sum, step, decision or command is in flight. Otherwise nothing changes that is read later, except
+        what the walk of ``checksum`` checks next and, without ``clock_gate``, what follows a command: it is low
+        in the cycle after ``clear``, before the engine begins.
     touch : Out(1)
         A touch is undecided; known a cycle late.
     touched, touches : Out

@@ -127,7 +127,7 @@ class Accelerator(HostedChain):
     bus : In
         Host bus: rtl/program/memory_map.py.
     busy : Out(1)
-        A frame, sum, step, decision or command is in flight.
+        A frame, sum, step, decision or command is in flight; combinational from ``i.valid``.
     probe : Out
         ``sum``, ``fault`` (the sum's taxel is out of use; only with a fault detector ever valid),
         ``feature``, ``state``, ``logit``: output of each stage, in the cycle of its transfer; ``step``: engine

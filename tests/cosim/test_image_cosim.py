@@ -107,6 +107,6 @@ def test_images_over_the_serial_pins_of_the_board_with_damaged_packets(small, tm
     images = random_images(small.config, 4, seed=2)
     vectors = write_image_vectors(tmp_path / "vectors.npz", run_images(small, images).streams, images)
     order = [*range(4), *(k % 4 for k in range(14))]
-    result = play_link(small, vectors, tmp_path / "work", corruptions=True, seed=3, order=order)
+    result = play_link(small, vectors, corruptions=True, seed=3, order=order)
     assert not result["wrong"] and result["decisions"] >= 2 * 18
     assert any(any(played["noticed"]) for played in result["played"]), "the line was damaged"

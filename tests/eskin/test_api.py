@@ -1,17 +1,15 @@
 """eskin/api.py, what ``import eskin`` shows: a model in Python, its stream against its predictions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import eskin
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import run
-from eskin.training import recipe
 from eskin.training.made_up import random_images
 from tests.support.folder import exchanges
 from tests.support.image_scenes import random_image_model
+from tests.support.recipes import few_updates
 from tests.support.table import refused
 from tests.support.touch_scenes import SMALL, scene
 
@@ -20,8 +18,7 @@ from tests.support.touch_scenes import SMALL, scene
 def model():
     """Trained on the small scene, as ``eskin.train`` does it."""
     with pytest.MonkeyPatch.context() as patch:
-        few = {name: replace(one, updates=200, epochs=0) for name, one in recipe.RECIPES.items()}
-        patch.setattr(recipe, "RECIPES", few)
+        few_updates(patch, 200, 0)
         return eskin.train(scene(60), config=SMALL, folds=0)
 
 
@@ -84,17 +81,6 @@ def test_a_saved_model_is_the_same(model, tmp_path, monkeypatch):
     assert "not quantised" in repr(floats) and len(floats.predict(recordings, integer=False)) == 12
     with refused("has no integers"):
         floats.predict(recordings)
-
-
-def test_a_model_is_fitted_on_arrays():
-    recordings = scene(30)
-    arrays = [recordings.recording(index) for index in range(30)]
-    fitted = eskin.Model(SMALL.replace(class_names=("class0", "class1", "class2")), cell="linear", folds=0)
-    assert repr(fitted) == "Model(not fitted)"
-    assert fitted.fit(arrays, recordings.labels, sample_rate_hz=1000) is fitted
-    assert fitted.score(arrays, recordings.labels) > 0.7
-    with refused("sample_rate_hz"):  # a configuration would say it
-        eskin.Model(cell="linear", folds=0).fit(arrays, recordings.labels)
 
 
 def test_a_model_of_real_samples_takes_real_samples():

@@ -65,6 +65,9 @@ def test_labels_by_name_and_of_a_table(lists):
     config = LINEAR.replace(class_names=("hold", "tap"))
     model = eskin.Model(config, folds=0).fit(lists[0], names)
     assert model.classes_.tolist() == ["hold", "tap"] and model.score(lists[0], names) > 0.7
+    assert repr(eskin.Model()) == "Model(not fitted)"
+    with refused("sample_rate_hz"):  # a configuration would say it
+        eskin.Model(cell="linear", folds=0).fit(*lists)
     with refused("label 'push' is not a class; there are hold, tap"):
         eskin.Model(config, folds=0).fit(lists[0], np.where(names == "tap", "push", names))
     parts = {

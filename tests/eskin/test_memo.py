@@ -13,6 +13,7 @@ from eskin.golden.core import PRESETS, content_key
 from eskin.memo import Memo, code_version
 from tests.support import result_case
 from tests.support.random_models import random_integer_model
+from tests.support.table import each_row
 
 
 def test_a_key_tells_parts_apart(tmp_path):
@@ -47,7 +48,7 @@ def test_recordings_and_models_have_their_content():
     assert first == again != third
 
 
-@pytest.mark.parametrize("changed", ["rtl/a.py", "rtl/cells.v", "rtl/new/part.py"])
+@each_row("changed", ["rtl/a.py", "rtl/cells.v", "rtl/new/part.py"])
 def test_every_source_is_in_the_code_version(changed, monkeypatch, tmp_path):
     for name in ("rtl/a.py", "rtl/cells.v", "golden/a.py", "rtl/__pycache__/a.pyc"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)

@@ -32,7 +32,7 @@ def compare(folder, lines):
 
 
 @pytest.mark.parametrize(
-    ("lines", "said"),
+    "lines, said",
     [
         ([*LINES, END], "2 decisions compared, 0 differ"),
         ([LINES[0].replace("00749", "00750"), LINES[1], END], "2 decisions compared, 1 differ"),

@@ -1,6 +1,5 @@
 """examples/thesis: every method of it learns the scene, and one run writes the rows that eskin baselines has."""
 
-import dataclasses
 import importlib
 import json
 import os
@@ -10,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from eskin.training import recipe
+from tests.support.recipes import few_updates
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import archived, scene
 
@@ -41,8 +40,7 @@ def test_the_methods_write_the_rows_of_baselines(thesis, tmp_path, monkeypatch, 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # no processes, each of which would import torch
     monkeypatch.setattr(sys.modules["images"], "UPDATES", 30)
-    few = {name: dataclasses.replace(one, updates=100) for name, one in recipe.RECIPES.items()}
-    monkeypatch.setattr(recipe, "RECIPES", few)
+    few_updates(monkeypatch, 100)
     names = "tensor-svm,tensor-rls,cnn-lstm,convlstm,dcnn,gru12-n20,gru12-n256"
     exported("seen.pt2")
     words = f"--dcnn seen.pt2 --data data.npz --config c.json --group person --seeds 1 --folds 2 --methods {names} --out out"

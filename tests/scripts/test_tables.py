@@ -48,7 +48,7 @@ def test_the_page_of_figures_names_tables_that_there_are():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scene", "cell", "lanes", "cells"),
+    "scene, cell, lanes, cells",
     [
         ("thesis", "gru", 1, (578, 245, 29, 0)),
         ("thesis", "gru", 4, (722, 401, 28, 0)),

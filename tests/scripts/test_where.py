@@ -3,9 +3,8 @@
 import subprocess
 import sys
 
-import pytest
-
 from scripts import docs_site, where
+from tests.support.table import each_row
 
 BLOCKS = {
     "frontend/onset_detector": "preprocess",
@@ -28,7 +27,7 @@ def told(name: str) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("block", BLOCKS)
+@each_row("block", BLOCKS)
 def test_a_block_leads_to_its_test_proof_and_model(block):
     folder, name = block.split("/")
     model = f"golden/model/{BLOCKS[block]}.py" if BLOCKS[block] else "eskin/live/link.py"

@@ -113,14 +113,8 @@ def make_corpus(folder: Path) -> Path:
     layers: torch.nn.Module = torch.nn.ModuleDict({"cell": torch.nn.GRU(4, 4), "head": torch.nn.Linear(4, 2)})
     torch.save(layers.state_dict(), folder / "network.pt")
     write_onnx(FloatModel(config, result_case.float_model().arrays), folder / "network.onnx")
-    _tables(folder, loaded)
-    few = Recordings.of(
-        [loaded.recording(index)[:60] for index in range(4)],
-        loaded.labels[:4],
-        class_names=loaded.class_names,
-        sample_rate_hz=500,
-        groups={"person": loaded.groups["person"][:4]},
-    )
+    few = dataclasses.replace(loaded.subset(range(4)).until(np.full(4, 60)), sample_rate_hz=500.0)
+    _tables(folder, few)
     doors.write_hdf5(few, folder / "r.h5")
     doors.write_hdf5_by_dataset(few, folder / "sets.h5")
     signals, labels = (
@@ -173,12 +167,12 @@ def _archive(file: Path, config: AcceleratorConfig, **arrays: Any) -> None:
     np.savez_compressed(file, allow_pickle=False, class_names=np.array(config.network.class_names), **arrays)
 
 
-def _tables(folder: Path, loaded: Recordings) -> None:
+def _tables(folder: Path, few: Recordings) -> None:
     """The first recordings as ``.lvm`` and CSV files, half of them real numbers, as one long table and as a
     ``.mat`` file."""
     cells, long = np.empty((1, 4), dtype=object), ["recording,person,class,time,a,b,c,d"]
     for index in range(4):
-        samples, name = loaded.recording(index)[:60], loaded.class_names[loaded.labels[index]]
+        samples, name = few.recording(index), few.class_names[few.labels[index]]
         rows = [
             f"{frame / 500:.4f}," + ",".join(str(code / 7 if index > 1 else code) for code in row)
             for frame, row in enumerate(samples)
@@ -194,11 +188,8 @@ def _tables(folder: Path, loaded: Recordings) -> None:
         long += [f"{index},{index // 2},{name},{row}" for row in rows]
         cells[0, index] = samples.astype(float)
     (folder / "table.csv").write_text("\n".join(long) + "\n")
-    names = np.array(loaded.class_names, dtype=object)
-    savemat(
-        folder / "r.mat",
-        {"samples": cells, "labels": loaded.labels[:4] + 1, "class_names": names, "fs": 500.0},
-    )
+    names = np.array(few.class_names, dtype=object)
+    savemat(folder / "r.mat", {"samples": cells, "labels": few.labels + 1, "class_names": names, "fs": 500.0})
 
 
 # ---------------------------------------------------------------------- damage
@@ -267,24 +258,22 @@ def damage_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
         changed.flat[rng.randrange(array.size)] = rng.choice(ends)
     return rng.choice(
         (
-            lambda: (
+            (
                 array.astype(rng.choice(("f8", "f2", "c16", "i1", "u8", "i8", "?", "U8", "S4")))
                 if number
                 else np.atleast_1d(array)[:0]
             ),
-            lambda: np.zeros(
-                array.shape, dtype=rng.choice(("M8[s]", "m8[ns]", "V8", [("a", "i4"), ("b", "f8")]))
-            ),
-            lambda: np.array([{"a": 1}, None], dtype=object),
-            lambda: array.reshape(rng.choice(((-1,), (1, -1), (-1, 1), (1, 1, *array.shape)))),
-            lambda: array[: rng.randrange(len(array) + 1)] if array.ndim else np.zeros(0),
-            lambda: np.zeros(rng.choice(((), (0,), (0, 4), (3, 0), (5,), (2, 2, 2))), dtype=array.dtype),
-            lambda: array[::-1].copy() if array.ndim else array,
-            lambda: np.array(["a\x00b", "[red]", "", "ä" * 300][: max(1, array.size)]),
-            lambda: changed,
-            lambda: changed,
+            np.zeros(array.shape, dtype=rng.choice(("M8[s]", "m8[ns]", "V8", [("a", "i4"), ("b", "f8")]))),
+            np.array([{"a": 1}, None], dtype=object),
+            array.reshape(rng.choice(((-1,), (1, -1), (-1, 1), (1, 1, *array.shape)))),
+            array[: rng.randrange(len(array) + 1)] if array.ndim else np.zeros(0),
+            np.zeros(rng.choice(((), (0,), (0, 4), (3, 0), (5,), (2, 2, 2))), dtype=array.dtype),
+            array[::-1].copy() if array.ndim else array,
+            np.array(["a\x00b", "[red]", "", "ä" * 300][: max(1, array.size)]),
+            changed,
+            changed,
         )
-    )()
+    )
 
 
 def damage_arrays(arrays: dict[str, Any], rng: random.Random) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Plays recordings through the serial pins of the simulated board and compares its decisions with the golden
 model's."""
 
-import json
 import random
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim import runner
 from eskin.cosim.device import Design, Device
 from eskin.cosim.scoreboard import UNEXPECTED_FAULTS
 from eskin.golden.core import AcceleratorConfig
@@ -27,8 +25,6 @@ BUILDS = Path("build/simulators")
 TIMEOUT_BYTES = 60
 """Byte times to wait for an answer: a packet of decision and one of answer, and the cycles in between, take
 half of that."""
-PINS_ARE_PUBLIC = ("--public-depth", "1")
-"""Verilator's options: the bench may touch the pins of the top module."""
 
 
 def pack_decisions(config: AcceleratorConfig, rows: np.ndarray) -> list[int]:
@@ -45,14 +41,11 @@ def expected_decisions(config: AcceleratorConfig, expected: Mapping[str, np.ndar
 def play_link(
     integers: IntegerModel,
     vectors: Path,
-    work: Path,
     *,
     order: Sequence[int] | None = None,
     corruptions: bool = False,
     seed: int = 1,
-    model: str = "fast",
     clocks_per_bit: int = 4,
-    limit_s: float = 600.0,
 ) -> dict[str, Any]:
     """Simulate the board of a model and play recordings of ``vectors`` over its serial line.
 
@@ -62,8 +55,6 @@ def play_link(
         Positions in ``vectors`` to play; default: each once.
     corruptions:
         One in every play but the first of each recording, from ``seed``.
-    model:
-        ``fast``, or ``cocotbext``: cocotbext-uart's, under cocotb.
 
     Returns
     -------
@@ -78,9 +69,7 @@ def play_link(
     """
     with np.load(vectors) as archive:
         expected = dict(archive)
-    config, board = integers.config, work / "board_top.sv"
-    work.mkdir(exist_ok=True)
-    board.write_text(text_of(Board(config, clock_hz=12e6, baud=3e6), "board_top"))
+    config = integers.config
     settings = {
         "map": register_map(config),
         "loads": [[int(address), int(word)] for address, word in boot_writes(config, integers.arrays)],
@@ -91,22 +80,16 @@ def play_link(
         "clocks_per_bit": clocks_per_bit,
     }
     begun = time.monotonic()
-    if model == "fast":
-        device = Device(Design(board.read_text(), BUILDS, top="board_top"))
-        device.put("rx", 1)
-        device.reset()
+    device = Device(
+        Design(text_of(Board(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top")
+    )
+    device.put("rx", 1)
+    device.reset()
 
-        def pins() -> int:
-            return device.get("decision").bit_length() - 1 if device.get("decision_valid") else -1
+    def pins() -> int:
+        return device.get("decision").bit_length() - 1 if device.get("decision_valid") else -1
 
-        result = converse(PinPort(device, clocks_per_bit), settings, pins) | {"cycles": device.state.cycle}
-    else:
-        simulator = runner.build(
-            "verilator", [board], {}, BUILDS, options=PINS_ARE_PUBLIC, wrapper=None, top="board_top"
-        )
-        (work / "link_bench.json").write_text(json.dumps(settings))
-        runner.run(simulator, work, limit_s=limit_s, bench="tests.support.link_bench")
-        result = json.loads((work / "result.json").read_text())
+    result = converse(PinPort(device, clocks_per_bit), settings, pins) | {"cycles": device.state.cycle}
     wall_s = time.monotonic() - begun
     wanted = expected_decisions(config, expected)
     result["wrong"] = [

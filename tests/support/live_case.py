@@ -5,12 +5,21 @@ from __future__ import annotations
 import json
 import math
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 
 from eskin.golden.data import Recordings
 from eskin.live.hub import Hub
 from eskin.live.player import Controls, Player, hello
 from eskin.live.sources import Listener, ModelSource
+
+
+def wait(condition: Callable[[], bool], seconds: float = 600.0) -> None:
+    """Until ``condition()`` holds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come to this"
+        time.sleep(0.01)
 
 
 class Stage:
@@ -60,14 +69,9 @@ class Stage:
         """The messages of a kind so far."""
         return [message for message in map(json.loads, list(self._texts)) if message["k"] == kind]
 
-    def until(self, condition, seconds: float = 30.0) -> None:
+    def until(self, condition: Callable[[], bool]) -> None:
         """Wait for ``condition()``."""
-        waited = threading.Event()
-        for _ in range(round(seconds / 0.01)):
-            if condition():
-                return
-            waited.wait(0.01)
-        raise AssertionError(f"it did not come to this within {seconds} s")
+        wait(condition, 30.0)
 
     def stop(self) -> Stage:
         self.controls.stop()

@@ -25,14 +25,13 @@ CLASSES = ("felt", "silk")
 files = partial(by_class, classes=CLASSES)
 
 
-def check(recordings, taxels=3, signals=SIGNALS, tolerance=1e-3):
+def check(recordings):
     """The recordings are the signals, class by class, at 100 Hz."""
     assert recordings.class_names == CLASSES and recordings.sample_rate_hz == 100
-    order = [*range(0, len(signals), 2), *range(1, len(signals), 2)]
-    assert len(recordings) == len(signals) and recordings.taxels == taxels
-    for index, number in enumerate(order):
+    assert len(recordings) == 4 and recordings.taxels == 3
+    for index, number in enumerate((0, 2, 1, 3)):
         values = recordings.recording(index) * (recordings.volt_per_code or 1.0)
-        assert np.abs(values - signals[number][:, :taxels]).max() < tolerance
+        assert np.abs(values - SIGNALS[number]).max() < 1e-3
 
 
 # ---------------------------------------------------------------------- .lvm
@@ -244,8 +243,7 @@ def test_blank_lines_and_rows_of_separators_part_recordings(tmp_path, time, part
     ],
 )
 def test_heads_and_columns_that_are_no_taxels(tmp_path, head, row, notes):
-    write = lambda path, number: path.write_text("\n".join([head, *map(row, rows(number))]))
-    recordings = load_recordings(files(tmp_path, write))
+    recordings = texts(tmp_path, lambda n: "\n".join([head, *map(row, rows(n))]), classes=CLASSES)
     check(recordings)
     assert all(any(said in note for note in recordings.notes) for said in notes)
 
@@ -281,11 +279,11 @@ def save_h5(path, number):
     ],
 )
 def test_levels_between_class_and_file_are_groups(tmp_path, suffix, write, rate):
-    for between, group, values in (("session{}", "session", [0, 1, 0, 1]), ("d{}", "d", [0, 1, 0, 1])):
-        root = files(tmp_path / group, write, f"r{{}}{suffix}", between=between)
+    for group in ("session", "d"):
+        root = files(tmp_path / group, write, f"r{{}}{suffix}", between=f"{group}{{}}")
         recordings = load_recordings(root, reading=Reading(rate_hz=rate))
         check(recordings)
-        assert recordings.groups[group].tolist() == values
+        assert recordings.groups[group].tolist() == [0, 1, 0, 1]
     (root / "felt" / "d0" / f"a{'.mat' if suffix == '.npy' else '.npy'}").write_bytes(b"")
     with refused("holds files of several kinds") if suffix == ".csv" else pytest.raises(InputError):
         load_recordings(root, reading=Reading(rate_hz=rate))

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 import eskin
-from eskin.choose.choice import choose_front_end
 from eskin.data.archive import load_archive, save_archive
 from eskin.data.fit import check_fit, rescaled
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import Stream, load_config
 from eskin.verbs import main_job
-from tests.support.prices import priced
 from tests.support.random_models import random_integer_model
 from tests.support.table import refused
 
@@ -64,6 +62,12 @@ def test_like_takes_scale_columns_classes_and_rate(first, tmp_path, call):
 
 
 def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, monkeypatch):
+    def says(sentence: str, words: str) -> str:
+        status, _, err = call(*words.split())
+        assert status in (0, 1) and sentence in err, err
+        return err
+
+    told = "recordings 'e.npz': one code is"
     train = "train --data a.npz --cell linear --folds 0 --out m".split()
     assert call(*train)[0] == 0 and call("quantise", "m")[0] == 0
     folder(tmp_path / "b", 0.3)
@@ -74,8 +78,7 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, mon
             load_archive(tmp_path / f"{name}.npz").volt_per_code
             != load_config(tmp_path / "m").sensor.volt_per_code
         )
-        status, _, err = call("evaluate", "m", "--data", f"{name}.npz")
-        assert status in (0, 1) and "brought to its codes" in err
+        err = says("brought to its codes", f"evaluate m --data {name}.npz")
         assert ("were held at its ends: taxels 0, 2" in err) == clips, err
     assert call("convert", "b", "--out", "d.npz", "--like", "m")[0] == 0
     assert load_archive(tmp_path / "d.npz").volt_per_code == first.volt_per_code
@@ -83,8 +86,7 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, mon
     # enrol, enrol --teach, run --test and recordings handed to Python refused them
     assert call("convert", "a", "--out", "e.npz", "--scale", "2e-4")[0] == 0
     other, model = load_archive(tmp_path / "e.npz"), eskin.Model.load(tmp_path / "m")
-    status, _, err = call("enrol", "m", "--data", "e.npz", "--with", "a.npz", "--out", "enrolled")
-    assert status in (0, 1) and "recordings 'e.npz': one code is" in err, err
+    says(told, "enrol m --data e.npz --with a.npz --out enrolled")
     with pytest.warns(match="recordings '.*e.npz': one code is .*: brought to its codes"):
         read = model.recordings(other)
     assert read.volt_per_code == model.config.sensor.volt_per_code
@@ -93,13 +95,11 @@ def test_another_scale_is_brought_to_the_models_codes(first, tmp_path, call, mon
     kept = []
     monkeypatch.setattr(main_job._Steps, "all", lambda steps, *_: kept.append(steps.held) or {"passed": True})
     monkeypatch.setattr(main_job.report, "write_report", lambda folder: folder.mkdir())
-    config = tmp_path / "m" / "config.json"
-    status, _, err = call("run", "--data", "a.npz", "--config", config, "--test", "e.npz", "--out", "r")
-    assert kept and kept[0].volt_per_code == first.volt_per_code and "recordings 'e.npz': one code is" in err
+    _, _, err = call(*"run --data a.npz --config m/config.json --test e.npz --out r".split())
+    assert kept and kept[0].volt_per_code == first.volt_per_code and told in err
 
     assert call(*"quantise m --data a.npz --readout prototypes".split())[0] == 0
-    status, _, err = call("enrol", "m", "--teach", "e.npz", "--out", "taught")
-    assert status in (0, 1) and "recordings 'e.npz': one code is" in err, err
+    says(told, "enrol m --teach e.npz --out taught")
 
 
 def test_a_scale_that_clips_is_refused_with_the_column_and_one_that_holds_it(first, call):
@@ -181,8 +181,3 @@ def test_a_model_of_mixed_columns_reads_codes_streams_and_other_scales(tmp_path)
         config.replace(volt_per_code=(1.0, 2.0))
     with refused("array lsb_volt: is of shape"):
         recordings_of(mixed() | {"lsb_volt": np.array([1.0, 2, 3, 4, -5])}, "bad")
-
-
-def test_what_small_columns_tell_is_found_beside_large_ones():
-    front_end = choose_front_end(recordings_of(mixed(), "mixed"), priced())
-    assert front_end.screened[0].accuracy > 0.9

@@ -85,7 +85,7 @@ def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("right", "wrong"),
+    "right, wrong",
     [
         ("if (s->in_hop == 4)", "if (s->in_hop == 5)"),
         ("second = v[best];", "second = v[c];"),

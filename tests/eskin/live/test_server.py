@@ -4,7 +4,6 @@ vanish, ports that are taken."""
 import json
 import math
 import socket
-import time
 import urllib.error
 import urllib.request
 
@@ -17,6 +16,7 @@ from eskin.live.hub import Hub
 from eskin.live.player import Controls
 from eskin.live.server import PageServer
 from eskin.pages.watch_page import page
+from tests.support.live_case import wait
 
 
 @pytest.fixture
@@ -25,13 +25,6 @@ def served():
     server = PageServer(page(), hub, controls, port=0)
     yield server, hub, controls
     server.close()
-
-
-def wait(condition, seconds: float = 600.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not come to this"
-        time.sleep(0.01)
 
 
 def test_the_page_brings_all_that_it_needs(served):
@@ -84,22 +77,10 @@ def test_messages_come_and_commands_are_obeyed(served):
 
 
 KEY = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-BY_NAME = {
-    "localhost": 101,
-    "127.0.0.1:9": 101,
-    "[::1]:9": 101,
-    socket.gethostname(): 403,
-    "192.168.0.7": 403,
-    "": 403,
-    "evil.example": 403,
-}
-BY_NAME |= {
-    "127.0.0.1.evil.example": 403,
-    "evil.example@localhost": 403,
-    "[": 400,
-    "localhost:x": 400,
-    "localhost:99999": 400,
-}
+OTHERS = "192.168.0.7 evil.example 127.0.0.1.evil.example evil.example@localhost"
+BY_NAME = dict.fromkeys(("localhost", "127.0.0.1:9", "[::1]:9"), 101)
+BY_NAME |= dict.fromkeys((socket.gethostname(), "", *OTHERS.split()), 403)
+BY_NAME |= dict.fromkeys(("[", "localhost:x", "localhost:99999"), 400)
 
 
 def test_only_names_of_this_machine_are_answered(capfd):

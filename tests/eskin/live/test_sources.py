@@ -102,7 +102,7 @@ def test_one_difference_in_one_recording_is_seen(model, recordings, case):
 @pytest.mark.parametrize("scan_every", [1, 4])
 def test_the_simulated_rtl_is_equal_in_lock_step(model, scan_every):
     """Several touches, a partial one, none; a fault detector that masks; decisions by vote; frames that the chain does
-    not take. Then a word of the model is spoilt."""
+    not take."""
     config = model.config.replace(scan_every=scan_every)
     model = dataclasses.replace(model, config=config)
     recordings = random_recordings(config, LENGTHS, seed=4)
@@ -113,11 +113,6 @@ def test_the_simulated_rtl_is_equal_in_lock_step(model, scan_every):
     assert (tally.mismatches, tally.said) == (0, []) and tally.compared == expected_values(
         run(model, recordings).streams
     )
-    other = {name: np.array(values) for name, values in model.arrays.items()}
-    other["V"][0, 0] ^= 1
-    spoilt = Accelerator(design, config, registers, boot_writes(config, other))
-    tally = Stage(SimulationSource(model, spoilt), recordings).go().player.tally
-    assert tally.mismatches > 0 and all("(logit" in said or "(decision)" in said for said in tally.said)
 
 
 def board(model, device) -> object:

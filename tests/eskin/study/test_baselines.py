@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 
 from eskin.study.baselines import FLOAT_BYTES, METHODS, Fitted, Scene, judge
-from eskin.training import recipe as recipes
 from eskin.training.splits import split_folds
+from tests.support.recipes import few_updates
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_each_learns_the_scene(name, monkeypatch):
-    quick = {key: replace(recipe, updates=150) for key, recipe in recipes.RECIPES.items()}
-    monkeypatch.setattr(recipes, "RECIPES", quick)
+    few_updates(monkeypatch, 150)
     shared = Scene.of(scene(60, seed=3), SMALL)
     row = judge(shared, (METHODS[name], ("person",), (1,), 2))
     assert 42 / 60 < row["accuracy"] <= 59 / 60  # one recording is never touched

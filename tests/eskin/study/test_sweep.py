@@ -1,8 +1,6 @@
 """eskin/study/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of
 finished trainings."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +12,6 @@ from eskin.memo import Memo
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.schedule import schedule
 from eskin.study import sweep as sweeping
-from eskin.training import recipe as recipes
 from eskin.verbs import sweep_job
 from eskin.verbs.cost import cost_of
 from tests.support.image_scenes import shapes
@@ -93,17 +90,6 @@ def test_points_that_differ_in_lanes_share_a_training_and_a_repeat_trains_nothin
         before = len(stub.jobs)
         do_sweep(tmp_path, stub, **change)
         assert len(stub.jobs) == before + 4
-
-
-def test_real_training(tmp_path, monkeypatch):
-    quick = dataclasses.replace(recipes.RECIPES["onset"], updates=10, epochs=0)
-    monkeypatch.setattr(recipes, "RECIPES", dict.fromkeys(recipes.RECIPES, quick))
-    points = do_sweep(tmp_path, sweeping.judge_recordings, splits=[["person"]])["points"]
-    for point in points:
-        (split,) = point["splits"]
-        assert point["accuracy"] == pytest.approx(np.mean(split["integer_by_seed"]))
-        assert len(split["integer_by_seed"]) == 3 and len(split["per_step"]) == SMALL.windows.steps
-    assert points[0]["float_accuracy"] == points[2]["float_accuracy"]  # it does not know of its bits
 
 
 def test_images_share_one_training_and_each_is_judged_by_its_bits(tmp_path, monkeypatch):

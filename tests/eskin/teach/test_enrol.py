@@ -15,12 +15,12 @@ from eskin.teach import evaluate as evaluating
 from eskin.teach.enrol import enrol, teach_folder
 from eskin.teach.evaluate import EnrolmentTrial, judge, summary
 from eskin.training import prototypes as prototypes_of
-from eskin.training import recipe
 from eskin.training.evaluate import evaluate
 from eskin.training.integers import quantise
 from eskin.training.train import TrainingRequest, train
 from tests.support.folder import exchanges
 from tests.support.prices import priced
+from tests.support.recipes import few_updates
 from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL, scene
 
@@ -28,21 +28,10 @@ GAINS = np.array([0.4, -0.8, 1.2, 1.6])
 """Of the new mounting, by taxel: one is turned over."""
 
 
-def updates(monkeypatch, count: int) -> None:
-    """Of the first training."""
-    few = {name: replace(one, updates=count) for name, one in recipe.RECIPES.items()}
-    monkeypatch.setattr(recipe, "RECIPES", few)
-
-
-def fewer_after(monkeypatch, known: bool, count: int) -> None:
-    """Updates of an enrolment with or without known recordings."""
-    monkeypatch.setitem(enrolling.SETTINGS, known, replace(enrolling.SETTINGS[known], updates=count))
-
-
 @pytest.fixture(autouse=True)
 def quick(monkeypatch):
     """Fewer updates: this scene is learnt sooner than recordings are."""
-    updates(monkeypatch, 200)
+    few_updates(monkeypatch, 200)
 
 
 def mounted(recordings: Recordings, gains: np.ndarray = GAINS, offset: int = 40) -> Recordings:
@@ -157,7 +146,7 @@ def trial(**changes) -> EnrolmentTrial:
 
 
 def test_enrolment_is_judged_on_what_no_training_saw(monkeypatch):
-    fewer_after(monkeypatch, True, 100)
+    monkeypatch.setitem(enrolling.SETTINGS, True, replace(enrolling.SETTINGS[True], updates=100))
     rows = judge(BOTH, trial())
     assert [(row["value"], row["k"]) for row in rows] == [("0", 1), ("1", 1), ("0", 2), ("1", 2)]
     for row in rows:

@@ -1,7 +1,6 @@
 """The fit of a linear cell's weights; against scikit-learn's own in tests/rtl/program/test_linear_cell.py."""
 
 import numpy as np
-import pytest
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.linear_model import Ridge
 
@@ -15,6 +14,7 @@ from eskin.training.linear_fit import (
     fit_least_squares,
     fit_linear,
 )
+from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
     taxels=4,
@@ -117,7 +117,7 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
     assert after > before + 0.05 and whole_after > whole_before - 0.05, shares
 
 
-@pytest.mark.parametrize("clip", [0, 9])
+@each_row("clip", [0, 9])
 def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, clip):
     """In closed form and copy by copy: a taxel lost, at rest or masked; touches cut short, at other rates, and
     with the beginning of another one over their end; samples at the clip."""

@@ -1,15 +1,15 @@
 """The torch module of a float network: what it computes quickly against the cells' own text."""
 
-import pytest
 import torch
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import Float, run_cell
 from eskin.training.formats import with_network
 from eskin.training.network import RecurrentClassifier
+from tests.support.table import each_row
 
 
-@pytest.mark.parametrize(("networks", "hidden", "steps"), [(3, 5, 7), (1, 4, 1)])
+@each_row("networks, hidden, steps", [(3, 5, 7), (1, 4, 1)])
 def test_a_gru_by_hand_has_the_logits_and_gradients_of_the_cell(networks, hidden, steps):
     config = with_network(AcceleratorConfig(), cell="gru", hidden=hidden)
     draws = torch.Generator().manual_seed(networks)

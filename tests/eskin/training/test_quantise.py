@@ -88,19 +88,6 @@ def test_integers_follow_the_float_network(cell, reset):
     assert exact.agreement(ideal) > 0.9
 
 
-def test_windows_of_few_levels_have_features_finer_than_a_count():
-    """As of events, whose codes are 0 and 1: means have fraction bits."""
-    ranges = profile(float_model(), find_touches(SMALL, scene(20, seed=2)))
-    few = FloatModel(SMALL, float_model().arrays | {"mu": np.array(0.11), "sigma": np.array(0.3)})
-    integer = quantise_model(few, ranges)
-    config, steps = integer.config, SMALL.windows.steps
-    sums = np.random.default_rng(3).integers(0, 9, (1, steps, SMALL.inputs))
-    codes = normalise(config, sums, np.array([steps]), integer.arrays["mean"], integer.arrays["scale"])
-    ideal = few.features(real_features(SMALL, sums))
-    fmt = config.formats.feature_format
-    assert config.mean_frac >= 4 and np.abs(fmt.to_real(codes) - ideal).max() < 2 * 2.0**-fmt.frac_bits
-
-
 @given(st.integers(2, 6), st.integers(0, 2**32 - 1))
 @settings(deadline=None, derandomize=True)
 def test_the_closest_range_has_the_format_of_least_loss(bits, seed):
@@ -240,7 +227,7 @@ def test_features_without_a_range_keep_a_format(cell):
     assert str(chosen.formats.feature_format) == "SQ(6,-2)"
 
 
-@pytest.mark.parametrize(
+@each_row(
     "last, changes, widths, dense",
     [
         ((-30.0, 30.0), {}, {}, "SQ(2,6)"),  # of a logistic regression: rounding is nothing beside them
@@ -285,6 +272,15 @@ def test_weak_signals_get_features_finer_than_their_sums():
     assert integer.config.features.feature_shift == (-6,) and 2**14 <= integer.arrays["scale"][0] < 2**15
     assert integer.config.mean_frac == 6
     assert integer.config.formats == quantise_model(model, ranges).config.formats
+    steps, fmt = SMALL.windows.steps, integer.config.formats.feature_format
+    sums = np.random.default_rng(3).integers(
+        0, 9, (1, steps, SMALL.inputs)
+    )  # as of events, whose codes are 0 and 1
+    codes = normalise(
+        integer.config, sums, np.array([steps]), integer.arrays["mean"], integer.arrays["scale"]
+    )
+    ideal = weak.features(real_features(SMALL, sums))
+    assert np.abs(fmt.to_real(codes) - ideal).max() < 2 * 2.0**-fmt.frac_bits
     preset = FloatModel(SMALL.replace(name="thesis"), weak.arrays, "made")
     plain = quantise_model(preset, ranges).config
     assert plain.mean_frac == 0 and plain.formats.feature_format.frac_bits < 8

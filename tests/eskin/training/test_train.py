@@ -240,7 +240,7 @@ def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "shares", "agreement"),
+    "name, shares, agreement",
     [("pvdf_indent", {"trial": 0.99, "speed": 0.97, "seq": 0.70}, 0.995), ("fabric_slide", {"": 0.94}, 0.99)],
 )
 def test_accuracy_on_real_recordings(shared_data, name, shares, agreement):

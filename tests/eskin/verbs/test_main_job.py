@@ -149,7 +149,7 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("stage", "stop"),
+    "stage, stop",
     [(stage, (KeyboardInterrupt, SimulationError)[number % 2]) for number, stage in enumerate(ORDER[::2])],
 )
 def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(chain, tmp_path, stage, stop):

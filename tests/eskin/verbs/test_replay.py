@@ -170,50 +170,6 @@ def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     assert "holds its rate and lanes, and there is none" in replay("port")[2]
 
 
-class Script:
-    """A transport that answers each question with the next of ``answers``: packets' bodies."""
-
-    def __init__(self, answers: list[list[bytes]]) -> None:
-        self.answers, self.waiting = answers, []
-
-    def write(self, data: bytes) -> None:
-        if any(body[1] & link.READ for body in link.Unpacker().feed(data)):
-            self.waiting = self.answers.pop(0) if self.answers else []
-
-    def read(self, timeout_s: float) -> bytes:
-        if not timeout_s:
-            return b""
-        waiting, self.waiting = self.waiting, []
-        return b"".join(map(link.pack, waiting))
-
-
-def answer(address: int, value: int, expected: int, decisions: int = 0) -> bytes:
-    return bytes([decisions]) + (value | expected << 16 | address << 24).to_bytes(4, "little")
-
-
-MAP = {
-    "id": 7,
-    "version": 1,
-    "versions": [1],
-    "registers": {"ID": 0, "VERSION": 1, "STATUS": 3, "CONTROL": 2},
-    "bits": {"STATUS": {"BUSY": 4}, "CONTROL": {"ARM": 1, "FINISH": 2, "CLEAR_FAULTS": 4}},
-}
-
-
-def test_late_answers_are_asked_again_and_a_reset_is_noticed():
-    own = [answer(0, 7, 200)], [answer(1, 1, 200)]
-    # the answer that names 199 is from before; that for register 1 is none
-    later = [answer(3, 0, 199)], [answer(1, 1, 201)], [answer(3, 0, 201)]
-    talk = link.Link(Script([*own, *later]), MAP)
-    talk.connect()
-    talk.write([(2, 1)])
-    assert talk.unanswered == 1 and talk.repeated == 0
-    talk = link.Link(Script([*own, *([[answer(3, 0, 0)]] * 10)]), MAP)
-    talk.connect()
-    with pytest.raises(link.LinkError, match="it was reset"):
-        talk.write([(2, 1)])
-
-
 # ---------------------------------------------------------------------- images
 def test_images_are_played_row_by_row_and_their_decisions_compared():
     config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
@@ -16,14 +15,8 @@ from eskin.training.made_up import random_recordings
 from eskin.training.times import decision_times
 from eskin.verbs import watch_job
 from tests.support import browser
+from tests.support.live_case import wait
 from tests.support.random_models import random_integer_model
-
-
-def wait(condition: Callable[[], bool], seconds: float = 600.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not come to this"
-        time.sleep(0.05)
 
 
 class Watched:

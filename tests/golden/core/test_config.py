@@ -2,8 +2,6 @@
 
 import json
 
-import pytest
-
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, signed_bits
 from eskin.training.formats import with_network
 from tests.support.table import each_row, refused
@@ -30,8 +28,8 @@ def test_the_element_wise_accumulator_holds_its_operands_at_their_ends():
         assert 2 * state.magnitude * config.gate_one + half <= top
 
 
-@pytest.mark.parametrize("cell", ["gru", "lstm", "linear"])
-@pytest.mark.parametrize("bits", [6, 8, 12])
+@each_row("cell", ["gru", "lstm", "linear"])
+@each_row("bits", [6, 8, 12])
 def test_the_row_accumulator_holds_the_worst_vector_and_a_bit_less_does_not(cell, bits):
     """Every operand at the end of its format that is largest, all signs agreeing, added up one by one."""
     words = dict.fromkeys(("weight_format", "recurrent_format", "dense_format"), QFormat(bits - 4, 4))
@@ -64,8 +62,8 @@ def test_what_cannot_be_built_is_refused(changes, words):
         PRESETS["thesis"].replace(**changes)
 
 
-@pytest.mark.parametrize(
-    ("group", "field", "value", "words"),
+@each_row(
+    "group, field, value, words",
     [
         ("network", "class_names", "abc", "is 'abc'; give a list"),
         ("network", "class_names", ["a", 2], "give text"),
@@ -92,8 +90,8 @@ def test_a_value_of_the_wrong_kind_in_a_file_is_refused_in_a_sentence(tmp_path, 
         AcceleratorConfig.load(file)
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
+@each_row(
+    "values, words",
     [
         ({"name": "old", "taxels": 8}, "unknown group taxels; known groups are sensor"),
         ({"sensors": {}}, "unknown group sensors; known groups are sensor, rest_level"),

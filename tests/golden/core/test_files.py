@@ -15,14 +15,14 @@ from eskin.golden.model import pipeline, write_vectors
 from eskin.rtl.fpga.generate import generate
 from tests.support.folder import contents
 from tests.support.random_models import random_integer_model
-from tests.support.table import refused
+from tests.support.table import each_row, refused
 from tests.support.touch_scenes import SMALL, scene
 
 
-@pytest.fixture(params=[0o027], ids=oct)
-def umask(request):
-    before = os.umask(request.param)
-    yield request.param
+@pytest.fixture
+def umask():
+    before = os.umask(0o027)
+    yield 0o027
     os.umask(before)
 
 
@@ -38,7 +38,7 @@ def test_files_and_folders_are_readable_as_the_umask_says(tmp_path, umask):
         assert path.stat().st_mode & 0o777 == (0o777 if path.is_dir() else 0o666) & ~umask, path
 
 
-@pytest.mark.parametrize("fails_at", [1, 2])
+@each_row("fails_at", [1, 2])
 def test_a_folder_whose_exchange_fails_is_as_it_was(tmp_path, monkeypatch, fails_at):
     """The disk is full, or somebody stops the program, at the first or the second rename."""
 

@@ -1,11 +1,10 @@
 """Layer lists: shapes, counts, formats, and lists that no hardware holds."""
 
 import numpy as np
-import pytest
 
 from eskin.golden.core import NETWORKS, AcceleratorConfig, Conv, QFormat
 from eskin.golden.core.images import SIZES, Stage, network
-from tests.support.table import refused
+from tests.support.table import each_row, refused
 
 OBJECTS = tuple(f"object {number}" for number in range(22))
 TINY = ("conv 3 4", "pool", "conv 1 3", "dense 2")
@@ -16,8 +15,8 @@ def tiny(**fields) -> AcceleratorConfig:
     return AcceleratorConfig.of_image(7, 9, TINY, ("a", "b"), name="tiny", **fields)
 
 
-@pytest.mark.parametrize(
-    ("size", "parameters", "multiplies"),
+@each_row(
+    "size, parameters, multiplies",
     [
         (SIZES[0], 25862, 1122240),
         (SIZES[1], 23046, 1007792),
@@ -52,8 +51,8 @@ def test_a_bound_is_reached_and_not_passed_by_the_worst_weights():
     )
 
 
-@pytest.mark.parametrize(
-    ("fields", "words"),
+@each_row(
+    "fields, words",
     [
         ({"layers": ("conv 2 8", "dense 2")}, "field layers: .*has a kernel of 2; take 1, 3 or 5"),
         ({"layers": ("conv 3 0", "dense 2")}, "field layers: .*has 0 channels; take 1 to 64"),

@@ -1,7 +1,6 @@
 """Kinds of feature beyond the mean: what cannot work. Their values are held by hardware, which keeps running sums."""
 
 import numpy as np
-import pytest
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
 from eskin.golden.model.preprocess import companded
@@ -69,7 +68,7 @@ def test_what_cannot_work_is_refused_with_what_does(changes, match):
         FREE.replace(**changes)
 
 
-@pytest.mark.parametrize(("knee", "fraction"), [(0, 5), (3, 5), (3, 1), (5, 7), (8, 8), (9, 9)])
+@each_row("knee, fraction", [(0, 5), (3, 5), (3, 1), (5, 7), (8, 8), (9, 9)])
 def test_companding_is_odd_and_monotone_and_can_be_undone(knee, fraction):
     sums = np.arange(-1024, 1025)
     found = companded(sums, knee, fraction)

@@ -4,15 +4,7 @@ import numpy as np
 import torch
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import (
-    Float,
-    FloatModel,
-    IntegerModel,
-    load_config,
-    load_training,
-    normalise,
-    run_cell,
-)
+from eskin.golden.model import FloatModel, IntegerModel, load_config, load_training, normalise
 from eskin.training.formats import normaliser_constants, with_network
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
@@ -169,7 +161,3 @@ def test_masked_taxels_do_not_reach_the_float_network():
     broken = means.copy()
     broken[..., 1] = 1e6
     np.testing.assert_array_equal(model.features(means), model.features(broken))
-    features = model.features(means)
-    tensors = {name: torch.tensor(array) for name, array in model.arrays.items()}
-    expected = run_cell(Float(config), config, tensors, torch.tensor(features))[1]
-    np.testing.assert_allclose(model.forward(features)[1], expected.numpy(), rtol=0, atol=1e-12)

@@ -4,24 +4,20 @@ import dataclasses
 import time
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import load_recordings
-from eskin.golden.core import PRESETS, AcceleratorConfig, signed_bits
+from eskin.golden.core import PRESETS, signed_bits
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
 from eskin.training.made_up import random_recordings
 from tests.support.strategies import configurations
+from tests.support.table import each_row
 
 THESIS = PRESETS["thesis"]
 REST = 26400  # inside the thesis band, codes
 OUT = 27000  # outside it
-
-
-def quiet_stream(frames: int, config: AcceleratorConfig = THESIS, level: int = REST) -> np.ndarray:
-    return np.full((frames, config.sensor.taxels), level, dtype=np.int32)
 
 
 # ---------------------------------------------------------------- windows of the thesis
@@ -44,7 +40,7 @@ IMPULSES = {  # position in the touch -> windows (1-based) that hold it; window 
 def test_thesis_windows_hold_an_impulse():
     onset, start, height, taxel, streams = 201, 151, 77, 5, []
     for position in IMPULSES:
-        stream = quiet_stream(7000)
+        stream = np.full((7000, THESIS.sensor.taxels), REST, dtype=np.int32)
         stream[onset - 1, 3] = OUT
         stream[start + position - 2, taxel] += height  # positions count from 1 at the start frame, frames too
         streams.append(stream)
@@ -56,8 +52,8 @@ def test_thesis_windows_hold_an_impulse():
         assert sums.tolist() == expected
 
 
-@pytest.mark.parametrize("name", ["thesis", "pvdf"])
-@pytest.mark.parametrize("clip", [0, 112])
+@each_row("name", ["thesis", "pvdf"])
+@each_row("clip", [0, 112])
 def test_the_word_of_a_window_sum_holds_a_jump_from_end_to_end_and_a_bit_less_does_not(name, clip):
     config = PRESETS[name].replace(clip=clip if name == "pvdf" else 0)
     ends = [config.sample_format.min_code, config.sample_format.max_code]

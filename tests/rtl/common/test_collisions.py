@@ -9,6 +9,7 @@ from amaranth.lib.memory import Memory
 from eskin.rtl.common import NO_COLLISION, without_contents
 from tests.rtl.top import test_accelerator
 from tests.support.stream_bench import simulate
+from tests.support.table import each_row
 
 
 @pytest.fixture(autouse=True)
@@ -36,7 +37,7 @@ def garbage(monkeypatch):
     return marked
 
 
-@pytest.mark.parametrize("attributes, value", [({}, 0), (NO_COLLISION, 0xFF)])
+@each_row("attributes, value", [({}, 0), (NO_COLLISION, 0xFF)])
 def test_a_collision_shows(attributes, value):
     m = Module()
     m.submodules.memory = memory = Memory(shape=unsigned(8), depth=4, init=[], attrs=attributes)

@@ -123,16 +123,20 @@ class Player:
             if name != "locked":
                 ctx.set(port(name), 0)
 
+    async def pause(self, ctx, may: bool = True) -> None:
+        while may and self.rng.random() < self.stall:
+            await ctx.tick()
+
+    def drawn(self, steps: int, low: int, high: int) -> np.ndarray:
+        """A trajectory (steps, values)."""
+        width = self.config.trajectory_width
+        return np.array([[self.rng.randint(low, high) for _ in range(width)] for _ in range(steps)])
+
     async def touch(self, ctx, steps: int, *, cut: bool = False) -> None:
         """A touch of ``steps`` steps, as it is decided or (``cut``) as a new recording drops it."""
         dut, config, rule = self.dut, self.config, self.config.readout_rule
         fmt, whole = config.trajectory_format, steps == config.windows.steps
-        values = np.array(
-            [
-                [self.rng.randint(fmt.min_code, fmt.max_code) for _ in range(config.trajectory_width)]
-                for _ in range(steps)
-            ]
-        )
+        values = self.drawn(steps, fmt.min_code, fmt.max_code)
         codes = narrowed(config, values)
         distances = self.distances(codes)
         if rule.taught:
@@ -147,15 +151,13 @@ class Player:
                 await ctx.tick()
                 ctx.set(dut.vector, {"valid": 0, "value": 0})
                 ctx.set(dut.logit_valid, 0)
-                while not last and self.rng.random() < self.stall:
-                    await ctx.tick()
+                await self.pause(ctx, not last)
             for number in range(config.classes if config.recurrent else 0):
                 ctx.set(dut.logit_valid, 1)
                 ctx.set(dut.step_done, number == config.classes - 1)
                 await ctx.tick()
                 ctx.set(dut.logit_valid, 0)
-                while number < config.classes - 1 and self.rng.random() < self.stall:
-                    await ctx.tick()
+                await self.pause(ctx, number < config.classes - 1)
             ctx.set(dut.step_done, 0)
             if cut and k == steps - 1:
                 for _ in range(self.rng.randrange(readout_cycles(config))):
@@ -173,8 +175,7 @@ class Player:
             assert scores == (~distances[k]).tolist() and ctx.get(dut.idle)
             if rule.unknown_above:
                 assert ctx.get(dut.far) == (distances[k].min() > rule.unknown_above * (k + 1))
-            while self.rng.random() < self.stall:  # until the decision is taken
-                await ctx.tick()
+            await self.pause(ctx)  # until the decision is taken
         if cut:
             await self.pulse(ctx, clear=1)
             self.last = None
@@ -210,7 +211,7 @@ class Player:
 
 
 @pytest.mark.parametrize(
-    ("cell", "decision", "stall", "spare", "shift"),
+    "cell, decision, stall, spare, shift",
     [
         ("gru", "last", 0.0, 0, 1),
         ("gru", "last", 0.4, 1, 2),
@@ -256,10 +257,7 @@ def test_a_damaged_code_is_left_out(decision):
                 player.damage = None
                 player.model = model
                 for label in (0, 1, 1, 2):
-                    taught = np.array(
-                        [[player.rng.randint(-8, 7) for _ in range(4)] for _ in range(config.windows.steps)]
-                    )
-                    player.model = teach(player.model, taught, label)
+                    player.model = teach(player.model, player.drawn(config.windows.steps, -8, 7), label)
                 step = player.damaged(number // 4 % 3)
                 await player.load(ctx)
             before, steps = player.wrong, player.rng.choice((1, 2, 3, 3))

@@ -127,7 +127,7 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
 
 
 @pytest.mark.parametrize(
-    ("cell", "reset", "lanes", "decision", "lane_type"),
+    "cell, reset, lanes, decision, lane_type",
     [
         ("gru", "before", 1, "vote", "plain"),
         ("lstm", "before", 2, "last", "plain"),

@@ -10,6 +10,7 @@ from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import START, WIDTH, advance, fold, parity, reads, retreat
 from tests.rtl.top.test_accelerator import CONFIGS, play, recordings
 from tests.support.random_models import random_integer_model
+from tests.support.table import each_row
 from tests.support.unseen import unseen
 
 
@@ -24,8 +25,8 @@ def constant_counts(config, code) -> dict[str | int, int]:
     return counts | {"addend": len(code.plan.bias_rows), "gate": code.layout.constant_words}
 
 
-@pytest.mark.parametrize("lane_type", ["plain", "dsp"])
-@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
+@each_row("lane_type", ["plain", "dsp"])
+@each_row("cell, reset", [("gru", "before"), ("gru", "after"), ("lstm", "before")])
 def test_no_single_flip_leaves_the_signature_and_no_slot_or_word_is_added(cell, reset, lane_type):
     """Proven for every bit of weights, biases and constants, not sampled."""
     for preset, lanes in zip(("thesis", "pvdf"), (1, 4)[:: 1 if lane_type == "plain" else -1], strict=True):
@@ -45,9 +46,7 @@ def touch_data(config, frames: int = 110):
     return data
 
 
-@pytest.mark.parametrize(
-    ("select", "word", "bit"), [(1, 3, 7), (Memory.CONSTANTS, 3, 9), (Memory.MEANS, 0, 1)]
-)
+@pytest.mark.parametrize("select, word, bit", [(1, 3, 7), (Memory.CONSTANTS, 3, 9), (Memory.MEANS, 0, 1)])
 def test_a_word_that_is_not_the_image_s_is_flagged_before_the_global_decision(select, word, bit):
     config = checked("thesis", rearm_frames=60)
     model = random_integer_model(config, seed=3)

@@ -193,11 +193,19 @@ BLOCKS_SHORT = [
 ]
 
 
-def stand_ins(monkeypatch, made, place) -> None:
-    """In place of synthesis ``made(config)``, of placement ``place``."""
+PLACED = SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
+
+
+def stand_ins(monkeypatch, place, made=lambda config: None, result=lambda *_: {}) -> None:
+    """In place of synthesis ``made(config)``, of placement ``place``, of the record ``result``."""
     monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
     monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: made(wiring.config))
     monkeypatch.setattr(job, "_placement", place)
+    monkeypatch.setattr(job, "_result", result)
+
+
+def asked_for(config, **options) -> job.BuildRequest:
+    return job.BuildRequest(config=config, arrays={}, target=target("icebreaker"), **options)
 
 
 FEWER = [  # shortage by lanes, asked, lanes tried
@@ -211,17 +219,15 @@ FEWER = [  # shortage by lanes, asked, lanes tried
 @each_row("short, asked, tried", FEWER)
 def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, asked, tried, monkeypatch):
     made: list[int] = []
-    request = job.BuildRequest(
-        config=CONFIG.with_lanes(tried[0], "plain"), arrays={}, target=target("icebreaker"), lanes_asked=asked
-    )
+    request = asked_for(CONFIG.with_lanes(tried[0], "plain"), lanes_asked=asked)
 
     def place(*_: object):
         if made[-1] in short:
             raise DoesNotFit(short[made[-1]])
-        return SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
+        return PLACED
 
-    stand_ins(monkeypatch, lambda config: made.append(config.hardware.lanes), place)
-    monkeypatch.setattr(job, "_result", lambda config, *_: {"lanes": config.hardware.lanes})
+    lanes = lambda config, *_: {"lanes": config.hardware.lanes}
+    stand_ins(monkeypatch, place, lambda config: made.append(config.hardware.lanes), lanes)
     if tried[-1] in short:
         with pytest.raises(job.BuildError, match="too many") as refused:
             job.build(request)
@@ -252,10 +258,9 @@ def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(error
             fmax_hz=99.0 - seed, bitstream=seed, seed=seed, hold_errors=errors.get(seed, 0)
         )
 
-    monkeypatch.setattr(job, "_netlist", lambda *_: (SimpleNamespace(verilog=None), ""))
-    monkeypatch.setattr(job, "_placement", place)
-    monkeypatch.setattr(job, "_result", lambda *given: {"taken": [placement.seed for placement in given[4]]})
-    request = job.BuildRequest(config=CONFIG, arrays={}, target=target("icebreaker"), seeds=seeds)
+    taken_by = lambda *given: {"taken": [placement.seed for placement in given[4]]}
+    stand_ins(monkeypatch, place, result=taken_by)
+    request = asked_for(CONFIG, seeds=seeds)
     if not taken:
         with pytest.raises(
             job.BuildError, match=r"no seed from 1 to 10 .*\(seed 1: 1 paths .*--seeds 20 tries"
@@ -303,15 +308,14 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
     what, lane_type, again, enough, monkeypatch
 ):
     config, tried = CONFIG.with_lanes(2, lane_type), []
-    request = job.BuildRequest(config=config, arrays={}, target=target("icebreaker"), lanes_asked=True)
+    request = asked_for(config, lanes_asked=True)
 
     def place(*_: object):
         if not (enough and tried[-1].hardware.spare_blocks):
             raise DoesNotFit({what: (37, 30)})
-        return SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
+        return PLACED
 
-    stand_ins(monkeypatch, tried.append, place)
-    monkeypatch.setattr(job, "_result", lambda config, *_: {})
+    stand_ins(monkeypatch, place, tried.append)
     if again and enough:
         job.build(request)
     else:

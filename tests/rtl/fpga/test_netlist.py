@@ -68,7 +68,7 @@ LINEAR = with_network(CONFIG, cell="linear")
 
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
-    ("model", "target", "multiplier"),
+    "model, target, multiplier",
     [
         (LINEAR, "icebreaker", "SB_MAC16"),
         pytest.param(CONFIG, "ulx3s", "MULT18X18D", marks=pytest.mark.slow),

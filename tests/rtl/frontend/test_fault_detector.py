@@ -2,7 +2,6 @@
 with gaps, recordings in turn."""
 
 import numpy as np
-import pytest
 from amaranth.hdl import ResetInserter, Signal
 
 from eskin.golden.core import AcceleratorConfig
@@ -11,6 +10,7 @@ from eskin.golden.model import find_touches
 from eskin.golden.model.preprocess import activity
 from eskin.rtl.frontend.fault_detector import FaultDetector
 from tests.support.stream_bench import Bench, put
+from tests.support.table import each_row
 
 
 def config_of(**changes) -> AcceleratorConfig:
@@ -33,13 +33,7 @@ def config_of(**changes) -> AcceleratorConfig:
 
 def golden_flags(config, stream) -> np.ndarray:
     """(taxels) frame that raises each flag, 0 none."""
-    recordings = Recordings(
-        samples=stream.astype(np.int32),
-        offsets=np.array([0, len(stream)]),
-        labels=np.zeros(1, dtype=np.int64),
-        class_names=config.network.class_names,
-        sample_rate_hz=config.sensor.sample_rate_hz,
-    )
+    recordings = Recordings.of([stream], sample_rate_hz=config.sensor.sample_rate_hz)
     return find_touches(config, recordings, steps=0).flagged[0]
 
 
@@ -101,8 +95,8 @@ def pairs(bits: int, taxels: int) -> list[np.ndarray]:
     return [both[:, at : at + taxels] for at in range(0, len(codes), taxels)]
 
 
-@pytest.mark.parametrize(
-    ("limit", "signed"),
+@each_row(
+    "limit, signed",
     [(0, False), (1, True), (3, False), (4, True), (7, False), (7, True), (8, True), (20, False)],
 )
 def test_every_change_of_a_small_format(limit, signed):
@@ -142,7 +136,7 @@ def stream_of(config, seed: int, frames: int = 100) -> np.ndarray:
     return stream
 
 
-@pytest.mark.parametrize("name", CASES)
+@each_row("name", CASES)
 def test_equal_to_golden_recording_after_recording(name):
     """The memory keeps what the recordings before have left; one of them ends within a block."""
     config = config_of(taxels=5, **CASES[name])

@@ -4,7 +4,6 @@ every subset, bit-exact."""
 from itertools import combinations
 
 import numpy as np
-import pytest
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
 from eskin.golden.model.preprocess import companded
@@ -82,7 +81,7 @@ def expected_beats(config: AcceleratorConfig, seen) -> list[dict]:
     return found
 
 
-@pytest.mark.parametrize("name", BLOCKS)
+@each_row("name", BLOCKS)
 def test_every_kind_of_every_deviation(name):
     """All kinds by one rule with stalls, and a subset by the other at full rate; touches come at any place of
     a hop."""

@@ -105,9 +105,6 @@ def test_a_band_and_a_threshold_must_be_exceeded(name, sign, excess):
     assert len(flags["started"]) == excess
 
 
-FRAMING_FAULTS = ("early first", "early last", "late last", "stray beats")
-
-
 def repaired(stream, beats_of_frame):
     """The frames the detector makes of broken ones: missing taxels repeat the last sample."""
     rows = [
@@ -117,12 +114,18 @@ def repaired(stream, beats_of_frame):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("fault", FRAMING_FAULTS)
-def test_framing_faults_are_flagged_and_the_next_frame_is_whole(fault):
+@each_row(
+    "fault, name, stall",
+    [
+        ("early first", "thesis", 0.0),
+        ("early last", "pvdf", 0.3),
+        ("late last", "pvdf", 0.0),
+        ("stray beats", "thesis", 0.3),
+    ],
+)
+def test_framing_faults_are_flagged_and_the_next_frame_is_whole(fault, name, stall):
     """Two faults at full rate, two with stalls; two with one rule, two with the other."""
-    number = FRAMING_FAULTS.index(fault)
-    config, stalled = CASES["pvdf" if number in (1, 2) else "thesis"], number % 2
-    stalls = (0.3, 0.3) if stalled else (0.0, 0.0)
+    config = CASES[name]
     stream = make_stream(config, 160, seed=4)
     taxels, whole = config.sensor.taxels, sample_beats(stream)
     counts, beats, faults = [taxels] * len(stream), [], 0
@@ -141,7 +144,7 @@ def test_framing_faults_are_flagged_and_the_next_frame_is_whole(fault):
                 frame += [{"sample": 0, "first": 0, "last": int(number == 1)} for number in range(3)]
                 faults += 3
         beats += frame
-    out, _, flags = run(config, beats, stalls=stalls, seed=9)
+    out, _, flags = run(config, beats, stalls=(stall, stall), seed=9)
     assert values(out) == frame_beats(config, detect(config, repaired(stream, counts)))
     assert len(flags["framing_fault"]) == faults
 

@@ -55,7 +55,7 @@ def test_frames_of_every_touch(name, one_port):
     assert values(out) == touch_beats(config, seen)
 
 
-@pytest.mark.parametrize(("taxels", "gap", "pause"), [(4, 0, 1), (8, 0, 0), (4, 1, 0)])
+@each_row("taxels, gap, pause", [(4, 0, 1), (8, 0, 0), (4, 1, 0)])
 def test_latency_and_full_rate(taxels, gap, pause):
     """The replay begins 3 cycles after the onset's last beat, and every cycle brings a beat until it has
     caught up; nothing is held up.

@@ -48,25 +48,32 @@ SOURCES = {
 """Beside eskin.c."""
 
 
-def compiled(folder, *command):
+def test_compiles_without_a_warning(design):
     for name, text in SOURCES.items():
-        (folder / name).write_text(text)
-    for name in ("eskin.c", *SOURCES):
-        call = [*command, *STRICT, "-ffreestanding", "-c", name, "-o", f"{name}.o"]
-        done = subprocess.run(call, cwd=folder, capture_output=True, text=True)
+        (design / name).write_text(text)
+    options = [option for option in STRICT if not option.startswith("-std")]
+    calls = [["gcc", *STRICT, "-ffreestanding", name] for name in ("eskin.c", *SOURCES)]
+    for call in [*calls, ["g++", "-x", "c++", "-std=c++17", *options, "eskin.c"]]:
+        done = subprocess.run([*call, "-c", "-o", "out.o"], cwd=design, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
 
-def test_compiles_without_a_warning(design):
-    compiled(design, "gcc")
-    options = [option for option in STRICT if not option.startswith("-std")]
-    call = ["g++", "-x", "c++", "-std=c++17", *options, "-c", "eskin.c", "-o", "out.o"]
-    done = subprocess.run(call, cwd=design, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+@pytest.fixture(scope="module")
+def recordings(model):
+    length = CONFIG.rest_level.rest_frames + CONFIG.last_frame + 4 * CONFIG.windows.hop
+    return random_recordings(model.config, [length, length // 2, length, length], 5)
 
 
-def plays(model, design, recordings, lazy=False, pairs=False):
-    """Every decision of the recordings through driver and shell is the golden model's; how many there are."""
+@pytest.mark.parametrize(
+    "lazy, pairs",
+    [
+        (lazy, pairs) if lazy == pairs else pytest.param(lazy, pairs, marks=pytest.mark.slow)
+        for lazy in (False, True)
+        for pairs in (False, True)
+    ],
+)
+def test_recordings_decide_as_the_model_does(model, design, recordings, lazy, pairs):
+    """Every decision through driver and shell."""
     rows, offsets = run(model, recordings).streams["decision"]
     board = Board(design)
     driver = board.driver
@@ -82,28 +89,12 @@ def plays(model, design, recordings, lazy=False, pairs=False):
     driver("enable", 0, 0)
     board.device.cycle(4)
     assert not board.device.get("irq")
-    return len(rows)
-
-
-@pytest.mark.parametrize(
-    ("lazy", "pairs"),
-    [
-        (lazy, pairs) if lazy == pairs else pytest.param(lazy, pairs, marks=pytest.mark.slow)
-        for lazy in (False, True)
-        for pairs in (False, True)
-    ],
-)
-def test_recordings_decide_as_the_model_does(model, design, lazy, pairs):
-    length = CONFIG.rest_level.rest_frames + CONFIG.last_frame + 4 * CONFIG.windows.hop
-    recordings = random_recordings(model.config, [length, length // 2, length, length], 5)
-    assert plays(model, design, recordings, lazy, pairs)
+    assert len(rows)
 
 
 @pytest.mark.parametrize("pairs", [False, True], ids=["codes", "pairs"])
-def test_an_interrupt_routine_takes_decisions_within_a_frame(model, design, pairs):
+def test_an_interrupt_routine_takes_decisions_within_a_frame(model, design, recordings, pairs):
     """It runs between a sample that was refused and the next write of the same frame."""
-    length = CONFIG.rest_level.rest_frames + CONFIG.last_frame + 4 * CONFIG.windows.hop
-    recordings = random_recordings(model.config, [length, length // 2, length, length], 5)
     rows, offsets = run(model, recordings).streams["decision"]
     board, words, within = Board(design, seed=1), [], 0
     driver, take, write = board.driver, board.driver.decisions, board._access

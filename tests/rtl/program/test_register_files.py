@@ -3,7 +3,6 @@
 import re
 import subprocess
 
-import pytest
 from systemrdl import RDLCompiler
 from systemrdl.node import FieldNode, RegNode
 
@@ -12,6 +11,7 @@ from eskin.rtl.fpga.generate import c_header
 from eskin.rtl.program.memory_map import interface_registers, mapped
 from eskin.rtl.program.register_files import entries, markdown, system_rdl
 from tests.golden.model.test_prototypes import taught_model
+from tests.support.table import each_row
 
 THESIS = PRESETS["thesis"]
 LARGE = THESIS.replace(
@@ -54,7 +54,7 @@ def test_reads_that_change_something_are_marked(tmp_path):
     assert {node.inst_name for node in nodes if node.external} == marked
 
 
-@pytest.mark.parametrize(("config", "shell"), DESIGNS)
+@each_row("config, shell", DESIGNS)
 def test_every_file_says_the_same(config, shell, tmp_path):
     registers = entries(config, shell)
     view = rdl_view(config, shell, tmp_path)

@@ -87,16 +87,8 @@ def recordings(config: AcceleratorConfig, seed: int, lengths: list[int]) -> Reco
                 [0, 1004, 4095]
             )
         parts.append(np.clip(samples, 0, 4095))
-    return Recordings(
-        samples=np.concatenate(parts).astype(np.int32),
-        offsets=np.cumsum([0, *lengths]).astype(np.int64),
-        labels=np.zeros(len(lengths), dtype=np.int64),
-        class_names=config.network.class_names,
-        sample_rate_hz=config.sensor.sample_rate_hz,
-        groups={},
-        source="made up",
-        volt_per_code=0.0,
-    )
+    rate, names = config.sensor.sample_rate_hz, config.network.class_names
+    return Recordings.of(parts, sample_rate_hz=rate, class_names=names, source="made up")
 
 
 class Host:
@@ -265,7 +257,7 @@ STAGE_CASES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "stall"), STAGE_CASES)
+@pytest.mark.parametrize("name, stall", STAGE_CASES)
 def test_bit_exact_at_every_stage(name, stall):
     config = CONFIGS[name]
     model = random_integer_model(config, seed=5)
@@ -276,11 +268,7 @@ def test_bit_exact_at_every_stage(name, stall):
     )
     streams, statuses = play(model, data, stall=stall)
     check(model, data, streams)
-    touches = (
-        np.bincount(trace.touches.recording, minlength=len(data))
-        if len(trace.touches.recording)
-        else np.zeros(len(data))
-    )
+    touches = np.bincount(trace.touches.recording, minlength=len(data))
     assert [status[2] for status in statuses] == touches.tolist()
     assert [bool(status[0] & Status.NO_TOUCH) for status in statuses] == (touches == 0).tolist()
     # at full pace the short hops of these configurations outrun the engine: held up and flagged, nothing lost
@@ -320,7 +308,7 @@ def test_a_recording_that_stops_in_the_middle_of_a_frame_is_finished():
 
 
 @SLOW
-@pytest.mark.parametrize(("name", "lanes"), [("tracked, free", 12), ("two windows end together", 1)])
+@pytest.mark.parametrize("name, lanes", [("tracked, free", 12), ("two windows end together", 1)])
 def test_the_lowest_clock_loses_nothing(name, lanes):
     """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with
     12 the frames, whose means differ from taxel to taxel. At full pace the short hops outrun the engine of one

@@ -16,7 +16,7 @@ from eskin.rtl.top.watchdog import bound
 from eskin.training.made_up import random_images
 from tests.support.image_scenes import random_image_model
 from tests.support.stream_bench import bus_accesses, give_frame, simulate
-from tests.support.table import refused
+from tests.support.table import each_row, refused
 
 CONFIG = AcceleratorConfig.of_image(4, 32, ["conv 3 2", "pool", "dense 2"], ("a", "b")).with_lanes(4, "plain")
 MODEL = random_image_model(CONFIG.replace(checksum=True, watchdog=True, clock_gate=True), seed=3)
@@ -80,9 +80,7 @@ def test_a_program_that_runs_too_long_is_told_by_the_checksum_and_ended_by_the_w
     assert not decisions and faults == [Fault.CHECKSUM | Fault.WATCHDOG, 0]
 
 
-@pytest.mark.parametrize(
-    "field, value", [("lanes", 6), ("loadable", False), ("one_port", True), ("one_phase", True)]
-)
+@each_row("field, value", [("lanes", 6), ("loadable", False), ("one_port", True), ("one_phase", True)])
 def test_hardware_that_images_do_not_have_is_refused_in_a_sentence(field, value):
     with refused(f"field {field}: .*"):
         make_accelerator(MODEL.config.replace(**{field: value}))

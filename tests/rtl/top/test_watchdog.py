@@ -9,6 +9,7 @@ from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
+from tests.rtl.engine.test_memory_check import touch_data
 from tests.rtl.top.test_accelerator import CONFIGS, SEED, Host, check, play, recordings
 from tests.support.random_models import random_integer_model
 from tests.support.stream_bench import Bench, give_frame, put
@@ -72,8 +73,7 @@ def test_reset_once_after_a_touch(monkeypatch):
     monkeypatch.setattr(accelerator, "ResetInserter", lambda when: resets.append(when) or ResetInserter(when))
     config = CONFIGS["thesis"].replace(watchdog=True)
     model = random_integer_model(config, seed=1)
-    data = recordings(config, 3, [66])
-    data.samples[20:, 2] = 3000  # a touch from frame 21 on
+    data = touch_data(config, 66)
     arms, rests = [], []
 
     def prepare(bench):
@@ -108,8 +108,7 @@ def test_what_stands_still_is_found(monkeypatch):
     monkeypatch.setattr(accelerator, "ResetInserter", stopped)
     config = CONFIGS["thesis"].replace(watchdog=True)
     model = random_integer_model(config, seed=1)
-    data = recordings(config, 3, [66])
-    data.samples[20:, 2] = 3000
+    data = touch_data(config, 66)
     bench = Bench(Accelerator(model.config), max_cycles=100_000)
     dut, flags = bench.dut, []
     bench.collect(dut.o)

@@ -19,7 +19,7 @@ from eskin.study.stability.table import MODES
 from eskin.training.recipe import RECIPES
 from tests.support import stability_case
 from tests.support.prices import cost_by_size, priced
-from tests.support.table import refused
+from tests.support.table import each_row, refused
 
 MASKED = "one taxel stuck at full scale, masked, worst"
 
@@ -85,8 +85,8 @@ def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
     assert choose_stable([fragile, near], fragile, energy(1.0)) is near  # as cheap
 
 
-@pytest.mark.parametrize(
-    ("right", "dear", "taken"),
+@each_row(
+    "right, dear, taken",
     [
         (1000 * (1 - CLEAN_LOSS), DEARER, True),
         (1000 * (1 - CLEAN_LOSS) - 1, DEARER, False),

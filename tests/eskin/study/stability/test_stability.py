@@ -22,7 +22,7 @@ from eskin.verbs import stability_job
 from tests.support import stability_case
 from tests.support.broken_designs import BROKEN_DESIGNS, broken_design
 from tests.support.broken_variants import BROKEN
-from tests.support.table import refused
+from tests.support.table import each_row, refused
 
 WITHOUT_COSIM = {"cosim": False, "defences": False}
 GOLDEN = {name: mode for name, mode in MODES.items() if callable(mode.run)}
@@ -36,7 +36,7 @@ NUMBERS = [
 
 
 @pytest.mark.parametrize(
-    ("bench", "name"),
+    "bench, name",
     [(stability_case.bench, name) for name in GOLDEN]
     + [(stability_case.linear_bench, name) for name in NUMBERS],
 )
@@ -93,8 +93,8 @@ def a_mode(value: float = 2.0, name: str = "state bits", **bound):
     return replace(MODES[name], run=lambda bench: Outcome(value, "seven <b>", curve), **bound)
 
 
-@pytest.mark.parametrize(
-    ("bound", "passed", "fails_at", "room"),
+@each_row(
+    "bound, passed, fails_at, room",
     [
         ({"at_most": 2.0}, True, 3, 0),
         ({"at_least": 2.0}, True, 1, 0),
