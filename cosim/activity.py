@@ -1,7 +1,8 @@
 """Counts what a netlist does in a co-simulation: the input of an energy estimate.
 
 A counter beside the cells sees every cycle, so nothing is sampled: register bits that change, by block;
-multipliers whose operands change (a multiplier with still operands does not switch). It counts
+multipliers whose operands change (a multiplier with still operands does not switch); cycles in which
+the chain says that it is busy. It counts
 from a recording's first frame to its last decision, not while weights are loaded.
 
 Two runs over the same recordings, at full pace and at a slower declared one, do the same frames and steps and

@@ -68,8 +68,8 @@ def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
 
     A frame takes a cycle a taxel, the detector's latency, one cycle for the sum of its hop and one for the mean
     beside other kinds; a second cycle a taxel where a block of activity ends, and the verdict where a
-    check of the onset ends. A ring takes three; without a touch frames end there. A frame that ends a window takes
-    as many as `frame_cycles`.
+    check of the onset ends. A ring adds three cycles to the frames of a touch; other frames end at it. A frame that
+    ends a window takes as many as `frame_cycles`.
     """
     if config.is_image:
         return frame_cycles(config), frame_cycles(config)

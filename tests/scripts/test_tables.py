@@ -27,7 +27,6 @@ def test_cycles_of_three_designs(preset, changes, lanes, plain, ends, mean, quie
     assert frame_cycles(config, ends_window=False, ends_block=False) == plain
     assert frame_cycles(config) == ends and step_cycles(config) == step
     assert mean_frame_cycles(config) == pytest.approx((mean, quiet), abs=1e-3)
-    assert mean_frame_cycles(config.replace(one_port=True)) == mean_frame_cycles(config)
 
 
 def test_a_table_of_the_page_is_replaced(monkeypatch):
