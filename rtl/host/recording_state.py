@@ -67,11 +67,14 @@ class RecordingState(wiring.Component):
         idle = Signal()
         m.d.sync += [moving.eq(self.moving | self.engine.working), quiet.eq(quiet + ~quiet.all())]
         # (What a command changes follows the beats that are on their way.)
-        with m.If(moving | (self.passing & ~quiet.all())):
+        with m.If(moving | (self.passing & ~quiet.all() if self._config.hardware.clock_gate else 0)):
             m.d.sync += quiet.eq(0)
-        m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle & ~self.passing)
+        m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
+        calm = Signal()  # registered, too; it moves only at the end of a recording
+        m.d.sync += calm.eq(finishing & ~self.passing)
         telling = undecided.any() ^ self.touch
-        drive(m, self, finish=finishing & ~finished & idle, busy=~idle | finishing | self.clear | telling)
+        drive(m, self, finish=finishing & ~finished & idle & calm)
+        drive(m, self, busy=~idle | self.passing | finishing | calm | self.clear | telling)
         decided = self.global_taken & undecided.any()
         # (`touch` is registered, as it decides on writes.)
         m.d.sync += [
