@@ -137,8 +137,8 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
         ),
         Bug(
             "what the ring still counts is not waited for",
-            "Cat(flag ^ value for flag, value in flags).any() | offered",
-            "offered",
+            "self.holds.eq(pushed | dropped |",
+            "self.holds.eq(pushed |",
             file="rtl/frontend/pretrigger_ring.py",
         ),
         Bug(

@@ -104,12 +104,14 @@ class PreTriggerRing(wiring.Component):
         # frame f has come in, frame s - 1 may have to go; from then to frame e
         starting = self.starting = Signal()
         touch = self.touch = Signal()
-        flags = [
-            (surplus, exceeds(held, (config.windows.pretrigger_frames + 1) * frame + (frame // 2 or 1) - 1)),
-            (dropped, drop),
-            (full, exceeds(held, capacity - 1) | (starting & surplus)),
-            (some, held[2:].any() | (held[:2] > counted + fetch)),
-            (counted, fetch),
+        pushed = Signal()
+        m.d.sync += [
+            surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + (frame // 2 or 1) - 1)),
+            dropped.eq(drop),
+            full.eq(exceeds(held, capacity - 1) | (starting & surplus)),
+            some.eq(held[2:].any() | (held[:2] > counted + fetch)),
+            counted.eq(fetch),
+            pushed.eq(push),
         ]
         # the memory's output register is the output, or with one port what passes it by
         word_in = Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))
@@ -127,7 +129,7 @@ class PreTriggerRing(wiring.Component):
         ends = offered & self.o.ready & self.touch_last
         if config.hardware.one_port:
             nothing_left = ~push & (held == counted) & (~fetched | self.o.ready)
-            flags.append((passing, touch & ~ends & nothing_left))
+            m.d.sync += passing.eq(touch & ~ends & nothing_left)
         m.d.comb += [
             drop.eq(surplus & ~dropped & ~touch),
             fetch.eq(touch & some & ~room & (~fetched | (self.o.ready & ~self.touch_last))),
@@ -135,18 +137,17 @@ class PreTriggerRing(wiring.Component):
         begins = push & self.i.p.onset & ~touch
         if frame == 1:  # ``surplus`` is of the beats before this one, and it may be the one too many
             begun = self.begun = Signal()
-            flags.append((begun, begins))
+            m.d.sync += begun.eq(begins)
             begins = begun
-        flags += [
-            (starting, begins | (starting & surplus)),
-            (touch, (starting & ~surplus) | (touch & ~ends)),
-            (fetched, fetch | (fetched & ~self.o.ready)),
+        m.d.sync += [
+            starting.eq(begins | (starting & surplus)),
+            touch.eq((starting & ~surplus) | (touch & ~ends)),
+            fetched.eq(fetch | (fetched & ~self.o.ready)),
         ]
-        m.d.sync += [flag.eq(value) for flag, value in flags]
         m.d.comb += [
             self.i.ready.eq(~full),
             push.eq(written),
-            self.holds.eq(Cat(flag ^ value for flag, value in flags).any() | offered),
+            self.holds.eq(pushed | dropped | counted | surplus | starting | (touch & some) | offered),
             write.data.eq(word_in),
             write.en.eq(push),
             read.en.eq(fetch),

@@ -65,16 +65,15 @@ class RecordingState(wiring.Component):
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving = Signal()
         idle = Signal()
-        m.d.sync += [moving.eq(self.moving | self.engine.working), quiet.eq(quiet + ~quiet.all())]
+        beats = self.moving | self.engine.working | (finishing & self.passing)
+        m.d.sync += [moving.eq(beats), quiet.eq(quiet + ~quiet.all())]
         # (What a command changes follows the beats that are on their way.)
         with m.If(moving | (self.passing & ~quiet.all() if self._config.hardware.clock_gate else 0)):
             m.d.sync += quiet.eq(0)
         m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
-        calm = Signal()  # registered, too; it moves only at the end of a recording
-        m.d.sync += calm.eq(finishing & ~self.passing)
         telling = undecided.any() ^ self.touch
-        drive(m, self, finish=finishing & ~finished & idle & calm)
-        drive(m, self, busy=~idle | self.passing | finishing | calm | self.clear | telling)
+        drive(m, self, finish=finishing & ~finished & idle)
+        drive(m, self, busy=~idle | self.passing | finishing | self.clear | telling)
         decided = self.global_taken & undecided.any()
         # (`touch` is registered, as it decides on writes.)
         m.d.sync += [
