@@ -221,6 +221,7 @@ def schedule(request: ScheduleRequest) -> None:
     check_target(request.out / "schedule")
     view: Any = schedule_view
     plan: Any
+    columns: Sequence[str]
     rows: Sequence[tuple]
     if config.is_image:
         refuse_hardware(config)
