@@ -412,11 +412,8 @@ class EnergyRequest(ModelDataOptions):
 
 
 @request
-class ScheduleRequest:
-    model: str = argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")
-    lanes: str | None = option(
-        "Parallel multipliers, such as 4 or 4:dsp (iCE40 DSP blocks). Default: 4.", None, metavar="P[:TYPE]"
-    )
+class ScheduleRequest(LaneOptions):
+    model: Path = argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")
     out: Path = option("Folder for the files.", Path("build/schedule"))
 
 

@@ -227,6 +227,12 @@ def test_tests_and_proofs_mirror_the_folders():
     assert len(proofs) > 10 and [str(proof) for proof in proofs if not (ROOT / "rtl" / proof).exists()] == []
 
 
+def test_every_stop_of_data_is_a_function():
+    stops = re.findall(r"\| \d+ \| `(.+?)` \| `(\w+)`", (ROOT / "docs/where.md").read_text())
+    assert len(stops) == 12
+    assert [stop for stop in stops if f"def {stop[1]}(" not in (ROOT / stop[0]).read_text()] == []
+
+
 # ------------------------------------------------------------------ the site
 def test_every_page_is_in_the_navigation_once():
     assert sorted(PAGES[1:]) == sorted((ROOT / "docs").glob("*.md"))

@@ -85,45 +85,33 @@ def check_outputs(verb: str, options: Record) -> None:
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
     outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
-    words = (*PRESETS, "synthetic", "default")
-    inputs: list[Path] = []
-    for name, value in options.items():
-        if name not in OUTPUTS:
-            several = value if isinstance(value, list) else [value]
-            inputs += [
-                Path(path)
-                for path in several
-                if isinstance(path, Path) or (name in INPUT_WORDS and path and path not in words)
-            ]
-    places = [(path, path.resolve()) for path in inputs if path.exists()]
+    words = (None, "", *PRESETS, "synthetic", "default")
+    inputs = [
+        Path(given)
+        for name, value in options.items()
+        if name not in OUTPUTS
+        for given in (value if isinstance(value, list) else [value])
+        if isinstance(given, Path) or (name in INPUT_WORDS and given not in words)
+    ]
     of_place: dict[Path, str] = {}
     for option, path in outputs.items():
-        place = path.resolve()
-        twin = of_place.setdefault(place, option)
-        if twin != option:
-            raise InputError(f"{option} {path}: {twin} names the same path; give another one")
-        for given_path, source in places:
+        place, why = path.resolve(), ""
+        if (twin := of_place.setdefault(place, option)) != option:
+            why = f"{twin} names the same path"
+        own = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
+        for given in filter(Path.exists, inputs):
+            source = given.resolve()
             if source == place or (path.exists() and path.samefile(source)):
-                raise InputError(
-                    f"{option} {path}: would overwrite the input {given_path}; give another name"
-                )
-            if verb in REPLACING and place in source.parents and option == "--out":
-                raise InputError(
-                    f"{option} {path}: would be replaced together with the input {given_path} in it; name "
-                    "another folder"
-                )
-            result = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
-            if path.is_file() and source in place.parents and not result:
-                raise InputError(
-                    f"{option} {path}: would overwrite a file of the input {given_path}; give another name"
-                )
-        result = (
-            path.suffix == ".json"
-            or not path.is_file()
-            or path.read_bytes().lstrip()[:1] in (b"", b"{", b"[")
-        )
-        if option == "--json" and not result:
-            raise InputError(f"--json {path}: would overwrite a file that is not JSON; give another name")
+                why = f"would overwrite the input {given}"
+            elif verb in REPLACING and place in source.parents and option == "--out":
+                why = f"would be replaced together with the input {given} in it"
+            elif path.is_file() and source in place.parents and not own:
+                why = f"would overwrite a file of the input {given}"
+        other = option == "--json" and path.suffix != ".json" and path.is_file() and not why
+        if other and path.read_bytes().lstrip()[:1] not in (b"", b"{", b"["):
+            why = "would overwrite a file that is not JSON"
+        if why:
+            raise InputError(f"{option} {path}: {why}; give another name")
 
 
 app = Application(

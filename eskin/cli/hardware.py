@@ -208,38 +208,31 @@ def replay(request: ReplayRequest) -> Record:
 def schedule(request: ScheduleRequest) -> None:
     """Draw the work of each unit in each cycle, from the program of the hardware."""
     from eskin.golden.core import PRESETS
+    from eskin.golden.model import load_config
     from eskin.pages.views import terminal_table
-    from eskin.rtl.views import schedule_view
+    from eskin.rtl.program.image_passes import plan_of
+    from eskin.rtl.program.schedule import schedule as plan_step
+    from eskin.rtl.top.image_accelerator import refuse_hardware
+    from eskin.rtl.views import image_view, schedule_view
 
-    if request.model in PRESETS:
-        config = PRESETS[request.model]
-    else:
-        from eskin.golden.model import load_config
-
-        config = load_config(request.model)
-    config = config.with_lanes(*parse_lanes(request.lanes))
+    config = (PRESETS.get(str(request.model)) or load_config(request.model)).with_lanes(
+        *parse_lanes(request.lanes)
+    )
     check_target(request.out / "schedule")
+    view: Any = schedule_view
+    plan: Any
+    columns: Sequence[str]
+    rows: Sequence[tuple]
     if config.is_image:
-        from eskin.rtl.program.image_passes import plan_of
-        from eskin.rtl.top.image_accelerator import refuse_hardware
-        from eskin.rtl.views import image_view
-
         refuse_hardware(config)
-        passes = plan_of(config)
-        files = image_view.drawing_files(passes)
-        shown: tuple[str, Sequence[str], Sequence[tuple]] = (
-            image_view.title(passes),
-            image_view.COLUMNS,
-            image_view.cells(passes),
-        )
+        view, plan = image_view, plan_of(config)
+        columns, rows = image_view.COLUMNS, image_view.cells(plan)
     else:
-        from eskin.rtl.program.schedule import schedule as plan_step
-
         plan = plan_step(config)
-        files = schedule_view.drawing_files(plan)
-        shown = (schedule_view.title(plan).partition("\n")[0], ("what", "value"), schedule_view.figures(plan))
+        columns, rows = ("what", "value"), schedule_view.figures(plan)
+    files = view.drawing_files(plan)
     _write_files(request.out, files)
-    console.print(terminal_table(*shown))
+    console.print(terminal_table(view.title(plan).partition("\n")[0], columns, rows))
     say(f"files: {', '.join(str(request.out / name) for name in files)}")
 
 

@@ -153,9 +153,9 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
 
     if file.suffix != ONNX_SUFFIX:
         raise InputError("--config: is missing; weights alone do not define the array, so give it")
-    from eskin.exchange.import_onnx import embedded_configuration
+    from eskin.exchange.import_onnx import Graph
 
-    configuration = embedded_configuration(file)
+    configuration = Graph(file).configuration
     if configuration is not None:
         return configuration, None
     if data is None:

@@ -391,15 +391,13 @@ class PrototypeReadout(wiring.Component):
             begins=(teaches & ~self.commands.option) | (self.ended & following & complete),
             target=scan.teaching & (scan.label == chosen) & scan.slot[-1] & (scan.slot[:-1] == newest),
         )
-        m.d.comb += [
-            renewed.eq(
-                Mux(
-                    loaded,
-                    self.load.data,
-                    Mux(counted, _by_value(count, lambda n: n + 1 if n + 1 < 2 * places else places), 0),
-                )
+        m.d.comb += renewed.eq(
+            Mux(
+                loaded,
+                self.load.data,
+                Mux(counted, _by_value(count, lambda n: n + 1 if n + 1 < 2 * places else places), 0),
             )
-        ]
+        )
         drive(
             m,
             self.commands,

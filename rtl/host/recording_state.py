@@ -72,8 +72,12 @@ class RecordingState(wiring.Component):
             m.d.sync += quiet.eq(0)
         m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
         telling = undecided.any() ^ self.touch
-        drive(m, self, finish=finishing & ~finished & idle)
-        drive(m, self, busy=~idle | self.passing | finishing | self.clear | telling)
+        drive(
+            m,
+            self,
+            finish=finishing & ~finished & idle,
+            busy=~idle | self.passing | finishing | self.clear | telling,
+        )
         decided = self.global_taken & undecided.any()
         # (`touch` is registered, as it decides on writes.)
         m.d.sync += [
@@ -82,9 +86,10 @@ class RecordingState(wiring.Component):
             undecided.eq(undecided + self.detector.started - decided),
             self.touch.eq(undecided.any()),
         ]
-        watched: tuple[Signal, ...] = ()
+        per_recording = [undecided, self.touch, self.touched, self.touches, finishing, finished]
         if self._config.hardware.watchdog:
-            (over,) = watched = (Signal(name="over"),)
+            over = Signal()
+            per_recording.append(over)
             with m.If(self.finish):
                 m.d.sync += over.eq(1)
             apart = (
@@ -98,7 +103,6 @@ class RecordingState(wiring.Component):
         with m.Elif(finished & idle):  # the partial decision, if there was one, is out
             m.d.sync += [finishing.eq(0), finished.eq(0), undecided.eq(0)]
         with m.If(self.clear):
-            per_recording = (undecided, self.touch, self.touched, self.touches, finishing, finished, *watched)
             m.d.sync += [signal.eq(0) for signal in per_recording]
         with m.If(self.finish_asked):
             m.d.sync += finishing.eq(1)
