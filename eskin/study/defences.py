@@ -8,6 +8,7 @@ not seen, through the whole integer front end.
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -42,9 +43,9 @@ must find the touch."""
 ONSET_HITS, ONSET_SPAN = 3, 4
 """With that lower threshold the rule must hold in 3 of 4 judged frames, or a noisy taxel opens the gate."""
 FAILURES = {
-    "dead": Experiment(stuck("rest"), -10.0, (), "", over="taxels"),
-    "stuck": Experiment(stuck("high"), 0.25, (), "", over="taxels"),
-    "stuck, masked": Experiment(stuck("high"), 0.25, (), "", over="taxels", masked=True),
+    "dead": Experiment(partial(stuck, end="rest"), -10.0, (), "", over="taxels"),
+    "stuck": Experiment(stuck, 0.25, (), "", over="taxels"),
+    "stuck, masked": Experiment(stuck, 0.25, (), "", over="taxels", masked=True),
 }
 """Failures of one taxel: at its rest level all along; at the highest code from a quarter of the touch on; the
 same with its mask bit set."""
@@ -147,7 +148,7 @@ def judge_defences(
     }
     for failure, experiment in FAILURES.items():
         by_taxel = {
-            case: float(np.average(shares(decided(played.scene.config, played.recordings)), weights=sizes))
+            case: float(np.average(shares(decided(played.config, played.recordings)), weights=sizes))
             for case, played in experiment.cases(scene).items()
         }
         worst = min(by_taxel, key=by_taxel.__getitem__)

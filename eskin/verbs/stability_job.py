@@ -21,6 +21,7 @@ from eskin.cosim.device import FOREVER, Design, Device
 from eskin.golden.core import (
     PRESETS,
     AcceleratorConfig,
+    InputError,
     Progress,
     Record,
     check_target,
@@ -103,35 +104,36 @@ def run(
     begin = time.perf_counter()
     for name in (RESULT, RECOMMENDED, PAGE):
         check_target(out / name)
+    for name in request.mode or ():
+        if name not in MODES:
+            raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
+    asked = [MODES[name] for name in request.mode or MODES]
     models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
     bench = Bench.of(*models, recordings, few=few, **bench_options)
     options = [few, bench.flips, bench.seed, bench.points, bench.long]
     content = content_key(bench.model, recordings, CODE(), options, bench.real)
     keep = _Records(cache, content, Jobs(workers=workers, dask=request.dask, progress=progress, version=CODE))
-    hardware = _Hardware(bench, keep, progress) if request.cosim else None
-
-    def records(modes: Sequence[Mode]) -> list[Record]:
-        golden = {mode.name: mode.name for mode in modes if not isinstance(mode.run, str)}
-        others = [mode for mode in modes if mode.name not in golden]
-        found = keep.results(judge_mode, golden, bench, "modes judged")
-        return found + [hardware.record(mode) for mode in others if hardware]
-
-    judged = stability.run_modes(
-        bench, names=request.mode or None, judged=records, hardware=hardware is not None
-    )
-    if hardware:
-        hardware.confirm(judged["modes"])
+    reasons = {mode: stability.why_not(mode, bench.config, request.cosim) for mode in asked}
+    ready = [mode for mode, why in reasons.items() if not why]
+    golden = {mode.name: mode.name for mode in ready if not isinstance(mode.run, str)}
+    records = keep.results(judge_mode, golden, bench, "modes judged")
+    if request.cosim:
+        hardware = _Hardware(bench, keep, progress)
+        records += [hardware.record(mode) for mode in ready if isinstance(mode.run, str)]
+        hardware.confirm(records)
     compared, chosen = _defences(bench, keep, seeds if compare else 0)
     write_json(out / RECOMMENDED, chosen.to_dict())
-    passed = all(
-        record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in judged["modes"]
-    )
+    passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in records)
     result = {
         "model": str(model_dir),
         "data": str(recordings.source),
         "recordings": len(recordings),
         "clean_accuracy": bench.clean_accuracy,
-        **judged,
+        "modes": records,
+        "not_run": [
+            {"name": mode.name, "group": mode.group, "why": why} for mode, why in reasons.items() if why
+        ],
+        "weakest": [record["name"] for record in stability.weakest(records)],
         "defences": compared,
         "passed": passed,
         "wall_s": round(time.perf_counter() - begin, 3),

@@ -1,15 +1,16 @@
 """Failure modes of the memories, in the golden model: single bit flips in weights, tables, constants,
 configuration and state."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import Arrays, InputError, QFormat
-from eskin.golden.model import Fixed, IntegerModel, network_formats, pipeline
-from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Curve, Outcome
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat, Record
+from eskin.golden.model import Fixed, IntegerModel, network_formats, pipeline, preprocess
+from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Outcome, curve
 
 Site = tuple[Any, int, int]
 """A bit: the array, the value's place in it (flat), the bit of the value."""
@@ -38,17 +39,16 @@ def every_bit(arrays: Arrays, formats: Mapping[str, QFormat]) -> list[Site]:
     ]
 
 
-def by_bit(sites: Iterable[Sequence[Any]], changed: Iterable[float]) -> Curve:
-    """The share of decisions that flips change against the bit that was inverted, the last of each site."""
-    shares: dict[int, list[float]] = {}
-    for site, share in zip(sites, changed, strict=True):
-        shares.setdefault(site[-1], []).append(float(share))
-    bits = sorted(shares)
+def by_bit(sites: Sequence[Site], changed: np.ndarray) -> Record:
+    """The curve of the share of decisions that flips change against the bit that was inverted."""
+    bit_of = np.array([bit for *_, bit in sites])
+    bits = np.unique(bit_of)
+    shares = [changed[bit_of == bit] for bit in bits]
     lines = {
-        "mean of the flips": [float(np.mean(shares[bit])) for bit in bits],
-        "worst flip": [max(shares[bit]) for bit in bits],
+        "mean of the flips": [share.mean() for share in shares],
+        "worst flip": [share.max() for share in shares],
     }
-    return Curve("bit (0 = lowest)", "share of decisions changed", bits, lines)
+    return curve("bit (0 = lowest)", "share of decisions changed", bits, lines)
 
 
 @dataclass(frozen=True)
@@ -96,24 +96,22 @@ class Flips:
 
 def _decisions(bench: Bench, logits: np.ndarray) -> np.ndarray:
     """Global decisions of a bench's touches by their logits."""
-    return bench.parts.decide(bench.config, logits, bench.touches.completed)[2]
+    return pipeline.decide(bench.config, logits, bench.touches.completed)[2]
 
 
 # ---------------------------------------------------------------------- words that stay
-def _with_weight(bench: Bench, site: Site) -> IntegerModel:
-    name, place, bit = site
-    array = upset(bench.model.arrays[name], place, bit, network_formats(bench.config)[name])
-    return replace(bench.model, arrays={**bench.model.arrays, name: array})
-
-
-def _by_weight(bench: Bench, site: Site | None) -> np.ndarray:
-    few = bench.sample
-    model = _with_weight(bench, site) if site else bench.model
-    return _decisions(few, model.run(few.parts.arithmetic(few.config), few.codes)[1])
+def _with_weight(bench: Bench, site: Site | None) -> IntegerModel:
+    arrays = dict(bench.model.arrays)
+    if site:
+        name, place, bit = site
+        arrays[name] = upset(arrays[name], place, bit, network_formats(bench.config)[name])
+    return replace(bench.model, arrays=arrays)
 
 
 weight_flips = Flips(
-    lambda bench: every_bit(bench.model.arrays, network_formats(bench.config)), _by_weight, model=_with_weight
+    lambda bench: every_bit(bench.model.arrays, network_formats(bench.config)),
+    lambda bench, site: _decisions(bench.sample, _with_weight(bench, site).forward(bench.sample.codes)[1]),
+    model=_with_weight,
 )
 
 
@@ -128,34 +126,30 @@ def _tables(bench: Bench) -> dict[str, tuple[QFormat, int]]:
 
 def _table_bits(bench: Bench) -> list[Site]:
     entries = range(bench.config.formats.table_entries)
-    return [
-        (table, entry, bit)
-        for table, (_, bits) in _tables(bench).items()
-        for entry in entries
-        for bit in range(bits)
-    ]
+    tables = [(name, range(bits)) for name, (_, bits) in _tables(bench).items()]
+    return [(name, entry, bit) for name, bits in tables for entry in entries for bit in bits]
 
 
 def _by_table(bench: Bench, site: Site | None) -> np.ndarray:
-    few, arithmetic = bench.sample, bench.parts.arithmetic(bench.config)
+    few, arithmetic = bench.sample, Fixed(bench.config)
     if site:
         name, entry, bit = site
         table = upset(getattr(arithmetic, f"_{name}"), entry, bit, _tables(bench)[name][0])
         setattr(arithmetic, f"_{name}", table)
-    return _decisions(few, few.forward(few.codes, arithmetic)[1])
+    return _decisions(few, few.model.run(arithmetic, few.codes)[1])
 
 
 table_flips = Flips(_table_bits, _by_table, of=8)
 
 
 def _with_constant(bench: Bench, site: Site | None) -> np.ndarray:
-    """Feature codes."""
-    constants = dict(bench.model.arrays)
+    """Feature codes; a constant may become one that a model must not have."""
+    config, touches = bench.config, bench.touches
+    constants = {name: bench.model.arrays[name] for name in ("mean", "scale")}
     if site:
         name, place, bit = site
-        fmt = bench.config.mean_format if name == "mean" else bench.config.scale_format
-        constants[name] = upset(constants[name], place, bit, fmt)
-    return pipeline.feature_codes(bench.model, bench.touches, bench.parts.normalise, constants)
+        constants[name] = upset(constants[name], place, bit, getattr(config, f"{name}_format"))
+    return preprocess.normalise(config, touches.sums, touches.completed, faults=touches.faults, **constants)
 
 
 def _small_constant_bits(bench: Bench) -> list[Site]:
@@ -171,7 +165,7 @@ def _small_constant_bits(bench: Bench) -> list[Site]:
 
 constant_flips = Flips(
     _small_constant_bits,
-    lambda bench, site: _decisions(bench, bench.forward(_with_constant(bench, site))[1]),
+    lambda bench, site: _decisions(bench, bench.model.forward(_with_constant(bench, site))[1]),
     worst=True,
 )
 
@@ -182,30 +176,29 @@ def _registers(bench: Bench) -> list[Site]:
     if config.onset_rule.onset == "baseline":
         bits["onset_threshold"] = 16
     if config.onset_rule.onset == "band":
-        bits |= {"band_low": config.sensor.sample_bits, "band_high": config.sensor.sample_bits}
+        bits |= dict.fromkeys(("band_low", "band_high"), config.sensor.sample_bits)
     if config.rest_level.clip:
         bits["clip"] = 16
-    sites: list[Site] = [(name, 0, bit) for name, width in bits.items() for bit in range(width)]
-    return [site for site in sites if _with_register(bench, site)] + [
-        ("masked_taxels", taxel, 0) for taxel in range(config.sensor.taxels)
-    ]
+    sites: list[Site] = []
+    for site in ((name, 0, bit) for name, width in bits.items() for bit in range(width)):
+        with contextlib.suppress(InputError):  # a value the configuration refuses, as the register does
+            replace(bench.model, config=_with_register(config, site))
+            sites.append(site)
+    return [*sites, *(("masked_taxels", taxel, 0) for taxel in range(config.sensor.taxels))]
 
 
-def _with_register(bench: Bench, site: Site) -> Bench | None:
+def _with_register(config: AcceleratorConfig, site: Site | None) -> AcceleratorConfig:
+    if site is None:
+        return config
     name, taxel, bit = site
     if name == "masked_taxels":
-        return bench.changed({name: tuple(sorted({*bench.config.sensor.masked_taxels} ^ {taxel}))})
-    try:
-        return bench.changed({name: bench.config.value(name) ^ (1 << bit)})
-    except InputError:  # a value the configuration refuses, as the register does
-        return None
+        return config.replace(masked_taxels=tuple(sorted({*config.sensor.masked_taxels} ^ {taxel})))
+    return config.replace(**{name: config.value(name) ^ (1 << bit)})
 
 
 def _by_register(bench: Bench, site: Site | None) -> np.ndarray:
     clean = bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8)))
-    where = _with_register(bench, site) if site else bench
-    assert where is not None  # `_registers` has left it out
-    return where.decide(clean)
+    return bench.decide(clean, _with_register(bench.config, site))
 
 
 register_flips = Flips(_registers, _by_register)
@@ -238,11 +231,14 @@ def state_flips(bench: Bench) -> Outcome:
     # times the sample's touches, each with an upset of its own
     tries = max(1, bench.flips // (4 * len(few.codes)))
     codes, rng = np.concatenate([few.codes] * tries), bench.rng(11)
+    completed = np.tile(few.touches.completed, tries)
     limits = (config.windows.steps, config.network.hidden, config.formats.state_format.width)
     step, unit, bit = (rng.integers(0, limit, len(codes)) for limit in limits)
-    logits = few.forward(codes, Upset(config, step, unit, bit))[1]
-    decisions = few.parts.decide(config, logits, np.tile(few.touches.completed, tries))[2]
-    changed = decisions != np.tile(_decisions(few, few.forward(few.codes)[1]), tries)
+    decisions, clean = (
+        pipeline.decide(config, few.model.run(arithmetic, codes)[1], completed)[2]
+        for arithmetic in (Upset(config, step, unit, bit), Fixed(config))
+    )
+    changed = decisions != clean
 
     def means(of: np.ndarray, count: int) -> list[float]:
         return [float(changed[of == k].mean()) if np.any(of == k) else 0.0 for k in range(count)]
@@ -250,5 +246,5 @@ def state_flips(bench: Bench) -> Outcome:
     shares = means(bit, limits[2])
     worst = int(np.argmax(shares))
     lines = {"all bits": means(step, limits[0])}
-    curve = Curve("step of the upset", "share of decisions changed", range(1, limits[0] + 1), lines)
-    return Outcome(float(changed.mean()), f"bit {worst}: {shares[worst]:.4f}; {len(changed)} upsets", curve)
+    drawn = curve("step of the upset", "share of decisions changed", range(1, limits[0] + 1), lines)
+    return Outcome(float(changed.mean()), f"bit {worst}: {shares[worst]:.4f}; {len(changed)} upsets", drawn)

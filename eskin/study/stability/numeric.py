@@ -7,8 +7,8 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import FloatModel, constants_shape, network_formats, network_shapes
 from eskin.golden.model.preprocess import companded
-from eskin.study.stability.core import Bench, Curve, Outcome
-from eskin.study.stability.shapes import float_decisions
+from eskin.study.stability.core import Bench, Outcome, curve
+from eskin.study.stability.shapes import agreement
 
 GROWTH_STEPS = (20, 200, 2000, 20000)
 SEQUENCES = 32
@@ -62,42 +62,31 @@ def growth(bench: Bench) -> Outcome:
     the real network itself decides by a hair: there the two part for some steps, whatever the arithmetic. The
     curve shows the worst sequence too.
     """
-    config = bench.config
-    steps = [t for t in GROWTH_STEPS if t <= bench.long]
+    config, steps = bench.config, [t for t in GROWTH_STEPS if t <= bench.long]
     codes = _endless(bench, steps[-1])
-    fixed, ideal = bench.forward(codes)[0], _ideal(bench, codes)
-    errors = []
-    for t in steps:
-        last = slice(max(t - config.windows.steps, 0), t)
-        error = config.formats.state_format.to_real(fixed[:, last]) - ideal[:, last]
-        errors.append(np.sqrt(np.mean(error**2, axis=(1, 2))))
-    middle, worst_of = [float(np.median(rms)) for rms in errors], [float(rms.max()) for rms in errors]
-    ratios = [value / max(middle[0], 1e-12) for value in middle]
+    # in LSB
+    error = bench.model.forward(codes)[0] - _ideal(bench, codes) * 2.0**config.formats.state_format.frac_bits
+    ends = [error[:, max(t - config.windows.steps, 0) : t] for t in steps]
+    rms = np.array([np.sqrt(np.mean(end**2, axis=(1, 2))) for end in ends])  # (steps, sequences)
+    middle, highest = np.median(rms, axis=1), rms.max(axis=1)
+    ratios, of_worst = (line / max(line[0], 1e-12) for line in (middle, highest))
     worst = int(np.argmax(ratios[1:])) + 1 if len(steps) > 1 else 0
-    lines = {
-        "median of the sequences": ratios,
-        "worst sequence": [value / max(worst_of[0], 1e-12) for value in worst_of],
-    }
-    curve = Curve("steps without a reset", "error / error at step 20", steps, lines, log=True)
-    unit = 2.0**config.formats.state_format.frac_bits
-    words = f"step {steps[worst]}: {middle[worst] * unit:.2g} LSB against {middle[0] * unit:.2g} at step 20; worst sequence "
-    words += f"{max(worst_of) * unit:.3g} LSB"
-    return Outcome(ratios[worst], words, curve)
+    words = (
+        f"step {steps[worst]}: {middle[worst]:.2g} LSB against {middle[0]:.2g} at step 20; worst sequence "
+    )
+    words += f"{highest.max():.3g} LSB"
+    lines = {"median of the sequences": ratios, "worst sequence": of_worst}
+    drawn = curve("steps without a reset", "error / error at step 20", steps, lines, log=True)
+    return Outcome(ratios[worst], words, drawn)
 
 
 def outside_range(bench: Bench) -> Outcome:
     """Window sums of the recordings times 2: local decisions equal to the float network's on the same; the
     curve: other factors."""
-    gains, line = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0], []
-    for gain in gains:
+    line = {}
+    for gain in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0):
         louder = dataclasses.replace(bench.touches, sums=amplified(bench.config, bench.touches.sums, gain))
-        codes = bench.features(louder)
-        line.append(float(np.mean(bench.local(codes) == float_decisions(bench, louder))))
-    curve = Curve(
-        "strength of the touch / recorded",
-        "share of local decisions as in float",
-        gains,
-        {"agreement": line},
-        log=True,
-    )
-    return Outcome(line[1], f"twice the recorded strength; 16 times: {line[4]:.3f}", curve)
+        line[gain] = agreement(bench.model, bench.real, louder)
+    xlabel, ylabel = "strength of the touch / recorded", "share of local decisions as in float"
+    drawn = curve(xlabel, ylabel, line, {"agreement": line.values()}, log=True)
+    return Outcome(line[2.0], f"twice the recorded strength; 16 times: {line[16.0]:.3f}", drawn)

@@ -1,133 +1,107 @@
 """Failure modes of the stream: touches that come late, twice or not at all, glitches, drift, frames lost,
 clocks."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data import Recordings
-from eskin.golden.model import Touches
 from eskin.study.leak import Leak, known_without_touch
-from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, Scene, rebuilt
+from eskin.study.stability.core import At, Bench, Case, Outcome, Scene, curve, rebuilt
 from eskin.study.stability.shapes import lead_ins
 
 LEFT_IN = (0.0, 0.05, 0.1, 0.25, 0.5, 1.0)
 
 
 # ---------------------------------------------------------------------- disturbances of whole streams
-def drift(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
-    """All taxels ramp by ``level`` standard deviations of the features during a touch."""
-
-    def ramp(stream, onset, rng):
-        slope = level * bench.sigma / bench.config.last_frame
-        return stream + (slope * np.arange(len(stream))[:, None]).astype(np.float32)
-
-    return ramp
+def ramp(stream: np.ndarray, at: At, frames: float | None = None) -> np.ndarray:
+    """All taxels ramp by ``level`` standard deviations of the features in so many frames; None: in a second."""
+    slope = at.level * at.scene.sigma / (frames or at.scene.config.sensor.scan_rate_hz)
+    return stream + (slope * np.arange(len(stream))[:, None]).astype(np.float32)
 
 
-def hum(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+def drift(stream: np.ndarray, at: At) -> np.ndarray:
+    """The same during a touch."""
+    return ramp(stream, at, at.scene.config.last_frame)
+
+
+def hum(stream: np.ndarray, at: At) -> np.ndarray:
     """50 Hz on all taxels, at ``level`` times the amplitude of the noise at rest."""
-
-    def add(stream, onset, rng):
-        phase = 2 * np.pi * 50 / bench.config.sensor.scan_rate_hz * np.arange(len(stream)) + rng.uniform(
-            0, 2 * np.pi
-        )
-        return stream + (level * bench.rest_noise * np.sin(phase)[:, None]).astype(np.float32)
-
-    return add
+    turn = 2 * np.pi * 50 / at.scene.config.sensor.scan_rate_hz
+    phase = turn * np.arange(len(stream)) + at.rng.uniform(0, 2 * np.pi)
+    return stream + (at.level * at.scene.rest_noise * np.sin(phase)[:, None]).astype(np.float32)
 
 
-def frames_lost(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+def frames_lost(stream: np.ndarray, at: At) -> np.ndarray:
     """A share of the frames is missing, at random; the stream closes up."""
-    return lambda stream, onset, rng: stream[rng.random(len(stream)) >= level]
+    return stream[at.rng.random(len(stream)) >= at.level]
 
 
-def frames_repeated(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+def frames_repeated(stream: np.ndarray, at: At) -> np.ndarray:
     """A share of the frames comes twice, at random."""
-    return lambda stream, onset, rng: np.repeat(stream, 1 + (rng.random(len(stream)) < level), axis=0)
+    return np.repeat(stream, 1 + (at.rng.random(len(stream)) < at.level), axis=0)
 
 
-def gap(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+def gap(stream: np.ndarray, at: At) -> np.ndarray:
     """A share of a touch's frames is missing in one piece, at a random place in the touch."""
-
-    def cut(stream, onset, rng):
-        length = round(level * bench.config.last_frame)
-        begin = onset + int(rng.integers(0, bench.config.last_frame))
-        return np.concatenate([stream[:begin], stream[begin + length :]])
-
-    return cut
+    touch = at.scene.config.last_frame
+    begin = at.onset + int(at.rng.integers(0, touch))
+    return np.concatenate([stream[:begin], stream[begin + round(at.level * touch) :]])
 
 
-def rate_off(bench: Scene, level: float, taxels: Sequence[int]) -> Change:
+def rate_off(stream: np.ndarray, at: At) -> np.ndarray:
     """Sampled too slowly by the share ``level``; negative: too fast."""
-    return lambda stream, onset, rng: _resampled(stream, 1 + level)
-
-
-def _resampled(stream: np.ndarray, factor: float) -> np.ndarray:
-    position = np.arange(0, len(stream) - 1, factor)
+    position = np.arange(0, len(stream) - 1, 1 + at.level)
     lower = position.astype(np.int64)
     part = (position - lower).astype(np.float32)[:, None]
     return stream[lower] * (1 - part) + stream[np.minimum(lower + 1, len(stream) - 1)] * part
 
 
-def cut_short(bench: Scene, share: float, taxels: Sequence[int]) -> Recordings:
+def cut_short(stream: np.ndarray, at: At) -> np.ndarray:
     """Streams that end after a share of the touch's steps."""
-    clean, touches = bench.clean, bench.touches
-    ends = clean.lengths.copy()
-    steps = max(1, round(share * bench.config.windows.steps))
-    last = touches.start_frame - 1 + bench.config.window_spans[steps - 1][1]
-    ends[touches.recording] = np.minimum(last, ends[touches.recording])
-    return rebuilt(clean, [clean.recording(i)[:end] for i, end in enumerate(ends)])
+    windows, touches = at.scene.config.windows, at.scene.touches
+    last = at.scene.config.window_spans[max(1, round(at.level * windows.steps)) - 1][1]
+    for start in touches.start_frame[touches.recording == at.place]:  # none without a completed step
+        stream = stream[: start - 1 + last]
+    return stream
 
 
-def without_lead(bench: Scene, quiet: float, taxels: Sequence[int]) -> Change:
-    """Streams that begin ``quiet`` frames before the onset."""
-    return lambda stream, onset, rng: stream[max(onset - 1 - int(quiet), 0) :]
+def without_lead(stream: np.ndarray, at: At) -> np.ndarray:
+    """Streams that begin ``level`` frames before the onset."""
+    return stream[max(at.onset - 1 - int(at.level), 0) :]
 
 
-def overlapped(bench: Scene, share: float, taxels: Sequence[int]) -> Recordings:
+def overlapped(stream: np.ndarray, at: At) -> np.ndarray:
     """The movement of a recording of another class added after a share of the touch."""
-    clean, onsets, labels = bench.clean, bench.onsets, bench.clean.labels
-    streams = []
-    for i, stream in enumerate(clean.recording(i).astype(np.float32) for i in range(len(clean))):
-        partner = next((int(j) for j in np.roll(np.arange(len(clean)), -i) if labels[j] != labels[i]), i)
-        begin = int(onsets[i]) + round(share * bench.config.last_frame)
-        neighbour = clean.recording(partner).astype(np.float32)
-        neighbour = neighbour[max(int(onsets[partner]) - bench.config.onset_rule.onset_mean_frames, 1) - 1 :]
-        length = min(max(len(stream) - begin, 0), len(neighbour))
-        stream[begin : begin + length] += neighbour[:length] - neighbour[0]
-        streams.append(stream)
-    return rebuilt(clean, streams)
+    clean, config = at.scene.clean, at.scene.config
+    others = np.roll(clean.labels, -at.place) != clean.labels[at.place]
+    partner = (at.place + int(np.argmax(others))) % len(clean)  # itself where there is no other class
+    begin = at.onset + round(at.level * config.last_frame)
+    first = max(int(at.scene.onsets[partner]) - config.onset_rule.onset_mean_frames, 1) - 1
+    neighbour = clean.recording(partner).astype(np.float32)[first:]
+    length = min(max(len(stream) - begin, 0), len(neighbour))
+    stream[begin : begin + length] += neighbour[:length] - neighbour[0]
+    return stream
 
 
 # ---------------------------------------------------------------------- disturbances of quiet stretches
-def _amplified(stream: np.ndarray, gain: float, config: AcceleratorConfig) -> np.ndarray:
-    level = stream[: max(config.rest_level.rest_frames, 1)].mean(axis=0)
-    return np.asarray(level + gain * (stream - level), dtype=np.float32)
+def louder(stream: np.ndarray, at: At) -> np.ndarray:
+    """Noise and bursts, multiplied by ``level``."""
+    rest = stream[: max(at.scene.config.rest_level.rest_frames, 1)].mean(axis=0)
+    return np.asarray(rest + at.level * (stream - rest), dtype=np.float32)
 
 
-def louder(bench: Scene, gain: float, taxels: Sequence[int]) -> Change:
-    """Noise and bursts, multiplied by ``gain``."""
-    return lambda stream, place, rng: _amplified(stream, gain, bench.config)
+def burst(stream: np.ndarray, at: At) -> np.ndarray:
+    """Everything before the touch, bursts of the axis's motor included, times ``level``."""
+    quiet = max(at.onset - at.scene.config.onset_rule.onset_mean_frames, 0)
+    stream[:quiet] = louder(stream, at)[:quiet]
+    return stream
 
 
-def glitch(bench: Scene, height: float, taxels: Sequence[int]) -> Change:
-    """One sample of one taxel off by ``height`` codes; up in one stretch, down in the next."""
-    settled = bench.config.rest_level.rest_frames + bench.config.onset_rule.onset_mean_frames
-
-    def spoil(stream, place, rng):
-        frame = int(rng.integers(settled, len(stream)))
-        stream[frame, taxels[place % len(taxels)]] += height * (1 - 2 * (place % 2))
-        return stream
-
-    return spoil
-
-
-def ramp(bench: Scene, speed: float, taxels: Sequence[int]) -> Change:
-    """All taxels ramp by ``speed`` standard deviations of the features a second."""
-    step = speed * bench.sigma / bench.config.sensor.scan_rate_hz
-    return lambda stream, place, rng: stream + (step * np.arange(len(stream))[:, None]).astype(np.float32)
+def glitch(stream: np.ndarray, at: At) -> np.ndarray:
+    """One sample of one taxel off by ``level`` codes; up in one stretch, down in the next."""
+    config = at.scene.config
+    settled = config.rest_level.rest_frames + config.onset_rule.onset_mean_frames
+    frame, taxel = int(at.rng.integers(settled, len(stream))), at.taxels[at.place % len(at.taxels)]
+    stream[frame, taxel] += at.level * (1 - 2 * (at.place % 2))
+    return stream
 
 
 def stretches_and_frames(bench: Scene) -> str:
@@ -143,80 +117,51 @@ def ramp_in_codes(bench: Scene) -> str:
     return f"{bench.sigma.max():.3g} codes a second; {tracked if config.rest_level.rest == 'tracked' else 'the rest level is not tracked'}"
 
 
-def burst(bench: Scene, gain: float, taxels: Sequence[int]) -> Change:
-    """Everything before the touch, bursts of the axis's motor included, times ``gain``."""
-
-    def louder_lead(stream, onset, rng):
-        quiet = max(onset - bench.config.onset_rule.onset_mean_frames, 0)
-        stream[:quiet] = _amplified(stream, gain, bench.config)[:quiet]
-        return stream
-
-    return louder_lead
-
-
 # ---------------------------------------------------------------------- touches in time
 def two_touches(bench: Bench) -> Outcome:
     """Each recording's touch after that of another one, with its own lead-in in between: nine in ten local
     decisions those it had in its own recording."""
-    clean, config = bench.sample.clean, bench.config
-    count = len(clean)
-    shift = (
-        int(np.argmax([np.mean(clean.labels != np.roll(clean.labels, -k)) for k in range(1, count)])) + 1
-        if count > 1
-        else 0
-    )
-    streams, starts = [], []
-    for i in range(count):
-        before, after = clean.recording(i), clean.recording((i + shift) % count)
+    clean, config, numbers = bench.sample.clean, bench.config, np.arange(len(bench.sample.clean))
+    # the shift by which most recordings meet one of another class
+    shift = np.argmax([np.mean(clean.labels != np.roll(clean.labels, -k)) for k in numbers])
+    partners, hop, streams, starts = np.roll(numbers, -shift), config.windows.hop, [], []
+    for i, partner in enumerate(partners.tolist()):
+        before, after = clean.recording(i), clean.recording(partner)
         # whole hops before it, so that the second touch meets the hops as it did alone
-        before = before[: len(before) // config.windows.hop * config.windows.hop]
+        before = before[: len(before) // hop * hop]
         settle = max(config.rest_level.rest_frames, 1)
         # shifted to the first one's rest level, as on one and the same array
-        after = after + np.rint(before[:settle].mean(axis=0) - after[:settle].mean(axis=0)).astype(
-            after.dtype
-        )
-        quiet = after[
-            : max(int(bench.sample.onsets[(i + shift) % count]) - config.onset_rule.onset_mean_frames, 1)
-        ]
-        frames = -(-3 * config.onset_rule.rearm_frames // config.windows.hop) * config.windows.hop
+        level = np.rint(before[:settle].mean(axis=0) - after[:settle].mean(axis=0))
+        after = after + level.astype(after.dtype)
+        quiet = after[: max(int(bench.sample.onsets[partner]) - config.onset_rule.onset_mean_frames, 1)]
+        frames = -(-3 * config.onset_rule.rearm_frames // hop) * hop
         between = np.resize(quiet, (frames, config.sensor.taxels)) if len(quiet) >= frames else quiet[:frames]
         streams.append(np.concatenate([before, between, after]))
         starts.append(len(before) + len(between))
-    partners = (np.arange(count) + shift) % count
     pair = rebuilt(clean, streams, partners)
-    alone, alone_local, _ = bench.decide_all(clean)
-    touches, local, _ = bench.decide_all(pair)
+    (alone, alone_decided), (touches, decided) = bench.decided(clean), bench.decided(pair)
     compared, differing = 0, []
-    for i, partner in enumerate(partners):
-        in_stream = local[(touches.recording == i) & (touches.onset_frame > starts[i])]
-        for alone_row in alone_local[alone.recording == partner][:1]:
+    for i, partner in enumerate(partners.tolist()):
+        in_stream = decided.local[(touches.recording == i) & (touches.onset_frame > starts[i])]
+        for alone_row in alone_decided.local[alone.recording == partner][:1]:
             compared += 1
             if not len(in_stream) or np.mean(in_stream[0] == alone_row) < 0.9:
                 differing.append(i)
-    failed = range(len(differing) + 1)
-    curve = Curve("recording", "touches that differ", [k + 1 for k in failed], {"sum": failed})
     words = f"{len(differing)} of {compared} second touches differ in a tenth of their steps"
-    return Outcome(
-        (compared - len(differing)) / max(compared, 1), words, curve, Case(pair.subset(differing[:2] or [0]))
-    )
+    share = (compared - len(differing)) / max(compared, 1)
+    return Outcome(share, words, case=Case(pair.subset(differing[:2] or [0])))
 
 
 def leak_of(bench: Bench, left_in: float = 0.0) -> Leak:
-    """Accuracy of the model under test on the recordings without their touches, except the share
-    ``left_in`` of their frames; empty if none has a lead-in."""
-
-    def decide(touches: Touches) -> np.ndarray:
-        logits = bench.forward(bench.features(touches))[1]
-        return bench.parts.decide(bench.config, logits, touches.completed)[2]
-
+    """Accuracy of the model on the recordings without their touches, except the share ``left_in`` of their
+    frames; empty if none has a lead-in."""
     frames = round(left_in * bench.config.last_frame)
-    leak = known_without_touch(bench.model, bench.clean, bench.parts.find_touches, decide, frames)
-    return leak or Leak(0, 0.0, 1.0)
+    return known_without_touch(bench.model, bench.clean, frames) or Leak(0, 0.0, 1.0)
 
 
 def without_touch(bench: Bench) -> Outcome:
     """Every touch is replaced by the quiet frames before it, repeated, and the gate opens where it did."""
     leak, shares = bench.remember("leak", lambda: leak_of(bench)), bench.thin(LEFT_IN)
     known = [leak_of(bench.sample, share).accuracy for share in shares]
-    curve = Curve("share of the touch left in", "share of recordings known", shares, {"known": known})
-    return Outcome(leak.accuracy, f"{leak.recordings} recordings have a quiet lead-in long enough", curve)
+    drawn = curve("share of the touch left in", "share of recordings known", shares, {"known": known})
+    return Outcome(leak.accuracy, f"{leak.recordings} recordings have a quiet lead-in long enough", drawn)

@@ -1,13 +1,11 @@
 """The failure modes of the table, run and judged against their bounds."""
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.study.stability.core import Bench, Case, Mode, Outcome
-from eskin.study.stability.table import MODES
+from eskin.golden.core import AcceleratorConfig, Record
+from eskin.study.stability.core import Case, Mode, Outcome
 
 NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
     "onset": (lambda config: not config.opens_at_once, "the gate opens at once: no onset is looked for"),
@@ -19,6 +17,13 @@ NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
     "loadable": (lambda config: config.hardware.loadable, "weights are in ROM: there is nothing to write"),
 }
 """Parts of a configuration that a mode may need, and the sentence for a mode that is not run without them."""
+
+
+def why_not(mode: Mode, config: AcceleratorConfig, hardware: bool = True) -> str:
+    """The reason why a mode is not run; empty if it is. hardware: modes that only the hardware can show may run."""
+    if isinstance(mode.run, str) and not hardware:
+        return "needs a co-simulation"
+    return next((why for holds, why in map(NEEDS.__getitem__, mode.needs) if not holds(config)), "")
 
 
 def judge(
@@ -33,11 +38,9 @@ def judge(
         outcome = simulate(mode.run)
     else:
         outcome = mode.run(bench)
-    value, curve, fails_at = float(outcome.value), None, None
-    if outcome.curve:
-        lines = {name: [float(y) for y in line] for name, line in outcome.curve.lines.items()}
-        curve = dataclasses.asdict(outcome.curve) | {"x": [float(x) for x in outcome.curve.x], "lines": lines}
-        points = zip(curve["x"], next(iter(lines.values())), strict=True)
+    value, curve, fails_at = float(outcome.value), outcome.curve, None
+    if curve:
+        points = zip(curve["x"], next(iter(curve["lines"].values())), strict=True)
         fails_at = next((x for x, y in points if not mode.holds(y, bound)), None)
     record = {
         "name": mode.name,
@@ -64,53 +67,3 @@ def judge(
 def weakest(records: Sequence[Record], count: int = 3) -> list[Record]:
     """The ``count`` modes with the least room to their bounds, failed ones first."""
     return sorted(records, key=lambda record: (record["passed"], record["room"]))[:count]
-
-
-def run_modes(
-    bench: Bench,
-    *,
-    names: Sequence[str] | None = None,
-    judged: Callable[[Sequence[Mode]], Sequence[Record]] | None = None,
-    hardware: bool = False,
-) -> Record:
-    """Run every mode that applies.
-
-    Parameters
-    ----------
-    names:
-        Only these modes.
-    judged:
-        Modes -> their records; None: ``judge``, one after the other.
-    hardware:
-        ``judged`` can run modes that only the hardware can show.
-
-    Returns
-    -------
-    {modes: [{name, group, value, bound, unit, passed, worst_case, ...}], not_run: [{name, group, why}],
-    weakest: names}.
-
-    Raises
-    ------
-    InputError
-        An unknown name.
-    """
-    for name in names or ():
-        if name not in MODES:
-            raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
-
-    def absent(mode: Mode) -> str:
-        """The reason why a mode does not apply; empty if it applies."""
-        if isinstance(mode.run, str) and not hardware:
-            return "needs a co-simulation"
-        return next((why for holds, why in map(NEEDS.__getitem__, mode.needs) if not holds(bench.config)), "")
-
-    reasons = {MODES[name]: absent(MODES[name]) for name in (MODES if names is None else names)}
-    ready = [mode for mode, why in reasons.items() if not why]
-    records = list(judged(ready) if judged else [judge(mode, bench)[0] for mode in ready])
-    return {
-        "modes": records,
-        "not_run": [
-            {"name": mode.name, "group": mode.group, "why": why} for mode, why in reasons.items() if why
-        ],
-        "weakest": [record["name"] for record in weakest(records)],
-    }

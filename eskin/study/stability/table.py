@@ -1,6 +1,7 @@
 """The failure modes, a row each: what is disturbed and how far, the bound and its reason."""
 
 from dataclasses import replace
+from functools import partial
 
 from eskin.study.stability import memory, numeric, sensor, stream
 from eskin.study.stability.core import COMMON_OFFSET, ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
@@ -25,8 +26,8 @@ DETECTOR_IN_TIME = "the detector must find and mask it in time for the vote"
 LIKE_A_DEAD_ONE = "a masked stuck taxel equals a dead one"
 NOT_FROM_A_TOUCH = "an offset at the onset looks like the touch: it may not cost more than the whole taxel"
 
-DEAD = Experiment(sensor.stuck("rest"), -0.1, BEGINS, TO_FAILURE, over="taxels")
-MASKED = Experiment(sensor.stuck("high"), -0.1, BEGINS, TO_FAILURE, over="taxels", masked=True)
+DEAD = Experiment(partial(sensor.stuck, end="rest"), -0.1, BEGINS, TO_FAILURE, over="taxels")
+MASKED = Experiment(sensor.stuck, -0.1, BEGINS, TO_FAILURE, over="taxels", masked=True)
 
 
 # fmt: off
@@ -148,21 +149,21 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "Each taxel in turn stays at the highest code from the first frame: the worst one.",
         at_least=ONE_TAXEL_WORST),
     Mode("sensor", "one taxel sticks high in the touch",
-        Experiment(sensor.stuck("high"), 0.25, BEGINS, TO_FAILURE, over="taxels"), ACCURACY, DETECTOR_IN_TIME,
+        Experiment(sensor.stuck, 0.25, BEGINS, TO_FAILURE, over="taxels"), ACCURACY, DETECTOR_IN_TIME,
         "Each taxel in turn jumps to the highest code a quarter into the touch and stays: the worst one. Curve: time "
         "of the failure.", at_least=ONE_TAXEL_WORST, needs=("detector",)),
     Mode("sensor", "one taxel sticks low in the touch",
-        Experiment(sensor.stuck("low"), 0.25, BEGINS, TO_FAILURE, over="taxels"), ACCURACY, DETECTOR_IN_TIME,
+        Experiment(partial(sensor.stuck, end="low"), 0.25, BEGINS, TO_FAILURE, over="taxels"), ACCURACY, DETECTOR_IN_TIME,
         "Each taxel in turn falls to the lowest code a quarter into the touch and stays: the worst one.",
         at_least=ONE_TAXEL_WORST, needs=("detector",)),
     Mode("sensor", "one taxel sticks high at the onset",
-        Experiment(sensor.stuck("high"), 0.0, BEGINS, TO_FAILURE, over="taxels"), ACCURACY,
+        Experiment(sensor.stuck, 0.0, BEGINS, TO_FAILURE, over="taxels"), ACCURACY,
         "the same bound as later in the touch: the first windows are lost until the detector has seen a "
         "whole block",
         "Each taxel in turn jumps to the highest code with the onset and stays: the worst one.",
         at_least=ONE_TAXEL_WORST, needs=("detector",)),
     Mode("sensor", "one taxel sticks high before the touch",
-        Experiment(sensor.stuck("high"), -0.2, (-0.05, -0.1, -0.2, -0.4), TO_FAILURE, over="taxels"), ACCURACY,
+        Experiment(sensor.stuck, -0.2, (-0.05, -0.1, -0.2, -0.4), TO_FAILURE, over="taxels"), ACCURACY,
         "the rule sees the jump of one taxel as an onset, which must not hide the real touch",
         "Each taxel in turn jumps to the highest code a fifth of a touch before the onset: the worst one;"
         " the first touch decides.", at_least=ONE_TAXEL_WORST, needs=("onset", "detector")),
