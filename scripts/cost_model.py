@@ -8,15 +8,14 @@ instead, which takes a second.
 Weights and signals are random: the model is of shapes, not of what was learnt.
 """
 
-import argparse
 import re
 import tempfile
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import typer
 from scipy.optimize import nnls
 
 from eskin.golden.core import AcceleratorConfig, Record, content_key
@@ -204,15 +203,10 @@ def show(counted_rows: pd.DataFrame) -> None:
         print(f"| {name} | " + " | ".join([*map("{:+.1f} %".format, of), blocks]) + " |")
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print rows, constants and errors."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0], epilog="example: --fit docs/figures.md"
-    )
-    parser.add_argument("--fit", type=Path, metavar="FILE", help="take the rows of a document")
-    asked = parser.parse_args(arguments)
-    show(read_rows(asked.fit.read_text()) if asked.fit else rows())
+def main(fit: Path | None = None) -> None:
+    """Print rows, constants and errors; with --fit FILE of the rows of a document."""
+    show(read_rows(fit.read_text()) if fit else rows())
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)
