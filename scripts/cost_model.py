@@ -10,6 +10,7 @@ Weights and signals are random: the model is of shapes, not of what was learnt.
 
 import re
 import tempfile
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from eskin.verbs.build_job import suited
 from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
 from eskin.verbs.flow import BUILD, expected_of
+from scripts.tables import Row, printed
 from tests.support.random_models import random_integer_model
 
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
@@ -137,11 +139,15 @@ def counted(name: str, config: AcceleratorConfig) -> list[float]:
 def rows() -> pd.DataFrame:
     """The rows of `DESIGNS`, printed as soon as they are known, from the memo where they are in it."""
     keep, made = Memo(BUILD / "cost_rows"), {}
-    print("| design | " + " | ".join(COLUMNS) + " |\n|---|" + "--:|" * len(COLUMNS), flush=True)
-    for name, config in DESIGNS.items():
-        key = content_key(config.to_dict(), code_version("golden", "rtl", "cosim"))
-        made[name] = row = keep.remembered(key, partial(counted, name, config))
-        print(f"| {name} | " + " | ".join(f"{figure:.4g}" for figure in row) + " |", flush=True)
+
+    def each() -> Iterator[Row]:
+        for name, config in DESIGNS.items():
+            key = content_key(config.to_dict(), code_version("golden", "rtl", "cosim"))
+            made[name] = keep.remembered(key, partial(counted, name, config))
+            yield name, *map("{:.4g}".format, made[name])
+
+    for line in printed(" | ".join(["design", *COLUMNS]), each()):
+        print(line, flush=True)
     return pd.DataFrame(made, COLUMNS).T
 
 
@@ -194,13 +200,14 @@ def show(counted_rows: pd.DataFrame) -> None:
     constants = fit(counted_rows)
     print("\nSTEP_TOGGLES {:.0f}, FRAME_TOGGLES {:.0f}, ONSET_TOGGLES {:.0f}".format(*constants[0]))
     print("CELLS " + ", ".join(map("{} {:.1f}".format, CELLS, constants[1])))
-    print(
-        "\n| design | energy | by the others | LUT | by the others | block memories |\n|---|--:|--:|--:|--:|--:|"
-    )
-    figures = np.stack([errors(counted_rows, constants), without_it(counted_rows)], axis=1)
-    for name, *of in zip(counted_rows.index, *100 * figures.reshape(4, -1), strict=True):
-        blocks = f"{blocks_of(DESIGNS[name], BOARD)} of {counted_rows['block memories'][name]:.0f}"
-        print(f"| {name} | " + " | ".join([*map("{:+.1f} %".format, of), blocks]) + " |")
+    each = np.stack([errors(counted_rows, constants), without_it(counted_rows)], axis=1).reshape(4, -1)
+    blocks = [
+        f"{blocks_of(DESIGNS[name], BOARD)} of {count:.0f}"
+        for name, count in counted_rows["block memories"].items()
+    ]
+    shown = (map("{:+.1f} %".format, 100 * shares) for shares in each)
+    columns = "design | energy | by the others | LUT | by the others | block memories"
+    print("", *printed(columns, zip(counted_rows.index, *shown, blocks, strict=True)), sep="\n")
 
 
 def main(fit: Path | None = None) -> None:

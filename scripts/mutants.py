@@ -114,7 +114,8 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
         case ast.FunctionDef(name=name, body=body):
             special = name.startswith("__") and name not in ("__init__", "__post_init__")
             below = [] if special or name in skip else body
-            names = sorted(set(_signals(node)))
+            made = re.findall(r"(?<![.\w])(\w+) = (?:self\.\w+ = )?Signal\(", ast.unparse(node))
+            names = sorted(set(made))
         case ast.ClassDef(body=body):
             below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
         case ast.AnnAssign(value=value):
@@ -168,13 +169,11 @@ def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
     name, args, show = _name(node.func), node.args, ast.unparse
     swapped: list[ast.expr] = []
     match name, args:
-        case "range", [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size]:
-            yield "off-by-one", size, f"({show(size)}) - 1"
         case (
-            ("signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
+            ("range" | "signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
             [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size],
         ):
-            yield "width", size, f"({show(size)}) - 1"
+            yield "off-by-one" if name == "range" else "width", size, f"({show(size)}) - 1"
         case "If", [test]:
             yield "condition", test, f"~({show(test)})"
         case (("Mux" | "where"), [test, yes, no]):
@@ -214,18 +213,7 @@ def _is_text(node: ast.AST) -> bool:
 
 def _refuses(statement: ast.stmt) -> bool:
     """Only reports a user's mistake."""
-    match statement:
-        case ast.Expr(value=ast.Call(func=function)):
-            return _name(function) == "refuse"
-    return isinstance(statement, ast.Raise)
-
-
-def _signals(function: ast.FunctionDef) -> Iterator[str]:
-    """Names that the function gives to ``Signal(...)``."""
-    for node in ast.walk(function):
-        match node:
-            case ast.Assign([ast.Name(id=name), *_], ast.Call(func=ast.Name(id="Signal"))):
-                yield name
+    return isinstance(statement, ast.Raise) or bool(re.match(r"(\w+\.)*refuse\(", ast.unparse(statement)))
 
 
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:

@@ -35,7 +35,7 @@ import json
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -311,13 +311,18 @@ MADE = re.compile(
 """A table of docs/figures.md, from the line that says how it was made."""
 
 
-def lines(table: str, *asked: str) -> Iterator[str]:
-    """The lines of a table."""
-    columns, rows = TABLES[table]
+def printed(columns: str, rows: Iterable[Row]) -> Iterator[str]:
+    """The lines of a table, as they are known."""
     yield f"| {columns} |"
     yield "| --- |" + " --: |" * columns.count("|")
-    for row in rows(asked):
+    for row in rows:
         yield "| " + " | ".join(map(str, row)) + " |"
+
+
+def lines(table: str, *asked: str) -> Iterator[str]:
+    """`printed` of a table of TABLES."""
+    columns, rows = TABLES[table]
+    return printed(columns, rows(asked))
 
 
 def rewritten(page: str, chosen: Sequence[str], commit: str) -> str:
