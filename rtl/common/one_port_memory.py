@@ -32,11 +32,11 @@ class OnePortMemory(Block):
         return inputs("enable", address=range(max(2, words)), write=2, data=16) | outputs(word=16)
 
     def elaborate(self, platform):
-        m = Module()
-        if platform == SMALL_FAMILY and self.given <= LARGE_WORDS:
+        m, words = Module(), self.spec
+        if platform == SMALL_FAMILY and words <= LARGE_WORDS:
             self._block(m)
             return m
-        read, write = working_memory(m, "memory", 16, self.given, attrs=UNFILLED, granularity=8)
+        read, write = working_memory(m, "memory", 16, words, attrs=UNFILLED, granularity=8)
         drive(m, read, addr=self.address, en=self.enable & ~self.write.any())
         m.d.comb += self.word.eq(read.data)
         drive(m, write, addr=self.address, data=self.data, en=self.write & self.enable.replicate(2))

@@ -23,13 +23,13 @@ def struct(*bits: str, **shapes: Any) -> data.StructLayout:
 
 
 class Block(wiring.Component):
-    """A component made of one thing that is ``given``: a configuration, a plan, a number; ``ports`` gives its members."""
+    """A component made of one thing, its ``spec``: a configuration, a plan, a number; ``ports`` gives its members."""
 
-    def __init__(self, given: Any):
-        self.given = given
-        super().__init__(self.ports(given))
+    def __init__(self, spec: Any):
+        self.spec = spec
+        super().__init__(self.ports(spec))
 
-    def ports(self, given: Any) -> dict[str, wiring.Member]:
+    def ports(self, spec: Any) -> dict[str, wiring.Member]:
         """The members by name."""
         raise NotImplementedError
 

@@ -57,7 +57,7 @@ class Classifier(Block):
 
     def elaborate(self, platform):
         m = Module()
-        config = self.given
+        config = self.spec
         m.submodules.search = search = self.search = make_search(config)
         number, best, margin = search.number, search.best, search.margin
         last = number == config.classes - 1

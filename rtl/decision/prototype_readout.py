@@ -108,7 +108,7 @@ class PrototypeReadout(Block):
 
     def elaborate(self, platform):
         m = Module()
-        config, rule, teaches = self.given, self.given.readout_rule, self.given.readout_rule.taught > 0
+        config, rule, teaches = self.spec, self.spec.readout_rule, self.spec.readout_rule.taught > 0
         width, bits, checks = config.trajectory_width, rule.state_code_bits, int(config.hardware.checksum)
         stored = bits + checks  # a code and its parity
         places, words = rule.prototypes + rule.taught, prototype_words(config)
@@ -331,7 +331,7 @@ class PrototypeReadout(Block):
     def _slots(self) -> tuple[Signal, Value, Value, Value]:
         """Place of a class: its number among prototypes, or with the highest bit among taught ones. (That,
         the next one, whether it is the last, whether it is a taught one.)"""
-        rule = self.given.readout_rule
+        rule = self.spec.readout_rule
         bits = max(1, (max(rule.prototypes, rule.taught) - 1).bit_length())
         slot = Signal(bits + (rule.taught > 0))
         number = slot[:bits]
@@ -353,7 +353,7 @@ class PrototypeReadout(Block):
     ) -> tuple[Value, Value, Value]:
         """Commands, and the numbers of touches taught: whether the current slot is in use, the number of the
         requested class, whether one has another parity than was written."""
-        config, rule = self.given, self.given.readout_rule
+        config, rule = self.spec, self.spec.readout_rule
         words, places, classes = prototype_words(config), rule.taught, config.classes
         checks = config.hardware.checksum
         numbers = [Signal(range(2 * places), name=f"count_{k}") for k in range(classes)]

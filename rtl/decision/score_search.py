@@ -46,7 +46,7 @@ class SearchTwice(Search):
         m = Module()
         score = self.score
         number = Signal.like(self.number)
-        classes = self.given.classes
+        classes = self.spec.classes
         best = Signal.like(self.best, reset_less=True)
         held = Signal.like(self.margin, reset_less=True)
         m.submodules.scores = scores = Memory(
@@ -108,7 +108,7 @@ class SearchOnce(Search):
         m = Module()
         score = self.score
         number = Signal.like(self.number)
-        last_class = self.given.classes - 1
+        last_class = self.spec.classes - 1
         best = Signal.like(self.best, reset_less=True)
         margin = Signal.like(self.margin, reset_less=True)
         compared = self.compared = Signal.like(number, reset_less=True)

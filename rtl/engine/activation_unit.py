@@ -45,7 +45,7 @@ class ActivationUnit(Block):
 
     def elaborate(self, platform):
         m = Module()
-        config = self.given
+        config = self.spec
         sigmoid, tanh = sigmoid_table(config), tanh_table(config)
         half = config.gate_one >> 1
         # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being

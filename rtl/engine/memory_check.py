@@ -57,7 +57,7 @@ class MemoryCheck(Block):
 
     def elaborate(self, platform):
         m = Module()
-        code, word = self.given, self.word
+        code, word = self.spec, self.word
         plan, layout = code.plan, code.layout
         # The words of this slot were addressed in the previous one.
         counts = Signal()

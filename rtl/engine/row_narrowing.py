@@ -33,7 +33,7 @@ class RowNarrowing(Block):
 
     def elaborate(self, platform):
         m = Module()
-        config, total = self.given, self.total
+        config, total = self.spec, self.total
         logit = total >> config.logit_shift
         m.d.comb += self.logit.eq(
             logit[: config.formats.logit_format.width]

@@ -51,7 +51,7 @@ class Sequencer(Block):
         # The memory is filled to its end: words that do nothing, the prologue, the step. After the step the
         # program counter wraps to the prologue by itself, or turns back to the step. So the address needs no
         # multiplexer, and the counter starts from 0, the power-on value of an FPGA's flip-flops.
-        words, again = self.given.words, self.given.again_word
+        words, again = self.spec.words, self.spec.again_word
         varying = [name for name in words[0] if len({word[name] for word in words}) > 1]
         widths = {name: max(word[name] for word in words).bit_length() for name in varying}
         fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1, "once": 1}
@@ -59,7 +59,7 @@ class Sequencer(Block):
             "turns": 0,
             "once": 1,
         }
-        before = self.given.idle_words
+        before = self.spec.idle_words
         # A repeat count is stored less one. It marks the last slot but one, so the word's end is a register.
         init = [idle] * before + [
             {name: word[name] for name in varying}
@@ -67,7 +67,7 @@ class Sequencer(Block):
             | ({"repeat": max(0, word["repeat"] - 1)} if "repeat" in varying else {})
             for k, word in enumerate(words)
         ]
-        if self.given.plan.config.hardware.checksum:
+        if self.spec.plan.config.hardware.checksum:
             fields["parity"] = 1
             init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
         m.submodules.program = program = Memory(
@@ -82,7 +82,7 @@ class Sequencer(Block):
                 else Const(words[0][name], max(1, words[0][name].bit_length()))
             )
 
-        if self.given.plan.config.hardware.checksum:
+        if self.spec.plan.config.hardware.checksum:
             m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())
 
         turn = self.turn = Signal()
@@ -113,7 +113,5 @@ class Sequencer(Block):
             m.d.sync += count.eq(0)
         m.d.comb += [getattr(self.word, name).eq(field(name)) for name in CONTROLS]
         for name in ADDRESSES:
-            m.d.comb += getattr(self.word, name).eq(
-                field(name) + (count if name in self.given.counted else 0)
-            )
+            m.d.comb += getattr(self.word, name).eq(field(name) + (count if name in self.spec.counted else 0))
         return m

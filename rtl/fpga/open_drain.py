@@ -19,7 +19,7 @@ class OpenDrain(Block):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.inner = inner = self.given
+        m.submodules.inner = inner = self.spec
         forward(m, self, inner)
         low = Const(0, 1)
         m.submodules.scl = IOBufferInstance(IOPort(1, name="scl"), o=low, oe=inner.pins.scl_low)

@@ -124,7 +124,7 @@ class Harness(Block):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.chain = chain = self.given
+        m.submodules.chain = chain = self.spec
         ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
         inputs, outputs = (Cat(value for flow, value in ports if flow is way) for way in (In, Out))
         given = Signal(len(inputs))

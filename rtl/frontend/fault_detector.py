@@ -47,7 +47,7 @@ class FaultDetector(Block):
         ) | outputs("flag", "raised", flags=config.sensor.taxels)
 
     def elaborate(self, platform):
-        config, m = self.given, Module()
+        config, m = self.spec, Module()
         bits, limit = config.fault_bits, config.faults.fault_activity
         width = max(1, limit.bit_length())
         layout = struct(sample=bits, left=width, active=1, flag=1)

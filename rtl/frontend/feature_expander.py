@@ -76,7 +76,7 @@ class FeatureExpander(Block):
         )
 
     def elaborate(self, platform):
-        config, m = self.given, Module()
+        config, m = self.spec, Module()
         kinds = config.features.feature_kinds
         taxel = Signal(range(config.sensor.taxels))
         slot = Signal(range(1 + max(1, *(SLOTS[kind] for kind in kinds))))

@@ -43,7 +43,7 @@ class FrameAligner(Block):
 
     def elaborate(self, platform):
         m = Module()
-        index, advance, taxels = self.index, self.advance, self.given.sensor.taxels
+        index, advance, taxels = self.index, self.advance, self.spec.sensor.taxels
         filling = self.filling
         inside = self.inside = Signal()  # a frame has begun: the index is not 0
         at_last = reaches(index, taxels - 1)

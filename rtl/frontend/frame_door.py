@@ -30,7 +30,7 @@ class FrameDoor(Block):
     def elaborate(self, platform):
         m = Module()
         # of the next frame; a power of two, so it wraps
-        number = self.number = Signal(range(self.given.sensor.scan_every))
+        number = self.number = Signal(range(self.spec.sensor.scan_every))
         dropped = self.dropped = Signal()  # the frame under way
         drops = Signal()
         m.d.comb += [

@@ -38,7 +38,7 @@ class FrameMarks(Block):
 
     def elaborate(self, platform):
         m = Module()
-        config = self.given
+        config = self.spec
         if config.rest_level.rest != "none":
             settle_left = Signal(range(config.rest_level.rest_frames + 1), init=config.rest_level.rest_frames)
             with m.If(self.taken & (settle_left != 0)):
@@ -91,8 +91,8 @@ class TouchMarks(Block):
 
     def elaborate(self, platform):
         m = Module()
-        hop_frames, frames = self.given.windows.hop, self.given.last_frame
-        odd = self.given.windows.window > 2 * hop_frames
+        hop_frames, frames = self.spec.windows.hop, self.spec.last_frame
+        odd = self.spec.windows.window > 2 * hop_frames
         hop = self.hop = Signal(range(max(2, -(-frames // hop_frames))))
         place = self.place = Signal(range(hop_frames))
         turns = self.hop_last

@@ -69,7 +69,7 @@ class OnsetDetector(Block):
         )
 
     def elaborate(self, platform):
-        config, m = self.given, Module()
+        config, m = self.spec, Module()
         has_rest = config.rest_level.rest != "none"
         advance = Signal()
         self.stages: dict[str, SimpleNamespace] = {}
@@ -216,7 +216,7 @@ class OnsetDetector(Block):
         hit,
     ) -> tuple:
         """(the rule is met by the frame that ends, it is judged, its last beat waits for the verdict)."""
-        config, leave = self.given, self.o.valid & self.o.ready
+        config, leave = self.spec, self.o.valid & self.o.ready
         frame_left = leave & now.last
         any_hit = Signal()
         judged = Const(1, 1)
@@ -253,7 +253,7 @@ class OnsetDetector(Block):
 
     def _touches(self, m: Module, now: SimpleNamespace, frame_left, judged, met) -> Signal:
         """The detector's state and the marks of the frame that leaves; whether it is armed."""
-        config = self.given
+        config = self.spec
         m.submodules.state = state = self.state = TouchState(config)
         drive(m, state, frame_left=frame_left, last=now.last, judged=judged, met=met)
         drive(m, self.status, armed=state.armed, touch=state.touch, started=state.started)

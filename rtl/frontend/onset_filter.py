@@ -29,7 +29,7 @@ class OnsetFilter(Block):
         return inputs(i=struct("valid", "hit")) | outputs("met")
 
     def elaborate(self, platform):
-        config, m = self.given, Module()
+        config, m = self.spec, Module()
         past = Signal(config.onset_rule.onset_span - 1)
         with m.If(self.i.valid):
             m.d.sync += past.eq(Cat(self.i.hit, past))

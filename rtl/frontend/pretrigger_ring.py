@@ -57,7 +57,7 @@ class PreTriggerRing(Block):
         )
 
     def elaborate(self, platform):
-        config, m = self.given, Module()
+        config, m = self.spec, Module()
         if config.opens_at_once:
             m.d.comb += [
                 self.o.valid.eq(self.i.valid & self.i.p.touch),

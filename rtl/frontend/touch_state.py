@@ -36,7 +36,7 @@ class TouchState(Block):
 
     def elaborate(self, platform):
         m = Module()
-        config, frame_left, met = self.given, self.frame_left, self.met
+        config, frame_left, met = self.spec, self.frame_left, self.met
         armed = Signal(init=not config.opens_at_once)
         touch = Signal(init=config.opens_at_once)
         onset, end = self.onset, self.end

@@ -85,7 +85,7 @@ class WindowAverager(Block):
         )
 
     def elaborate(self, platform):
-        config, m = self.given, Module()
+        config, m = self.spec, Module()
         kinds, windows = config.features.feature_kinds, config.windows
         index = Signal(range(config.sensor.taxels))
         index_next = Signal(range(config.sensor.taxels))

@@ -36,14 +36,14 @@ class MemoryLoader(Block):
 
     def elaborate(self, platform):
         m = Module()
-        hardware, lines = self.given.hardware, load_lines(self.given)
+        hardware, lines = self.spec.hardware, load_lines(self.spec)
         lane_bits = max(2, (hardware.lanes - 1).bit_length())  # the other memories are told apart by two
         # one line a memory: decoded as it is chosen, not as it is written
         select = Signal(len(lines), init=1)
-        address = self.address = Signal(range(load_words(self.given) + hardware.checksum))
+        address = self.address = Signal(range(load_words(self.spec) + hardware.checksum))
         refuses = self.locked
         if hardware.checksum:
-            refuses = self.locked | at_end(self.given, select, address)
+            refuses = self.locked | at_end(self.spec, select, address)
         m.d.comb += self.refused.eq(self.written & refuses)
         drive(
             m,
@@ -59,7 +59,7 @@ class MemoryLoader(Block):
             for number, line in lines.items():
                 lane, special = number & (1 << lane_bits) - 1, number >> 6
                 m.d.sync += select[line].eq((self.data[:lane_bits] == lane) & (self.data[6] == special))
-        if self.given.readout_rule.taught:
+        if self.spec.readout_rule.taught:
             with m.If(self.onward):
                 m.d.sync += address.eq(address + 1)
             with m.If(self.seek):

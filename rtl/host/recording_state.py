@@ -65,7 +65,7 @@ class RecordingState(Block):
         beats = self.moving | self.engine.working | (finishing & self.passing)
         m.d.sync += [moving.eq(beats), quiet.eq(quiet + ~quiet.all())]
         # (What a command changes follows the beats that are on their way.)
-        with m.If(moving | (self.passing & ~quiet.all() if self.given.hardware.clock_gate else 0)):
+        with m.If(moving | (self.passing & ~quiet.all() if self.spec.hardware.clock_gate else 0)):
             m.d.sync += quiet.eq(0)
         m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
         telling = undecided.any() ^ self.touch
@@ -84,14 +84,14 @@ class RecordingState(Block):
             self.touch.eq(undecided.any()),
         ]
         per_recording = [undecided, self.touch, self.touched, self.touches, finishing, finished]
-        if self.given.hardware.watchdog:
+        if self.spec.hardware.watchdog:
             over = Signal()
             per_recording.append(over)
             with m.If(self.finish):
                 m.d.sync += over.eq(1)
             apart = (
                 self.touch & ~self.detector.touch
-                if self.given.opens_at_once
+                if self.spec.opens_at_once
                 else self.touch ^ self.detector.touch
             )
             m.d.comb += self.due.eq(finishing | (apart & ~over))

@@ -65,7 +65,7 @@ class UartReceiver(Block):
         return inputs("rx") | outputs("valid", data=8)
 
     def elaborate(self, platform):
-        m = Module()
+        m, divisor = Module(), self.spec
         line = Signal(init=1)
         before = Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(self.rx, line, init=1)
@@ -73,9 +73,8 @@ class UartReceiver(Block):
         # is the stop bit.
         shift = Signal(9)
         active = Signal()
-        to_first = (
-            3 * self.given - 3
-        ) // 2  # to the middle of data bit 0, half a clock of doubt about the edge taken off
+        # to the middle of data bit 0, half a clock of doubt about the edge taken off
+        to_first = (3 * divisor - 3) // 2
         timer = Signal(range(to_first + 1))
         sample = active & (timer == 0)
         drive(m, self, data=shift[1:], valid=sample & ~shift[0] & line)
@@ -83,7 +82,7 @@ class UartReceiver(Block):
         with m.If(~active):
             m.d.sync += [timer.eq(to_first), shift.eq(0xFF), active.eq(before & ~line)]
         with m.Elif(sample):
-            m.d.sync += [timer.eq(self.given - 1), shift.eq(Cat(shift[1:], line)), active.eq(shift[0])]
+            m.d.sync += [timer.eq(divisor - 1), shift.eq(Cat(shift[1:], line)), active.eq(shift[0])]
         with m.Else():
             m.d.sync += timer.eq(timer - 1)
         return m
@@ -111,10 +110,10 @@ class UartTransmitter(Block):
         return {"i": In(stream.Signature(8)), "tx": Out(1, init=1)}
 
     def elaborate(self, platform):
-        m = Module()
+        m, divisor = Module(), self.spec
         bits = Signal(9)  # what is to follow the bit on the line, the stop bit a one behind the data
         left = Signal(range(11))
-        timer = Signal(range(self.given))
+        timer = Signal(range(divisor))
         over = timer == 0
         m.d.comb += self.i.ready.eq((left == 0) & over)
         m.d.sync += timer.eq(Mux(over, 0, timer - 1))
@@ -123,13 +122,13 @@ class UartTransmitter(Block):
                 self.tx.eq(0),
                 bits.eq(Cat(self.i.payload, Const(1, 1))),
                 left.eq(9),
-                timer.eq(self.given - 1),
+                timer.eq(divisor - 1),
             ]
         with m.Elif((left != 0) & over):
             m.d.sync += [
                 self.tx.eq(bits[0]),
                 bits.eq(Cat(bits[1:], 1)),
                 left.eq(left - 1),
-                timer.eq(self.given - 1),
+                timer.eq(divisor - 1),
             ]
         return m

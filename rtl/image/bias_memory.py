@@ -37,13 +37,13 @@ class BiasMemory(Block):
     def elaborate(self, platform):
         m = Module()
         # A group of a dense layer may be narrower than the chain, which then takes the words after it too.
-        depth = self.given.addend_words + self.given.lanes
+        depth = self.spec.addend_words + self.spec.lanes
         address = Signal(range(depth))
         parts = []
         m.d.sync += address.eq(address + 1)
         with m.If(self.restart):
             m.d.sync += address.eq(self.first)
-        for half, bits in enumerate((16, ADDEND_BITS - 16 + self.given.checksum)):
+        for half, bits in enumerate((16, ADDEND_BITS - 16 + self.spec.checksum)):
             read, write = working_memory(m, f"half_{half}", bits, depth)
             m.d.comb += read.addr.eq(address)
             drive(

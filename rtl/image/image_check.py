@@ -44,7 +44,7 @@ class ImageCheck(Block):
 
     def elaborate(self, platform):
         m = Module()
-        plan = self.given
+        plan = self.spec
         common = plan.dense_lanes * plan.weight_bits
         taken = folded(self.weights[:common])
         if common < len(self.weights):  # (only beyond 32 bits)

@@ -40,8 +40,8 @@ class ImageReceiver(Block):
 
     def elaborate(self, platform):
         m = Module()
-        image = self.given.image
-        m.submodules.aligner = aligner = FrameAligner(self.given)
+        image = self.spec.image
+        m.submodules.aligner = aligner = FrameAligner(self.spec)
         forward(m, self, aligner, "i")
         pixels = image.height * image.width
         address = Signal(range(pixels))

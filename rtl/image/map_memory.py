@@ -34,7 +34,7 @@ class MapMemory(Block):
         source = Signal()  # memory that was read
         m.d.sync += [high.eq(self.read_address[0]), source.eq(self.source)]
         words = []
-        for number, values in enumerate(self.given.map_values):
+        for number, values in enumerate(self.spec.map_values):
             memory = OnePortMemory(-(-values // 2))
             m.submodules[f"maps_{number}"] = memory
             reads = self.source == number

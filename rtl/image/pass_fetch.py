@@ -39,7 +39,7 @@ class PassFetch(Block):
         )
 
     def elaborate(self, platform):
-        m, words = Module(), self.given.program_words
+        m, words = Module(), self.spec.program_words
         read, write = working_memory(m, "program", 16, words)
         drive(m, write, addr=self.address, data=self.word, en=self.write)
         address = Signal(range(words + 1))
@@ -47,7 +47,7 @@ class PassFetch(Block):
         number = Signal(range(PASS_WORDS + 2))
         arrived = Signal(range(PASS_WORDS + 2))
         arriving = Signal()
-        last = PASS_WORDS - 1 if not self.given.checksum else PASS_WORDS + self.now.last
+        last = PASS_WORDS - 1 if not self.spec.checksum else PASS_WORDS + self.now.last
         drive(m, read, addr=address, en=reading)
         m.d.comb += self.fetched.eq(arriving & (arrived == PASS_WORDS - 1))
         m.d.sync += [arriving.eq(reading), arrived.eq(number)]

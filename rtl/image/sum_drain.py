@@ -43,7 +43,7 @@ class SumDrain(Block):
 
     def elaborate(self, platform):
         m = Module()
-        plan = self.given
+        plan = self.spec
         sums = Signal(sum_layout(plan))
         lane = Signal(range(max(2, plan.lanes)))
         moving = Signal()

@@ -49,7 +49,7 @@ class TapSequencer(Block):
 
     def elaborate(self, platform):
         m = Module()
-        plan, now = self.given, self.now
+        plan, now = self.spec, self.now
         lanes = plan.lanes
 
         def register(name: str, bits: int = plan.address_bits) -> Signal:

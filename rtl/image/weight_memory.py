@@ -39,7 +39,7 @@ class WeightMemory(Block):
 
     def elaborate(self, platform):
         m = Module()
-        plan = self.given
+        plan = self.spec
         width = plan.lanes * plan.weight_bits
         word = []
         for column in range(plan.columns):

@@ -43,8 +43,8 @@ class FrameGuard(Block):
 
     def elaborate(self, platform):
         m = Module()
-        taxels = self.given.sensor.taxels
-        m.submodules.memory = memory = Memory(shape=shape_of(self.given.sample_format), depth=taxels, init=[])
+        taxels = self.spec.sensor.taxels
+        m.submodules.memory = memory = Memory(shape=shape_of(self.spec.sample_format), depth=taxels, init=[])
         write, read = memory.write_port(), memory.read_port()
         self.write, self.read = write, read
         place = self.place = Signal(range(taxels))

@@ -64,11 +64,11 @@ class I2cMaster(Block):
         )
 
     def elaborate(self, platform):
-        m = Module()
+        m, quarter = Module(), self.spec
         pins = self.pins
         sda = Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(pins.sda, sda, init=1)
-        timer = Signal(range(self.given))
+        timer = Signal(range(quarter))
         quarters = Signal(range(37))  # to go
         op = Signal(I2cOp)
         out = Signal(9, init=0x1FF)
@@ -77,7 +77,7 @@ class I2cMaster(Block):
         drive(m, self, idle=quarters == 0, done=(quarters == 1) & over)
         with m.If(quarters == 0), m.If(self.start):
             is_bit = (self.op == I2cOp.START) | (self.op == I2cOp.STOP)
-            m.d.sync += [op.eq(self.op), quarters.eq(Mux(is_bit, 4, 36)), timer.eq(self.given - 1)]
+            m.d.sync += [op.eq(self.op), quarters.eq(Mux(is_bit, 4, 36)), timer.eq(quarter - 1)]
             with m.Switch(self.op):
                 with m.Case(I2cOp.WRITE):
                     m.d.sync += out.eq(Cat(1, self.byte))
@@ -88,7 +88,7 @@ class I2cMaster(Block):
         with m.Elif(~over):
             m.d.sync += timer.eq(timer - 1)
         with m.Else():
-            m.d.sync += [timer.eq(self.given - 1), quarters.eq(quarters - 1)]
+            m.d.sync += [timer.eq(quarter - 1), quarters.eq(quarters - 1)]
             # what the lines do when a quarter ends
             with m.Switch(phase):
                 with m.Case(0):

@@ -58,7 +58,7 @@ class InterfaceRegisters(Block):
     def elaborate(self, platform):
         m = Module()
         bus, inner, number_of = self.bus, self.inner, InterfaceRegister
-        registers = interface_registers(self.given)
+        registers = interface_registers(self.spec)
         mine = Signal()
         was_mine = Signal()
         r_data = Signal(16)

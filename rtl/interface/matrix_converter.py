@@ -40,7 +40,7 @@ class MatrixConverter(Block):
 
     def elaborate(self, platform):
         m = Module()
-        plan, pins, chip = self.given, self.pins, self.given.port.chip
+        plan, pins, chip = self.spec, self.pins, self.spec.port.chip
         m.submodules.master = master = SpiMaster(plan.port)
         drive(m, pins, cs_n=master.pins.cs_n, sclk=master.pins.sclk)
         m.d.comb += master.pins.miso.eq(pins.miso)

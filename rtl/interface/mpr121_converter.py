@@ -90,7 +90,7 @@ class Mpr121Converter(Block):
 
     def elaborate(self, platform):
         m = Module()
-        plan, bits = self.given, mpr121.CODE_BITS
+        plan, bits = self.spec, mpr121.CODE_BITS
         m.submodules.master = master = I2cMaster(plan.quarter)
         forward(m, self, master, "pins")
         setting_up, reading = start_up(plan), frame(plan)

@@ -22,7 +22,7 @@ class SampleNarrower(Block):
 
     def elaborate(self, platform):
         m = Module()
-        config, shift, offset = self.given, code_shift(self.given), code_offset(self.given)
+        config, shift, offset = self.spec, code_shift(self.spec), code_offset(self.spec)
         width = max(len(self.code), offset.bit_length()) + 2
         centred = Signal(signed(width))
         m.d.comb += centred.eq(self.code - Const(offset, signed(offset.bit_length() + 1)))

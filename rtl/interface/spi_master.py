@@ -61,7 +61,7 @@ class SpiMaster(Block):
 
     def elaborate(self, platform):
         m = Module()
-        plan, pins = self.given, self.pins
+        plan, pins = self.spec, self.pins
         halves = 2 * plan.chip.bits
         lines = Signal(plan.lines, init=(1 << plan.lines) - 1)
         m.submodules.synchroniser = FFSynchronizer(pins.miso, lines, init=(1 << plan.lines) - 1)

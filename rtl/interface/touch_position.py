@@ -46,7 +46,7 @@ class TouchPosition(Block):
 
     def elaborate(self, platform):
         m = Module()
-        interface, cells = self.given.interface, self.given.sensor.taxels
+        interface, cells = self.spec.interface, self.spec.sensor.taxels
         sample = self.i.payload.sample
         above = Signal(signed(len(sample) + 2))
         m.d.comb += above.eq(sample - Const(interface.position_rest, signed(len(sample) + 1)))

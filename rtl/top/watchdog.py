@@ -58,7 +58,7 @@ class Watchdog(Block):
 
     def elaborate(self, platform):
         m = Module()
-        count = Signal(range(bound(self.given) + 1))
+        count = Signal(range(bound(self.spec) + 1))
         m.d.comb += self.hung.eq(count[-1])
         m.d.sync += count.eq(count + 1)
         with m.If(~self.due | self.done | self.hung):
