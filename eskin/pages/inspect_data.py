@@ -93,9 +93,8 @@ def _of_recordings(recordings: Recordings) -> Record:
     if config is not None:
         onsets = [config.sensor.source_frame(frame) for frame in find_onsets(config, recordings).tolist()]
     lengths, samples = recordings.lengths, recordings.samples
-    low, high = samples.min(axis=0), samples.max(axis=0)
-    held = held_shares(recordings)
-    deviation = samples.std(axis=0)
+    each = (samples.min(axis=0), samples.max(axis=0), samples.std(axis=0), held_shares(recordings))
+    taxels = zip(*(figures.tolist() for figures in each), strict=True)
     return {
         "frames": recordings.frames,
         "taxels": recordings.taxels,
@@ -109,14 +108,8 @@ def _of_recordings(recordings: Recordings) -> Record:
             "max": int(lengths.max()),
         },
         "taxel": [
-            {
-                "min": int(low[t]),
-                "max": int(high[t]),
-                "deviation": float(deviation[t]),
-                "held": float(held[t]),
-                "state": _state(int(high[t]) - int(low[t]), float(held[t])),
-            }
-            for t in range(recordings.taxels)
+            {"min": low, "max": high, "deviation": deviation, "held": held, "state": _state(high - low, held)}
+            for low, high, deviation, held in taxels
         ],
         "configuration": {
             "name": config.name if config else None,
