@@ -178,15 +178,18 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
     OSError
         The file cannot be written; nothing is left behind.
     """
-    figure = (
-        _image_picture(recordings) if recordings.image_shape else _picture(recordings, onset_frames, count)
-    )
-    with replacing(path) as temporary:
+    from matplotlib import rc_context  # slow to import, and only a picture needs it
+
+    from eskin.pages.charts import STYLE
+
+    with rc_context(STYLE), replacing(path) as temporary:
+        images = recordings.image_shape
+        figure = _image_picture(recordings) if images else _picture(recordings, onset_frames, count)
         figure.savefig(temporary, format="png", dpi=90)
 
 
 def _image_picture(recordings: Recordings) -> Figure:
-    from matplotlib.figure import Figure  # slow to import, and only a picture needs it
+    from matplotlib.figure import Figure
 
     images, shown = images_of(recordings), recordings.class_names[:CLASSES_SHOWN]
     across = min(len(shown), 4)
@@ -199,14 +202,14 @@ def _image_picture(recordings: Recordings) -> Figure:
         members = images[recordings.labels == label]
         left, right = axes[label // across][2 * (label % across) : 2 * (label % across) + 2]
         if not len(members):
-            left.set_title(f"{name}: no image", fontsize=9)
+            left.set_title(f"{name}: no image")
             continue
         for place, picture, title in (
             (left, members.mean(axis=0), f"{name}: mean"),
             (right, members[0], "first image"),
         ):
             place.imshow(picture, cmap="viridis", vmin=0)
-            place.set_title(title, fontsize=9)
+            place.set_title(title)
     figure.tight_layout()
     return figure
 
@@ -225,7 +228,7 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
         bound = float(np.quantile(np.abs(values), 0.999)) or 1.0
         extent = (0, len(samples) / recordings.sample_rate_hz, recordings.taxels - 0.5, -0.5)
         image = axes.imshow(values.T, aspect="auto", cmap="RdBu_r", vmin=-bound, vmax=bound, extent=extent)
-        figure.colorbar(image, ax=axes, pad=0.01).set_label(from_rest, fontsize=8)
+        figure.colorbar(image, ax=axes, pad=0.01).set_label(from_rest)
         title = f"recording {index}: {recordings.class_names[recordings.labels[index]]}"
         onset = onset_frames[index] if onset_frames is not None else None
         if onset is not None and onset > 0:
@@ -233,12 +236,9 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
             title += f", onset at frame {onset} (dashed)"
         elif onset is not None:
             title += ", gate open at once" if onset == 0 else ", no onset found"
-        axes.set_title(title, fontsize=9, loc="left", parse_math=False)
-        axes.set_ylabel("taxel", fontsize=8)
+        axes.set_title(title)
+        axes.set_ylabel("taxel")
     axes.set_xlabel("time (s)")
-    figure.suptitle(
-        f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz",
-        fontsize=10,
-        parse_math=False,
-    )
+    of_all = f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz"
+    figure.suptitle(of_all)
     return figure
