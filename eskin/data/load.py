@@ -25,10 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TEXT = (".csv", ".tsv", ".txt", ".lvm")
-KINDS = {
-    **dict.fromkeys((*TEXT, ".parquet"), "text"),
-    **dict.fromkeys((".mat", ".h5", ".hdf5", ".npy"), "arrays"),
-}
+KINDS = dict.fromkeys((*TEXT, ".parquet"), "text") | dict.fromkeys(ARRAYS, "arrays")
 """Endings of recording files, and their kinds; logs are of text's kind, since they are tables too."""
 FORMS = (
     "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5 or .npy files or "

@@ -50,7 +50,6 @@ def draw_mode(record: Record) -> Figure:
     axes = figure.subplots()
     x = curve["x"]
     falling = len(x) > 1 and x[0] > x[-1]  # severity grows to the right
-    names = list(curve["lines"])
     for k, (name, y) in enumerate(curve["lines"].items()):
         style = {"linewidth": 1.6, "zorder": 3} if k == 0 else {"linewidth": 1.0, "linestyle": "--"}
         axes.plot(
@@ -62,7 +61,7 @@ def draw_mode(record: Record) -> Figure:
             label=name,
             **style,
         )
-    if len(names) > 1:
+    if len(curve["lines"]) > 1:
         axes.legend()
     if curve["log"] and min(x) > 0:
         axes.set_xscale("log")
