@@ -1,12 +1,11 @@
 """Content of an archive before any training: figures, the onset of each recording, a picture; of images
 each class's mean."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
@@ -14,10 +13,8 @@ from eskin.golden.core import NETWORKS, InputError, Record, replacing
 from eskin.golden.core.images import layer_stages, network
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
+from eskin.pages.charts import STYLE
 from eskin.training.derive import derive_config, find_onsets
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HELD_SHARE, HELD_SPAN = 0.05, 16
 """Share of a taxel's samples at an end of its range from which it is called saturated, and the codes that it must
@@ -178,10 +175,6 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
     OSError
         The file cannot be written; nothing is left behind.
     """
-    from matplotlib import rc_context  # slow to import, and only a picture needs it
-
-    from eskin.pages.charts import STYLE
-
     with rc_context(STYLE), replacing(path) as temporary:
         images = recordings.image_shape
         figure = _image_picture(recordings) if images else _picture(recordings, onset_frames, count)
@@ -189,8 +182,6 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
 
 
 def _image_picture(recordings: Recordings) -> Figure:
-    from matplotlib.figure import Figure
-
     images, shown = images_of(recordings), recordings.class_names[:CLASSES_SHOWN]
     across = min(len(shown), 4)
     rows = -(-len(shown) // across)
@@ -215,8 +206,6 @@ def _image_picture(recordings: Recordings) -> Figure:
 
 
 def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int) -> Figure:
-    from matplotlib.figure import Figure
-
     chosen = recordings.evenly(count)
     unit = recordings.volt_per_code
     from_rest = f"{recordings.unit or 'unit of the samples'} from rest" if unit else "codes from rest"
