@@ -6,8 +6,6 @@ per recording, from another topic, or from a table of times (docs/other_tools.md
 clock: the log's, unless ``Reading.clock`` is header.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import struct
@@ -17,16 +15,22 @@ from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from eskin.data.table import MOST_BYTES, Reading, Refuse, Table, check_regular, check_unpacked, table_of
+from eskin.data.table import (
+    MOST_BYTES,
+    DataFrame,
+    Reading,
+    Refuse,
+    Table,
+    check_regular,
+    check_unpacked,
+    table_of,
+)
 from eskin.data.text import read_text
 from eskin.golden.core import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 TYPES = ("MultiArray", "TactileState")
@@ -163,7 +167,7 @@ def _of_clocks(stamps: np.ndarray, topic: str, reading: Reading) -> list[str]:
     return notes
 
 
-def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
+def _marks(log: _Log, reading: Reading, refuse: Refuse) -> DataFrame:
     """Start, end (ns) and class of the labels of a topic: each lasts until the next, and an empty one is none."""
     import pandas as pd
 
@@ -181,7 +185,7 @@ def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
 
 
 # ---------------------------------------------------------------------- a table of times
-def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
+def _intervals(path: Path, times: np.ndarray) -> DataFrame:
     """The rows of a table of times in order: start, end (ns) and class, then its other columns. Seconds count
     from the first frame, or as the clock of ``times`` where they begin after its last."""
     table = read_text(path, Reading())
