@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.device import FOREVER, Design, Device
+from eskin.cosim.device import FOREVER, Accelerator, Design
 from eskin.golden.core import (
     PRESETS,
     AcceleratorConfig,
@@ -36,8 +36,7 @@ from eskin.memo import Memo, code_version
 from eskin.pages.stability_page import PAGE, write_page
 from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
-from eskin.rtl.fpga.generate import boot_writes, pack_decision
-from eskin.rtl.program.memory_map import Control, Register
+from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.study import defences
 from eskin.study.stability import suite as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Outcome
@@ -232,36 +231,30 @@ class Hardware:
         rows, offsets = run_golden(model, pair).streams["decision"]
         expected = [pack_decision(model.config, row) for row in rows]
         design = Design(export(model.config, model.arrays), flow.BUILD / "simulators")
-        boot = boot_writes(model.config, model.arrays)
+        loaded = design, model.config, register_map(model.config), boot_writes(model.config, model.arrays)
 
         def play(way: str, at: int = FOREVER) -> tuple[list[int], list[int], int]:
             """Decisions of the last recording played, their cycles, and the cycles of the first recording."""
-            device = Device(design, model.config.sensor.sample_bits)
-            device.reset(boot)
-            device.write(Register.CONTROL, Control.ARM)
-            device.cycle()  # it clears the chain at the end of the cycle behind it
-            begun = device.state.cycle
-            device.state.stop_at = min(begun + at + 1, FOREVER)
+            device = Accelerator(*loaded, probes=False)
+            device.command("ARM")
+            begun, state = device.state.cycle, device.state
+            state.stop_at = min(begun + at + 1, FOREVER)
             if way == "reset":
                 device.poke(begun + at, rst=1)
             device.frames(pair.recording(0))
-            if device.state.cycle < device.state.stop_at:
-                device.write(Register.CONTROL, Control.FINISH)
-                device.settle()
-            cycles = device.state.cycle - begun
+            if state.cycle < state.stop_at:
+                device.command("FINISH")
+            cycles = state.cycle - begun
             if way:
-                device.cycle(max(0, device.state.stop_at - device.state.cycle))
-                device.state.stop_at = FOREVER
+                device.cycle(max(0, state.stop_at - state.cycle))
+                state.stop_at = FOREVER
                 if way != "neither":
-                    device.write(Register.CONTROL, Control.ARM)
-                    device.cycle()
+                    device.command("ARM")
                     device.forget()  # what was offered up to here belongs to the first recording
                 device.frames(pair.recording(1))
-                device.write(Register.CONTROL, Control.FINISH)
-                device.settle()
-            events = device.seen()
-            events = events[events["stage"] == 0]
-            return events["value"].tolist(), (events["cycle"] - begun).tolist(), cycles
+                device.command("FINISH")
+            values, offered = device.streams()["decision"]
+            return values.view(np.uint32).tolist(), (offered - begun).tolist(), cycles
 
         first, offered, cycles = play("")
         if first != expected[: offsets[1]]:
