@@ -130,17 +130,7 @@ class Model(Estimator):
         fits: str | None = None,
         sample_rate_hz: float | None = None,
     ) -> None:
-        self._parameters = {
-            "config": config,
-            "cell": cell,
-            "hidden": hidden,
-            "groups": groups,
-            "folds": folds,
-            "seed": seed,
-            "prefer": prefer,
-            "fits": fits,
-            "sample_rate_hz": sample_rate_hz,
-        }
+        self._parameters = {name: value for name, value in locals().items() if name != "self"}
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
         self._training: Record = {}
@@ -292,13 +282,13 @@ class Model(Estimator):
             return "Model(not fitted)"
         config = self.config
         if config.is_image:
-            size = f"{config.image.height} x {config.image.width} pixels"
-            summary = f"images of {size}, {config.name}, {config.classes} classes"
-            return f"Model({summary}{'' if self._integer is not None else ', not quantised'})"
-        cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
-        array = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz"
-        summary = f"{array}, {cell}, {config.classes} classes"
-        return f"Model({summary}{'' if self._integer is not None else ', not quantised'})"
+            pixels = f"{config.image.height} x {config.image.width} pixels"
+            summary = f"images of {pixels}, {config.name}"
+        else:
+            cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
+            summary = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, {cell}"
+        rest = "" if self._integer is not None else ", not quantised"
+        return f"Model({summary}, {config.classes} classes{rest})"
 
     # ------------------------------------------------------------------ decisions
     def predict(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
