@@ -6,8 +6,8 @@ and conditions that only lead to one (error messages), assertions, decorators an
 them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
 judged beside those that are drawn.
 
-Each mutant is tested in a copy of the project. Verdicts are kept by the content of the whole project with the
-mutant in it, so an interrupted run goes on where it stopped. It is killed when its tests fail, cannot be loaded, or take too long. One that
+Each mutant is tested in a copy of the project. Verdicts are kept by the content of all files that git knows and
+of the mutant, so an interrupted run goes on where it stopped. It is killed when its tests fail, cannot be loaded, or take too long. One that
 survives is a hole in the tests, or equivalent: the same function written otherwise, of which
 tests/mutants.toml says why. The score is the killed share of those that are drawn and not equivalent.
 
@@ -23,7 +23,6 @@ import itertools
 import os
 import random
 import re
-import resource
 import shutil
 import signal
 import subprocess
@@ -40,35 +39,34 @@ import pandas as pd
 from eskin.golden.core import Record, content_key
 from eskin.jobs import Jobs
 from eskin.memo import Memo
+from scripts.house import tracked
 
 ROOT = Path(__file__).resolve().parents[1]
 SCOPE = "tests/mutants.toml"
-FOLDERS = ("eskin", "golden", "rtl", "cosim", "scripts", "formal", "tests")
 REQUIRED = 0.95
 PYTEST = "-m pytest -x -q -p no:cacheprovider --hypothesis-profile=mutants --tb=line".split()
 ENDED = (-signal.SIGXCPU, -signal.SIGKILL)
-LEAST_LIMIT = 60.0
-"""Seconds of the processor before a test of a mutant is ended at the earliest; otherwise three times what it
-takes without one."""
+LIMIT = 300
+"""Seconds of the processor after which a test is ended."""
 Fault = tuple[str, Any, str]
 """Kind, expression, text in its place."""
-Work = tuple["Mutant", dict[str, float]]
-"""A mutant, and the seconds that each of its tests may take."""
+Work = tuple["Mutant", list[str]]
+"""A mutant and its tests."""
 
 
 def _signs(text: str) -> dict[str, str]:
     return dict(pair.split(":") for pair in text.split(","))
 
 
-OTHER = _signs(
-    "Add:-,Sub:+,Mult:+,FloorDiv:*,Div:*,Mod://,LShift:>>,RShift:<<,BitAnd:|,BitOr:&,BitXor:|,And:or,Or:and"
-)
-INVERTED = _signs("Eq:!=,NotEq:==,Lt:>=,LtE:>,Gt:<=,GtE:<,Is:is not,IsNot:is,In:not in,NotIn:in")
-ONE_OFF = _signs("Lt:<=,LtE:<,Gt:>=,GtE:>")
-SIGN = _signs("Lt:<,LtE:<=,Gt:>,GtE:>=,Sub:-,FloorDiv://,Mod:%")
-SIZED = ("signed", "unsigned", "Signal", "range", "QFormat", "replicate", "shape_of")
-NARROWINGS = ("saturate", "clip", "clamp", "min", "max", "minimum", "maximum")
-ROUNDINGS = ("narrow", "round_half_up", "shift_right", "_narrow")
+CHANGED = {
+    "operator": _signs(
+        "Add:-,Sub:+,Mult:+,FloorDiv:*,Div:*,Mod://,LShift:>>,RShift:<<,BitAnd:|,BitOr:&,BitXor:|,And:or,Or:and"
+    ),
+    "condition": _signs("Eq:!=,NotEq:==,Lt:>=,LtE:>,Gt:<=,GtE:<,Is:is not,IsNot:is,In:not in,NotIn:in"),
+    "off-by-one": _signs("Lt:<=,LtE:<,Gt:>=,GtE:>"),
+}
+"""Another sign between two operands, by kind of fault."""
+SWAPPED = _signs("Lt:<,LtE:<=,Gt:>,GtE:>=,Sub:-,FloorDiv://,Mod:%")
 
 
 # ---------------------------------------------------------------------- faults
@@ -136,28 +134,23 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
 
 def _value_faults(node: Any) -> Iterator[Fault]:
     """Faults of an operation, a constant, the bounds of a slice."""
-    op, inner = type(getattr(node, "op", None)).__name__, lambda part: f"({ast.unparse(part)})"
     match node:
-        case ast.BinOp(left=left, right=right) if op in OTHER:
-            joined = (ast.List, ast.Tuple, ast.JoinedStr, ast.ListComp, ast.Dict)
-            if not any(isinstance(side, joined) or _is_text(side) for side in (left, right)):
-                yield "operator", node, inner(left) + OTHER[op] + inner(right)
-                if op in SIGN:
-                    yield "swapped operands", node, inner(right) + SIGN[op] + inner(left)
-        case ast.BoolOp(values=values):
-            for k in range(1, len(values)):
-                before, after = (ast.BoolOp(node.op, part) for part in (values[:k], values[k:]))
-                yield "operator", node, f"{inner(before)} {OTHER[op]} {inner(after)}"
-        case ast.Compare(left=left, ops=[sign], comparators=[right]):
-            op = type(sign).__name__
-            yield "condition", node, f"{inner(left)} {INVERTED[op]} {inner(right)}"
-            if op in ONE_OFF:
-                yield "off-by-one", node, inner(left) + ONE_OFF[op] + inner(right)
-                yield "swapped operands", node, inner(right) + SIGN[op] + inner(left)
+        case (
+            ast.BinOp(left=left, op=op, right=right)
+            | ast.BoolOp(values=[left, right], op=op)
+            | ast.Compare(left=left, ops=[op], comparators=[right])
+        ) if not (isinstance(op, ast.Add | ast.Mult | ast.BitOr) and (_is_text(left) or _is_text(right))):
+            first, second, of = f"({ast.unparse(left)})", f"({ast.unparse(right)})", type(op).__name__
+            for kind, signs in CHANGED.items():
+                if of in signs:
+                    yield kind, node, first + signs[of] + second
+            if of in SWAPPED:
+                yield "swapped operands", node, second + SWAPPED[of] + first
         case ast.UnaryOp(op=ast.UAdd()) | ast.UnaryOp(op=ast.USub(), operand=ast.Constant()):
             pass
         case ast.UnaryOp(operand=operand):
-            yield "operator" if op == "USub" else "condition", node, ast.unparse(operand)
+            negative = isinstance(node.op, ast.USub)
+            yield "operator" if negative else "condition", node, ast.unparse(operand)
         case ast.Constant(value=bool(value)):
             yield "constant", node, str(not value)
         case ast.Constant(value=int(value)):
@@ -172,35 +165,40 @@ def _value_faults(node: Any) -> Iterator[Fault]:
 
 def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
     """Faults of a call by the name of what is called."""
-    name, args, sources = _name(node.func), node.args, list(map(ast.unparse, node.args))
-    first, plain = (*args, None)[0], not any(isinstance(arg, ast.Starred) for arg in args)
-    owner: Any = node.func.value if isinstance(node.func, ast.Attribute) else None
-    if name in SIZED and len(args) == 1 and plain and not isinstance(first, ast.Call | ast.ListComp):
-        yield "off-by-one" if name == "range" else "width", args[0], f"({sources[0]}) - 1"
-    if name == "If" and args:
-        yield "condition", args[0], f"~({sources[0]})"
-    order = (0, 2, 1) if name in ("Mux", "where") and len(args) == 3 else ()
-    if name in ("Cat", "concatenate") and plain and len(args) >= 2:
-        order = (1, 0, *range(2, len(args)))
-    if order:
-        swapped = ast.Call(node.func, [args[place] for place in order], node.keywords)
-        yield "swapped operands", node, ast.unparse(swapped)
-    if name in NARROWINGS and args and plain and not isinstance(first, ast.GeneratorExp):
-        outside = owner is None or _name(owner) in ("np", "torch")
-        yield "saturation", node, sources[0] if outside else ast.unparse(owner)
-    if name in ROUNDINGS and len(args) >= 2:
-        yield "saturation", node, f"({sources[0]}) >> ({sources[1]})"
+    name, args, show = _name(node.func), node.args, ast.unparse
+    swapped: list[ast.expr] = []
+    match name, args:
+        case "range", [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size]:
+            yield "off-by-one", size, f"({show(size)}) - 1"
+        case (
+            ("signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
+            [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size],
+        ):
+            yield "width", size, f"({show(size)}) - 1"
+        case "If", [test]:
+            yield "condition", test, f"~({show(test)})"
+        case (("Mux" | "where"), [test, yes, no]):
+            swapped = [test, no, yes]
+        case (("Cat" | "concatenate"), [first, second, *rest]):
+            swapped = [second, first, *rest]
+        case (("narrow" | "round_half_up" | "shift_right" | "_narrow"), [value, shift, *_]):
+            yield "saturation", node, f"({show(value)}) >> ({show(shift)})"
+        case (("saturate" | "clip" | "clamp" | "min" | "max" | "minimum" | "maximum"), [value, *_]):
+            owner: Any = getattr(node.func, "value", None)
+            yield "saturation", node, show(value if _name(owner) in ("", "np", "torch") else owner)
+        case "eq", [ast.Constant(0) as zero]:
+            yield "reset", zero, show(node.func.value)  # type: ignore[attr-defined]
+    if swapped:
+        yield "swapped operands", node, show(ast.Call(node.func, swapped, node.keywords))
     for word in node.keywords:
-        if name == "Signal" and word.arg == "init" and ast.unparse(word.value) != "0":
+        if name == "Signal" and word.arg == "init" and show(word.value) != "0":
             yield "reset", word.value, "0"
-    if name == "eq" and owner and sources[0] == "0":
-        yield "reset", args[0], ast.unparse(owner)
     driven = {"eq": args, "drive": [word.value for word in node.keywords]}
     for given in driven.get(name, []):
         for read in ast.walk(given):  # another signal of the function
             if isinstance(read, ast.Name) and read.id in names and len(names) > 1:
                 others = [other for other in names if other != read.id]
-                number = hashlib.sha256(f"{read.id}{ast.unparse(given)}".encode()).digest()[0]
+                number = hashlib.sha256(f"{read.id}{show(given)}".encode()).digest()[0]
                 yield "signal", read, others[number % len(others)]
 
 
@@ -209,7 +207,9 @@ def _name(function: ast.expr) -> str:
 
 
 def _is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+    """Text, or a list of things: what ``+`` joins."""
+    joined = (ast.List, ast.Tuple, ast.JoinedStr, ast.ListComp, ast.Dict)
+    return isinstance(node, joined) or isinstance(getattr(node, "value", None), str)
 
 
 def _refuses(statement: ast.stmt) -> bool:
@@ -294,22 +294,22 @@ class Scope:
         )
 
 
-def verdict(shared: tuple[Path, Path], work: Work) -> Record:
-    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared, seconds
-    of the processor, log}. shared: the project, the folder of copies."""
-    (root, folder), (mutant, limits) = shared, work
+def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
+    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared,
+    log}. shared: the project, the folder of copies, seconds of the processor that a test may take."""
+    (root, folder, limit), (mutant, tests) = shared, work
     copy = folder / str(os.getpid()) / root.name
     if not copy.exists():  # with links: found as ``eskin`` by whoever has the copy on its path
         shutil.copytree(root, copy, symlinks=True, ignore=shutil.ignore_patterns(".*", "build"))
     (copy / mutant.file).write_text(mutant.applied())
     environment = {"PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-    log, before = copy.parent / "log.txt", resource.getrusage(resource.RUSAGE_CHILDREN)
-    for test, limit in limits.items():
+    log = copy.parent / "log.txt"
+    for test in tests:
         # a slow test runs where it is named itself; of a file that is named whole only the quick ones
         words = [*PYTEST, f"--rootdir={copy}", "-m", "" if "::" in test else "not slow", test]
         with log.open("w") as output:
             process = subprocess.Popen(
-                ["sh", "-c", f'ulimit -S -t {limit:.0f}; exec "$@"', "sh", sys.executable, *words],
+                ["sh", "-c", f'ulimit -S -t {limit}; exec "$@"', "sh", sys.executable, *words],
                 cwd=copy,
                 env=os.environ | environment,
                 stdout=output,
@@ -317,18 +317,17 @@ def verdict(shared: tuple[Path, Path], work: Work) -> Record:
                 start_new_session=True,
             )
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(max(600, 20 * limit))  # the machine may be busy
+            process.wait(10 * limit)  # the machine may be busy
         with contextlib.suppress(ProcessLookupError):  # with what it left behind
             os.killpg(process.pid, signal.SIGKILL)
         if status := process.wait():
             break
     (copy / mutant.file).write_text(mutant.text)
-    used, end = resource.getrusage(resource.RUSAGE_CHILDREN), log.read_text(errors="replace")[-6000:]
+    end = log.read_text(errors="replace")[-6000:]
     return {
         "outcome": "timeout" if status in ENDED else "killed" if status else "survived",
         # a test compared, and did not find what it asserts
         "compared": status > 0 and bool(re.search(r":\d+: (AssertionError|assert )", end)),
-        "seconds": used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime,
         "log": end,
     }
 
@@ -351,32 +350,26 @@ def judge(root: Path, out: Path, count: int, seed: int, only: str = "") -> pd.Da
     texts = {file: text for file, text in scope.texts.items() if re.search(only, file)}
     tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)}
     tests_of |= {} if only else scope.named
-    paths = [path for folder in FOLDERS for path in sorted((root / folder).rglob("*.*")) if path.is_file()]
-    content = content_key(*(path for path in paths if path.suffix != ".pyc" and path != root / SCOPE))
+    content = content_key(*(root / name for name in tracked(root) if str(name) != SCOPE))
 
     def judged(works: list[Work], what: str) -> list[Record]:
-        keys = [content_key(content, mutant.file, mutant.applied(), limits) for mutant, limits in works]
+        keys = [content_key(content, mutant.file, mutant.applied(), tests) for mutant, tests in works]
+        pieces = dict(zip(keys, works, strict=True))
         runs = Jobs(workers=2, progress=lambda *told: print("{}: {} of {}".format(*told), file=sys.stderr))
         try:
-            results = runs.results(
-                verdict, dict(zip(keys, works, strict=True)), (root, copies), keep=keep, what=what
-            )
+            results = runs.results(verdict, pieces, (root, copies, LIMIT), keep=keep, what=what)
         finally:
             shutil.rmtree(copies, ignore_errors=True)
         return [results[key] for key in keys]
 
     every = sorted({test for tests in tests_of.values() for test in tests})
     same = Mutant("pyproject.toml", (root / "pyproject.toml").read_text())
-    limits = {}
-    found = judged([(same, {test: 1200.0}) for test in every], "tests as they are")
-    for test, row in zip(every, found, strict=True):
+    for row in judged([(same, [test]) for test in every], "tests as they are"):
         if row["outcome"] != "survived":
             shutil.rmtree(out / "verdicts")
-            raise RuntimeError(f"{test} fails without a mutant:\n{row['log']}")
-        limits[test] = max(LEAST_LIMIT, 3 * row["seconds"])
-    works = [(mutant, {test: limits[test] for test in tests}) for mutant, tests in tests_of.items()]
+            raise RuntimeError(f"a test fails without a mutant:\n{row['log']}")
     rows = []
-    for mutant, row in zip(tests_of, judged(works, "mutants"), strict=True):
+    for mutant, row in zip(tests_of, judged(list(tests_of.items()), "mutants"), strict=True):
         was, now = mutant.lines()
         reason = scope.reasons.get((mutant.file, was, now), {})
         if row["outcome"] == "survived" and reason.get("equivalent"):

@@ -151,8 +151,8 @@ def job(
     Returns
     -------
     dict
-        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), battery_j,
-        passed (all bit-exact).
+        configurations (of `measure`), least_touch, least_average (their names; bit-exact ones only), passed
+        (all bit-exact).
     """
     boards = [*map(parse_configuration, configurations or CONFIGURATIONS)]
     for target, lanes, kind in boards:  # one that cannot be is refused before any long work

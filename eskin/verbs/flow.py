@@ -2,7 +2,7 @@
 they are only called."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ def cosimulate(
     target: str | None = None,
     converter: str | None = None,
     chip: Record | None = None,
+    play: Callable[..., Record] | None = None,
     **options: Any,
 ) -> Record:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
@@ -74,8 +75,10 @@ def cosimulate(
         come at the declared rate, by the design's own sample clock.
     chip:
         With target ``asic``: pdk, liberty (paths), rom. Registers, latches and memories begin at random.
+    play:
+        In place of eskin.cosim.flow.cosim.
     options:
-        As for eskin.cosim.flow.cosim.
+        Of that.
 
     Raises
     ------
@@ -110,7 +113,7 @@ def cosimulate(
             generate(config, model.arrays, design)
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, codes)
     options = {"builds": BUILD / "simulators", **options}
-    result = flow.cosim(design, vectors, work=work / "run", **options)
+    result = (play or flow.cosim)(design, vectors, work=work / "run", **options)
     if placed:
         options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
         second = flow.cosim(design, vectors, work=work / "placed", **options)

@@ -18,9 +18,10 @@ def generate_design(
     lanes: int | None = None,
     lane_type: str | None = None,
     recordings: Recordings | None = None,
+    number: int = 0,
     **system: Any,
 ) -> Path:
-    """``eskin generate``: Verilog and its companions; the cocotb bench plays the first of
+    """``eskin generate``: Verilog and its companions; the cocotb bench plays recording ``number`` of
     ``recordings`` (default: random). ``system``: bus, axis and top of `generate`."""
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:
@@ -28,14 +29,16 @@ def generate_design(
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors.npz"
         if config.is_image:
-            images = random_images(config, 1, 1) if recordings is None else images_of(recordings.subset([0]))
+            images = (
+                random_images(config, 1, 1) if recordings is None else images_of(recordings.subset([number]))
+            )
             write_image_vectors(vectors, run_images(model, images).streams, images)
         else:
             length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
             if recordings is None:
                 shown, trace = decided_recordings(model, [length])
             else:
-                shown = recordings.subset([0])
+                shown = recordings.subset([number]).scanned(config.sensor.scan_every)
                 trace = run(model, shown)
-            write_vectors(vectors, trace, shown)
+            write_vectors(vectors, trace, shown, [number])
         return generate(config, model.arrays, out, vectors=vectors, **system)

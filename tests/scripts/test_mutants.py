@@ -1,6 +1,7 @@
 """``make mutants`` on a project of one file and one test: what a test sees is killed, what it does not see
 survives and is explained."""
 
+import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -72,12 +73,13 @@ def project(tmp_path):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
     (tmp_path / "eskin" / "golden").symlink_to("../golden")
+    subprocess.run("git init -q && git add .", shell=True, cwd=tmp_path, check=True)
     return tmp_path
 
 
 @pytest.mark.slow
 def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
-    monkeypatch.setattr("scripts.mutants.LEAST_LIMIT", 4.0)
+    monkeypatch.setattr("scripts.mutants.LIMIT", 4)
     out = project / "build" / "mutants"
     rows = judge(project, out, 100, 1)
     outcomes = {(row.was, row.now): row.outcome for row in rows.itertuples()}

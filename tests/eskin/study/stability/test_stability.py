@@ -10,7 +10,6 @@ import pytest
 
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model import preprocess
-from eskin.jobs import Jobs
 from eskin.requests import StabilityRequest
 from eskin.study.stability import sensor
 from eskin.study.stability import suite as stability
@@ -52,10 +51,9 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name, monkeypatch
         assert {len(line) for line in drawn["lines"].values()} == {len(drawn["x"])}
 
 
-def in_hardware(case: Bench, folder) -> stability_job._Hardware:
+def in_hardware(case: Bench, folder) -> stability_job.Hardware:
     """Icarus: it builds fastest."""
-    keep = stability_job._Records(folder / "cache", "content", Jobs(workers=1))
-    return stability_job._Hardware(case, keep, work=folder / "work", simulator="icarus")
+    return stability_job.Hardware(case, folder / "work", "icarus")
 
 
 @pytest.mark.slow
@@ -186,10 +184,10 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
 
 
 def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypatch):
-    def differs(bench, case, *where, **options):
+    def differs(hardware, case, name):
         return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1}
 
-    monkeypatch.setattr(stability_job, "play_case", differs)
+    monkeypatch.setattr(stability_job.Hardware, "play_case", differs)
     result = job(tmp_path, names=["state bits", "frames lost"], cosim=True)
     assert not result["passed"]
     assert result["modes"][1]["rtl"]["mismatches"] == 1
