@@ -57,11 +57,10 @@ def svg(figure: Figure) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def share_bars(shares: Sequence[float], spreads: Sequence[float | None]) -> np.ndarray:
-    """Error bars (2, n), down and up, of shares between 0 and 1: no bar leaves that range. A spread of None
-    has none."""
-    share, spread = np.asarray(shares, dtype=float), np.array([value or 0.0 for value in spreads])
-    return np.array([np.minimum(spread, share), np.minimum(spread, 1.0 - share)])
+def share_bar(share: float, spread: float | None) -> list[list[float]]:
+    """Error bar, down and up, of a share between 0 and 1, which it does not leave. A spread of None has none."""
+    spread = spread or 0.0
+    return [[min(spread, share)], [min(spread, 1.0 - share)]]
 
 
 def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor: float) -> None:
@@ -85,7 +84,7 @@ def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor
             axes.plot([place[0]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
         axes.errorbar(
             *place,
-            yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
+            yerr=share_bar(row["accuracy"], row["standard_error"]),
             fmt="o",
             capsize=2,
             elinewidth=0.8,
