@@ -102,7 +102,7 @@ def cosim(request: CosimRequest) -> Record:
     count, integer = parse_count(request.recordings), integer_model(request.model)
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
-    with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
+    with _work_folder() as work, progress_bars() as report:
         where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=cosim_job.CODE)
         played = loaded.subset(numbers)
         result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
@@ -113,8 +113,9 @@ def cosim(request: CosimRequest) -> Record:
 
 
 @contextmanager
-def _work_folder(parent: Path) -> Iterator[Path]:
+def _work_folder() -> Iterator[Path]:
     """A folder for this call alone, gone afterwards; two calls at a time do not meet."""
+    parent = Path("build/cosim")
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=parent) as work:
         yield Path(work)
@@ -254,7 +255,7 @@ def energy(request: EnergyRequest) -> Record:
     check_target(request.out / RESULT)
     integer = IntegerModel.load(request.model)
     loaded = recordings_for(request.data, integer.config)
-    with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
+    with _work_folder() as work, progress_bars() as report:
         options: Record = {"count": request.recordings, "out": request.out, "work": work, "notify": report}
         result = job(integer, loaded, request.configuration, **options)
     show("energy", **result, in_words=in_words, file=request.out / RESULT)

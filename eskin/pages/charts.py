@@ -63,14 +63,14 @@ def share_bar(share: float, spread: float | None) -> list[list[float]]:
     return [[min(spread, share)], [min(spread, 1.0 - share)]]
 
 
-def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor: float) -> None:
-    """Accuracy of ``rows`` against a cost, with the front of those that none beats in both; the chosen one is named.
+def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str) -> None:
+    """Accuracy of ``rows`` against a cost in millionths of its unit, with the front of those that none beats in both; the chosen one is named.
 
     rows: accuracy, standard_error, the cost, chosen, fits (its mark is filled), name; of those judged under
     disturbance also stress and stressed_accuracy, to which a line leads down.
     """
     # rounded, so that costs that are equal but for their last bits are one
-    shown = [row | {cost: float(f"{factor * row[cost]:.6g}")} for row in rows]
+    shown = [row | {cost: float(f"{1e6 * row[cost]:.6g}")} for row in rows]
     line = [(shown[index][cost], shown[index]["accuracy"]) for index in pareto(shown, cost)]
     axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
     for row in shown:
