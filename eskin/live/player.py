@@ -256,7 +256,6 @@ def hello(
         "classes": list(network.class_names),
         "steps": config.windows.steps,
         "spans": [[every * (first - 1) + 1, every * last] for first, last in config.window_spans],
-        "array": [config.interface.rows, config.interface.columns] if config.interface.position else None,
         "decision": network.decision,
         "unit": {
             "feature": 2**formats.feature_format.frac_bits,
