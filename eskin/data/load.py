@@ -119,7 +119,7 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
         check_regular(path, refuse)
     try:
         if is_log(path):
-            return [read_log(path, reading)]
+            return [read_log(path, reading, refuse)]
         if suffix == ".parquet":
             return [_parquet(path, refuse)]
         root = ARRAYS[suffix](path, refuse)
