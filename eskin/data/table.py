@@ -214,7 +214,7 @@ def table_of(frame: DataFrame, source: str, **more: Any) -> Table:
     frame = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
     names = [str(name) for name in frame.columns]
     frame = frame.set_axis(range(len(names)), axis=1).set_axis(range(1, len(frame) + 1))
-    for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iufM")]:
+    for column in frame.select_dtypes(exclude=["number", "datetime", "datetimetz"]):
         frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
     units = (str(units_of),) * len(names) if units_of else ()
     return Table(frame, tuple(names), source, units=units, **more)

@@ -66,7 +66,7 @@ def read_text(path: Path, reading: Reading) -> Table:
         quoting=file.quoting,
         decimal="," if comma else ".",
     )
-    for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
+    for column in frame.select_dtypes(exclude="number"):
         cells = frame[column].fillna("").astype(str).str.strip()
         if comma:
             cells = cells.str.replace(r"^([-+]?\d*),(\d)", r"\1.\2", regex=True)
