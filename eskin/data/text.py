@@ -76,8 +76,9 @@ def read_text(path: Path, reading: Reading) -> Table:
     # two lines or more between two such places: a blank line behind every line parts nothing
     if len(frame) > 1 and np.diff([0, *breaks, len(frame)]).max() < 2:
         breaks = []
-    table = Table(frame, names[:width], f"'{path}'", units=units[:width])
-    table = replace(table, breaks=tuple(breaks), notes=tuple(file.notes))
+    table = Table(
+        frame, names[:width], f"'{path}'", breaks=tuple(breaks), units=units[:width], notes=tuple(file.notes)
+    )
     return _of_labview(table, file) if file.lvm else table
 
 
