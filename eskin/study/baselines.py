@@ -7,7 +7,6 @@ touch at a time, are those of the processor, in one thread. Whoever has another 
 object with the attributes of `Method` (examples/thesis does).
 """
 
-import importlib
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -16,6 +15,12 @@ from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
+from sklearn.base import clone
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.linear_model import LogisticRegression
+from sklearn.model_selection import GridSearchCV, StratifiedKFold
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.svm import SVC
 
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
@@ -141,33 +146,29 @@ def cost_of(model: Any, x: np.ndarray, classes: int) -> tuple[int, int]:
 class Classifier:
     """A classifier of scikit-learn on all windows of a touch.
 
-    kind, options: its class, as in ``svm.SVC``, and what it takes; ``random_state`` there becomes the seed. grid: the
-    values of which three stratified inner folds choose, fewer where a class is small, none where a class has a
-    single touch; whole numbers there count touches.
+    model: the classifier; its ``random_state`` becomes the seed. grid: the values of which three stratified inner
+    folds choose, fewer where a class is small, none where a class has a single touch; whole numbers there count
+    touches.
     """
 
     name: str
     label: str
-    kind: str
-    options: Record = field(default_factory=dict)
+    model: Any
     grid: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-    hardware: bool = False
-    one_seed: bool = False
+    hardware, one_seed = False, False
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         return [self._fit(scene, part, seed) for part in parts]
 
     def _fit(self, scene: Scene, part: np.ndarray, seed: int) -> Fitted:
-        from sklearn.model_selection import GridSearchCV, StratifiedKFold
-
         labels = scene.labels[part]
         counts = np.unique(labels, return_counts=True)[1]
         if len(counts) < 2:  # the one class that the part has
             return Fitted(lambda rows: np.full(len(rows), labels[0]), 1, 0)
         x = scene.windows(part).reshape(len(scene.labels), -1)
-        module, _, kind = self.kind.partition(".")
-        given = {name: seed if name == "random_state" else value for name, value in self.options.items()}
-        model = getattr(importlib.import_module(f"sklearn.{module}"), kind)(**given)
+        model = clone(self.model)
+        if "random_state" in model.get_params():
+            model.set_params(random_state=seed)
         # whole numbers count touches: no more than an inner fold leaves
         grid = {
             name: [value for value in values if not isinstance(value, int) or value <= max(1, len(part) // 3)]
@@ -175,7 +176,7 @@ class Classifier:
         }
         if grid and counts.min() > 1:
             inner = StratifiedKFold(min(3, int(counts.min())), shuffle=True, random_state=seed)
-            model = GridSearchCV(model, grid, cv=inner, refit=True).fit(x[part], labels).best_estimator_
+            model = GridSearchCV(model, grid, cv=inner).fit(x[part], labels).best_estimator_
         else:
             model.fit(x[part], labels)
         return Fitted(lambda rows: model.predict(x[rows]), *cost_of(model, x[part], scene.classes))
@@ -191,8 +192,7 @@ class Network:
     name: str
     label: str
     changed: Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
-    hardware: bool = True
-    one_seed: bool = False
+    hardware, one_seed = True, False
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         config, recipe = self.changed(scene.config)
@@ -215,32 +215,16 @@ def _gru(config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:
     return changed, choose_recipe(changed)
 
 
-METHODS: dict[str, Method] = {
-    method.name: method
-    for method in (
-        Classifier(
-            "logistic",
-            "logistic regression",
-            "linear_model.LogisticRegression",
-            {"max_iter": 2000},
-            {"C": (0.1, 1.0, 10.0, 100.0)},
-        ),
-        Classifier("svm", "RBF-SVM", "svm.SVC", grid={"C": (1.0, 10.0, 100.0), "gamma": ("auto", "scale")}),
-        Classifier(
-            "forest",
-            "random forest",
-            "ensemble.RandomForestClassifier",
-            {"n_estimators": 200, "random_state": 0},
-        ),
-        Classifier(
-            "neighbours",
-            "k nearest neighbours",
-            "neighbors.KNeighborsClassifier",
-            grid={"n_neighbors": (1, 3, 5, 9)},
-        ),
-        Network("gru", "GRU 12, float", _gru),
-    )
-}
+_METHODS: tuple[Method, ...] = (
+    Classifier(
+        "logistic", "logistic regression", LogisticRegression(max_iter=2000), {"C": (0.1, 1.0, 10.0, 100.0)}
+    ),
+    Classifier("svm", "RBF-SVM", SVC(), {"C": (1.0, 10.0, 100.0), "gamma": ("auto", "scale")}),
+    Classifier("forest", "random forest", RandomForestClassifier(200)),
+    Classifier("neighbours", "k nearest neighbours", KNeighborsClassifier(), {"n_neighbors": (1, 3, 5, 9)}),
+    Network("gru", "GRU 12, float", _gru),
+)
+METHODS = {method.name: method for method in _METHODS}
 """Methods of `eskin baselines`, by name."""
 
 

@@ -307,7 +307,7 @@ class Mode:
     _: dataclasses.KW_ONLY
     at_most: Bound | None = None
     at_least: Bound | None = None
-    needs: tuple[str, ...] = ()
+    needs: str = ""
 
     def __post_init__(self) -> None:
         if (self.at_most is None) == (self.at_least is None) or self.group not in GROUPS:

@@ -59,17 +59,17 @@ class Flips:
     ----------
     sites:
         Every bit that may be hit; of ``bench.flips`` one in ``of`` are tried at most, at random.
+    flip:
+        The model, or a part of it, with that bit inverted; with None as it is.
     decide:
-        Decisions with that bit inverted; with None undisturbed ones.
-    model:
-        The model with that bit inverted, for the hardware.
+        Decisions by that.
     """
 
     sites: Callable[[Bench], list[Site]]
-    decide: Callable[[Bench, Site | None], np.ndarray]
+    flip: Callable[[Bench, Site | None], Any]
+    decide: Callable[[Bench, Any], np.ndarray]
     of: int = 1
     worst: bool = False
-    model: Callable[[Bench, Site], IntegerModel] | None = None
 
     def __call__(self, bench: Bench) -> Outcome:
         sites, changed = bench.remember(replace(self, worst=False), lambda: self._tried(bench))
@@ -80,18 +80,18 @@ class Flips:
             f"{name}[{place}] bit {bit}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change "
             "nothing"
         )
-        few = bench.sample.clean
-        case = self.model and Case(few.subset(range(min(3, len(few)))), self.model(bench, worst))
-        return Outcome(
-            float(changed.max() if self.worst else changed.mean()), words, by_bit(sites, changed), case
-        )
+        few, spoiled = bench.sample.clean, self.flip(bench, worst)
+        playable = isinstance(spoiled, IntegerModel)
+        case = Case(few.subset(range(min(3, len(few)))), spoiled) if playable else None
+        value = float(changed.max() if self.worst else changed.mean())
+        return Outcome(value, words, by_bit(sites, changed), case)
 
     def _tried(self, bench: Bench) -> tuple[list[Site], np.ndarray]:
         sites, most = self.sites(bench), max(bench.flips // self.of, 16)
         if len(sites) > most:
             sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[:most])]
-        clean = self.decide(bench, None)
-        return sites, np.array([float(np.mean(self.decide(bench, site) != clean)) for site in sites])
+        clean, *spoiled = (self.decide(bench, self.flip(bench, site)) for site in (None, *sites))
+        return sites, np.array([float(np.mean(decisions != clean)) for decisions in spoiled])
 
 
 def _decisions(bench: Bench, logits: np.ndarray) -> np.ndarray:
@@ -110,36 +110,37 @@ def _with_weight(bench: Bench, site: Site | None) -> IntegerModel:
 
 weight_flips = Flips(
     lambda bench: every_bit(bench.model.arrays, network_formats(bench.config)),
-    lambda bench, site: _decisions(bench.sample, _with_weight(bench, site).forward(bench.sample.codes)[1]),
-    model=_with_weight,
+    _with_weight,
+    lambda bench, model: _decisions(bench.sample, model.forward(bench.sample.codes)[1]),
 )
 
 
-def _tables(bench: Bench) -> dict[str, tuple[QFormat, int]]:
-    """Format of each activation table's words, and bits that they have in memory."""
-    formats = bench.config.formats
-    return {
-        "sigmoid": (QFormat(formats.gate_frac + 2, 0), formats.gate_frac + 1),
-        "tanh": (formats.state_format, formats.state_format.width),
-    }
+def _table_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
+    """Formats of the words of the activation tables in memory."""
+    formats = config.formats
+    return {"sigmoid": QFormat(formats.gate_frac + 1, 0, signed=False), "tanh": formats.state_format}
+
+
+def _with_table(bench: Bench, site: Site | None) -> Fixed:
+    arithmetic = Fixed(bench.config)
+    if site:
+        name, entry, bit = site
+        table = upset(getattr(arithmetic, f"_{name}"), entry, bit, _table_formats(bench.config)[name])
+        setattr(arithmetic, f"_{name}", table)
+    return arithmetic
 
 
 def _table_bits(bench: Bench) -> list[Site]:
-    entries = range(bench.config.formats.table_entries)
-    tables = [(name, range(bits)) for name, (_, bits) in _tables(bench).items()]
-    return [(name, entry, bit) for name, bits in tables for entry in entries for bit in bits]
+    formats, entries = _table_formats(bench.config), np.zeros(bench.config.formats.table_entries)
+    return every_bit(dict.fromkeys(formats, entries), formats)
 
 
-def _by_table(bench: Bench, site: Site | None) -> np.ndarray:
-    few, arithmetic = bench.sample, Fixed(bench.config)
-    if site:
-        name, entry, bit = site
-        table = upset(getattr(arithmetic, f"_{name}"), entry, bit, _tables(bench)[name][0])
-        setattr(arithmetic, f"_{name}", table)
-    return _decisions(few, few.model.run(arithmetic, few.codes)[1])
-
-
-table_flips = Flips(_table_bits, _by_table, of=8)
+table_flips = Flips(
+    _table_bits,
+    _with_table,
+    lambda bench, arithmetic: _decisions(bench.sample, bench.model.run(arithmetic, bench.sample.codes)[1]),
+    of=8,
+)
 
 
 def _with_constant(bench: Bench, site: Site | None) -> np.ndarray:
@@ -165,7 +166,8 @@ def _small_constant_bits(bench: Bench) -> list[Site]:
 
 constant_flips = Flips(
     _small_constant_bits,
-    lambda bench, site: _decisions(bench, bench.model.forward(_with_constant(bench, site))[1]),
+    _with_constant,
+    lambda bench, codes: _decisions(bench, bench.model.forward(codes)[1]),
     worst=True,
 )
 
@@ -182,12 +184,13 @@ def _registers(bench: Bench) -> list[Site]:
     sites: list[Site] = []
     for site in ((name, 0, bit) for name, width in bits.items() for bit in range(width)):
         with contextlib.suppress(InputError):  # a value the configuration refuses, as the register does
-            replace(bench.model, config=_with_register(config, site))
+            replace(bench.model, config=_with_register(bench, site))
             sites.append(site)
     return [*sites, *(("masked_taxels", taxel, 0) for taxel in range(config.sensor.taxels))]
 
 
-def _with_register(config: AcceleratorConfig, site: Site | None) -> AcceleratorConfig:
+def _with_register(bench: Bench, site: Site | None) -> AcceleratorConfig:
+    config = bench.config
     if site is None:
         return config
     name, taxel, bit = site
@@ -196,12 +199,13 @@ def _with_register(config: AcceleratorConfig, site: Site | None) -> AcceleratorC
     return config.replace(**{name: config.value(name) ^ (1 << bit)})
 
 
-def _by_register(bench: Bench, site: Site | None) -> np.ndarray:
-    clean = bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8)))
-    return bench.decide(clean, _with_register(bench.config, site))
-
-
-register_flips = Flips(_registers, _by_register)
+register_flips = Flips(
+    _registers,
+    _with_register,
+    lambda bench, config: bench.decide(
+        bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8))), config
+    ),
+)
 
 
 # ---------------------------------------------------------------------- the state

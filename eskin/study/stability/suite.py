@@ -23,7 +23,7 @@ def why_not(mode: Mode, config: AcceleratorConfig, hardware: bool = True) -> str
     """The reason why a mode is not run; empty if it is. hardware: modes that only the hardware can show may run."""
     if isinstance(mode.run, str) and not hardware:
         return "needs a co-simulation"
-    return next((why for holds, why in map(NEEDS.__getitem__, mode.needs) if not holds(config)), "")
+    return next((why for holds, why in map(NEEDS.__getitem__, mode.needs.split()) if not holds(config)), "")
 
 
 def judge(
