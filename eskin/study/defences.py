@@ -114,7 +114,7 @@ def judge_defences(
 
     Returns
     -------
-    name, hidden, fault_frames, fault_activity; accuracy and spread of sound recordings; of each of FAILURES {mean,
+    name, hidden; accuracy of sound recordings; of each of FAILURES {mean,
     worst, worst_taxel}; margin: as of `margin_record`.
     """
     (recordings, groups, seeds), (name, config, recipe) = shared, piece
@@ -133,10 +133,7 @@ def judge_defences(
     record: Record = {
         "name": name,
         "hidden": config.network.hidden,
-        "fault_frames": config.faults.fault_frames,
-        "fault_activity": config.faults.fault_activity,
         "accuracy": float(np.concatenate(right).mean()),
-        "spread": float(np.std([each.mean() for each in right])),
         "margin": margin_record(labels, outcome),
     }
     live = config.sensor.live

@@ -1,6 +1,7 @@
 """Co-simulation of many recordings, `eskin cosim`: parts of them run beside each other, here or on a cluster;
 their results are joined."""
 
+import contextlib
 import tempfile
 from collections.abc import Sequence
 from functools import partial
@@ -30,7 +31,7 @@ CODE = partial(code_version, "golden", "rtl", "cosim")
 
 Piece = tuple[int, int]
 """First recording of a part, and the one after its last."""
-Shared = tuple[IntegerModel, Recordings, list[int], int, Record, str]
+Shared = tuple[IntegerModel, Recordings, list[int], int, Record, Path]
 """Model, all recordings, what they are called, how many of them (the first) are played under cocotb, options, the work
 folder."""
 
@@ -78,48 +79,37 @@ def cosimulate(
     alone = bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
     alone = alone or bool(options.get("stalls") or (options.get("target") and not chip))
     size = PART[simulator] if alone or simulator != "verilator" else IN_BULK
-    pieces = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     content = content_key(CODE(), model, recordings, numbers, len(shown), options)
-    keys = [content_key(content, piece) for piece in pieces]
-    keep = Memo(cache)
-    folder = work.resolve() / content[:16]
+    parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
+    pieces = {content_key(content, part): part for part in parts}
+    keep, folder = Memo(cache), work.resolve() / content[:16]
     if work.is_dir():
         folder.mkdir(exist_ok=True)
-    shared = (model, recordings, numbers, len(shown), options, str(folder))
-    results = jobs.results(
-        play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated"
-    )
-    result = joined(
-        model.config.with_lanes(options.get("lanes"), options.get("lane_type")), list(results.values())
-    )
-    differing = next(
-        (piece for piece, result in zip(pieces, results.values(), strict=True) if result["mismatches"]), None
-    )
+    shared = (model, recordings, numbers, len(shown), options, folder)
+    results = jobs.results(play, pieces, shared, keep=keep, what="parts co-simulated")
+    config = model.config.with_lanes(options.get("lanes"), options.get("lane_type"))
+    result = joined(config, list(results.values()))
+    differing = next((pieces[key] for key, part in results.items() if part["mismatches"]), None)
     if differing:  # once more, for its waves: those of a worker are not on this machine
-        result["waves"] = _play(shared, differing, folder / "again", waves=True)["waves"]
-    keep.forget(keys)
+        result["waves"] = play(shared, differing, waves=True)["waves"]
+    keep.forget(pieces)
     return result
 
 
-def play(shared: Shared, piece: Piece) -> Record:
-    """The result of one part, without waves; in a worker."""
-    work = Path(shared[-1])
-    if work.is_dir():
-        return _play(shared, piece, work / f"from{piece[0]}", waves=False)
-    with tempfile.TemporaryDirectory() as elsewhere:  # on another machine
-        return _play(shared, piece, Path(elsewhere) / "run", waves=False)
-
-
-def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> Record:
-    model, recordings, numbers, shown, options, _ = shared
+def play(shared: Shared, piece: Piece, *, waves: bool = False) -> Record:
+    """The result of one part; in a worker without waves."""
+    model, recordings, numbers, shown, options, folder = shared
     places = range(*piece)
-    return flow.cosimulate(
-        model,
-        recordings.subset(places),
-        numbers=[numbers[i] for i in places],
-        cocotb=range(shown - piece[0]),
-        work=work,
-        design=work.parent / "design",
-        waves=waves,
-        **options,
-    )
+    with contextlib.ExitStack() as stack:
+        if not folder.is_dir():  # on another machine
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        return flow.cosimulate(
+            model,
+            recordings.subset(places),
+            numbers=[numbers[i] for i in places],
+            cocotb=range(shown - piece[0]),
+            work=folder / f"from{piece[0]}",
+            design=folder / "design",
+            waves=waves,
+            **options,
+        )

@@ -274,14 +274,13 @@ class Case:
 @dataclass(frozen=True)
 class Outcome:
     """Result of an experiment. worst_case: in words. case: for the hardware, if one can be played. rtl:
-    the comparison in co-simulation, if one was played. detail: counts behind the figure."""
+    the comparison in co-simulation, if one was played."""
 
     value: float
     worst_case: str
     curve: Record | None = None
     case: Case | None = None
     rtl: Record | None = None
-    detail: Any = None
 
 
 Bound = float | Callable[[Any], float]

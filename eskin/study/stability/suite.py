@@ -56,7 +56,6 @@ def judge(
         "curve": curve,
         "has_case": outcome.case is not None,
         "rtl": outcome.rtl,
-        "detail": outcome.detail,
         "worst_case": outcome.worst_case,
         "measures": mode.description,
         "wall_s": round(time.perf_counter() - begin, 3),
