@@ -3,15 +3,17 @@ their accuracy on unseen recordings, and their cost.
 
 A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
 touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
-touch at a time, are those of the processor, in one thread. Whoever has another method gives `eskin.verbs.baselines_job.run` an
+touch at a time, are those of the processor, in one thread. Whoever has another method gives `run` an
 object with the attributes of `Method` (examples/thesis does).
 """
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,14 +24,26 @@ from sklearn.model_selection import GridSearchCV, StratifiedKFold
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.svm import SVC
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import (
+    AcceleratorConfig,
+    InputError,
+    Progress,
+    Record,
+    check_target,
+    content_key,
+    write_json,
+)
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, Touches, decide_touches, find_touches, real_by_input, real_features
+from eskin.jobs import Jobs
+from eskin.memo import Memo, code_version
+from eskin.requests import BaselinesRequest
+from eskin.training import LEARNING
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
 from eskin.training.formats import with_network
 from eskin.training.recipe import Recipe, choose_recipe
-from eskin.training.splits import split_folds
+from eskin.training.splits import check_split, default_splits, split_folds
 
 FLOAT_BYTES = 4
 """Bytes of a parameter."""
@@ -293,3 +307,75 @@ def timed(model: Fitted, rows: np.ndarray) -> list[float]:
         if sum(microseconds) > 1e6 * TIMED_S:
             break
     return microseconds
+
+
+# ---------------------------------------------------------------------- the verb
+
+CACHE = Path("build/baseline_runs")
+"""Finished runs by content, safe to delete."""
+CODE = partial(code_version, *LEARNING)
+RESULT = "baselines.json"
+
+
+def run(
+    request: BaselinesRequest,
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    *,
+    methods: Sequence[Method] = _METHODS,
+    folds: int = 5,
+    seeds: int = 3,
+    progress: Progress | None = None,
+) -> Record:
+    """Judge the methods on every split, ``folds`` each and ``seeds`` runs of a fold, one job each, and write
+    baselines.json.
+
+    ``config``: the front end that finds the touches. Without groups every split that it names is judged.
+
+    Returns
+    -------
+    rows (`judge`, best first within a split), left_out (method, split, reason), recordings, classes, config,
+    seeds, folds, data, wall_s.
+
+    Raises
+    ------
+    InputError
+        A folder or a group that cannot be used, before anything is trained; or no method can be judged.
+    """
+    begin = time.perf_counter()
+    check_target(request.out / RESULT)
+    splits = default_splits(recordings, config) if request.groups is None else [request.groups]
+    for groups in splits:
+        check_split(recordings, groups, folds)
+    content = [recordings.content, CODE(), config.to_dict(), seeds, folds]
+    pieces = {
+        content_key("baseline", *content, method.name, list(groups)): (method, groups, range(seeds), folds)
+        for method, groups in itertools.product(methods, splits)
+    }
+    jobs, scene = Jobs(dask=request.dask, progress=progress, version=CODE), Scene.of(recordings, config)
+    outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged")
+    judged = list(zip(pieces.values(), outcomes.values(), strict=True))
+    rows = [outcome for _, outcome in judged if "refused" not in outcome]
+    left_out = [
+        {"method": method.name, "split": " and ".join(groups) or "recordings", "reason": outcome["refused"]}
+        for (method, groups, *_), outcome in judged
+        if "refused" in outcome
+    ]
+    if not rows:
+        raise InputError(
+            f"baselines: no method works on these recordings; the first one reports: {left_out[0]['reason']}"
+        )
+    order = [list(groups) for groups in splits]
+    result = {
+        "rows": sorted(rows, key=lambda row: (order.index(row["groups"]), -row["accuracy"])),
+        "left_out": left_out,
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "classes": len(recordings.class_names),
+        "config": config.to_dict(),
+        "seeds": seeds,
+        "folds": folds,
+        "wall_s": time.perf_counter() - begin,
+    }
+    write_json(request.out / RESULT, result)
+    return result

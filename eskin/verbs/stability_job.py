@@ -38,7 +38,7 @@ from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.study import defences
-from eskin.study.stability import suite as stability
+from eskin.study.stability import core as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Outcome
 from eskin.study.stability.table import MODES
 from eskin.training import LEARNING

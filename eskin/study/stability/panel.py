@@ -22,9 +22,8 @@ from eskin.choose.first_touches import GATE_BATCH
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
-from eskin.study.stability.core import Mode, Scene
+from eskin.study.stability.core import Mode, Scene, why_not
 from eskin.study.stability.shapes import Experiment, Played
-from eskin.study.stability.suite import why_not
 from eskin.study.stability.table import MODES
 from eskin.training.datasets import front_end_key
 

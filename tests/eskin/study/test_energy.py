@@ -1,6 +1,5 @@
 """The energy estimate: its sums against sums by hand, its bounds, its page."""
 
-
 import pytest
 
 from eskin.golden.core import PRESETS
