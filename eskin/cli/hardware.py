@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cli.common import app, console, integer_model, progress_bars, recordings_for, say, show, stop
-from eskin.golden.core import PREFIX, InputError, Record, check_folder, check_target, replacing
+from eskin.golden.core import PREFIX, PRESETS, InputError, Record, check_folder, check_target, replacing
+from eskin.golden.model import FloatModel, IntegerModel, load_config
+from eskin.jobs import Jobs
+from eskin.pages.views import terminal_table
 from eskin.requests import (
     AsicRequest,
     BoardRequest,
@@ -23,6 +26,7 @@ from eskin.requests import (
     parse_count,
     parse_lanes,
 )
+from eskin.study.converter_power import in_words
 
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
@@ -49,7 +53,6 @@ def generate(request: GenerateRequest) -> None:
 )
 def export(request: ExportRequest) -> Record:
     """Write a model for other tools, with a check."""
-    from eskin.golden.model import FloatModel
     from eskin.verbs.generate_job import export_c, export_onnx
 
     exported: Any = (
@@ -75,7 +78,6 @@ def cosim(request: CosimRequest) -> Record:
     Many recordings are split into parts that run side by side; an interrupted command continues where
     it stopped.
     """
-    from eskin.jobs import Jobs
     from eskin.verbs import flow
 
     if request.clock is not None and not 1 <= request.clock < math.inf:
@@ -130,7 +132,6 @@ def build(request: BoardRequest) -> None:
     """Make a board's bitstream and report its area by block, its clock and the clock that each budget
     needs."""
     from eskin.rtl.fpga.targets import target as board
-    from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
     from eskin.verbs.flow import with_converter
 
@@ -207,9 +208,6 @@ def replay(request: ReplayRequest) -> Record:
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(request: ScheduleRequest) -> None:
     """Draw the work of each unit in each cycle, from the program of the hardware."""
-    from eskin.golden.core import PRESETS
-    from eskin.golden.model import load_config
-    from eskin.pages.views import terminal_table
     from eskin.rtl.program.image_passes import plan_of
     from eskin.rtl.program.schedule import schedule as plan_step
     from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -251,8 +249,6 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
 )
 def energy(request: EnergyRequest) -> Record:
     """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
-    from eskin.golden.model import IntegerModel
-    from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(request.out / RESULT)
@@ -271,7 +267,6 @@ def energy(request: EnergyRequest) -> Record:
 )
 def asic(request: AsicRequest) -> None:
     """Make a chip's netlist and report area, memories, clock and leakage, before layout. Takes minutes."""
-    from eskin.golden.model import IntegerModel
     from eskin.rtl.fpga.tools import ToolError
     from eskin.verbs import asic_job
 

@@ -2,6 +2,7 @@
 
 from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, say, show
 from eskin.golden.core import InputError, Record
+from eskin.golden.model import load_config
 from eskin.requests import BaselinesRequest, StabilityRequest, SweepRequest
 
 
@@ -33,7 +34,6 @@ def sweep(request: SweepRequest) -> None:
 def stability(request: StabilityRequest) -> Record:
     """Show where a model fails: every failure mode with a figure, a bound and a curve; benefit and cost of
     defences."""
-    from eskin.golden.model import load_config
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs import stability_job
 
