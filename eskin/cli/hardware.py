@@ -53,7 +53,7 @@ def generate(request: GenerateRequest) -> None:
 )
 def export(request: ExportRequest) -> Record:
     """Write a model for other tools, with a check."""
-    from eskin.verbs.export_job import export_c, export_onnx
+    from eskin.verbs.generate_job import export_c, export_onnx
 
     exported: Any = (
         integer_model(request.model) if request.to == "c" else FloatModel.load(request.model, images=True)
@@ -78,7 +78,7 @@ def cosim(request: CosimRequest) -> Record:
     Many recordings are split into parts that run side by side; an interrupted command continues where
     it stopped.
     """
-    from eskin.verbs import cosim_job
+    from eskin.verbs import flow
 
     if request.clock is not None and not 1 <= request.clock < math.inf:
         raise InputError(f"--clock {request.clock:g}: is not a clock; give 1 Hz or more")
@@ -103,9 +103,9 @@ def cosim(request: CosimRequest) -> Record:
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
     with _work_folder() as work, progress_bars() as report:
-        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=cosim_job.CODE)
+        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=flow.CODE)
         played = loaded.subset(numbers)
-        result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
+        result = flow.cosimulate_parts(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
     show("cosim", played=result, **result)

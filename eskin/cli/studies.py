@@ -47,11 +47,11 @@ def stability(request: StabilityRequest) -> Record:
 @app.command(epilog="Example: eskin baselines --data recordings.npz --group person")
 def baselines(request: BaselinesRequest) -> None:
     """Compare scikit-learn's classifiers and a float GRU on the same folds: accuracy and cost."""
-    from eskin.verbs import baselines_job
+    from eskin.study.baselines import run
 
     recordings, _ = load_data(request.data)
     front_end = fitting_config(recordings, None, request.groups)
     with progress_bars() as report:
-        result = baselines_job.run(request, recordings, front_end.config, progress=report)
+        result = run(request, recordings, front_end.config, progress=report)
     show("baselines", **result)
     say(f"files: {request.out}")

@@ -10,8 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from eskin.golden.core import Record
 from eskin.pages.charts import STYLE, svg
 from eskin.pages.views import page, percent, tables, words, write_text
-from eskin.study.stability.core import GROUPS
-from eskin.study.stability.suite import weakest
+from eskin.study.stability.core import GROUPS, weakest
 
 PAGE = "stability.html"
 COLOURS = ("#0072B2", "#E69F00", "#009E73")

@@ -34,7 +34,7 @@ class Part:
     network and a little logic. toggle_j: a register bit that changes, with its carry, look-up table and
     wires. multiply_j: a multiplier whose operands changed. oscillator_w: for each clock of the part's own
     oscillator, Hz, the power of all supplies with a small counter. band: factor either way. rests_on: where the
-    figures come from. measured: on this very part.
+    figures come from.
     """
 
     name: str
@@ -45,7 +45,6 @@ class Part:
     oscillator_w: Mapping[float, float] = field(default_factory=dict)
     band: float
     rests_on: str
-    measured: bool = False
 
 
 _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
@@ -66,7 +65,6 @@ PARTS = {
             "all supplies, core at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; "
             "0.2 pJ a register bit that changes; at most 24 pJ a multiply. The source has no figure for "
             "block RAM.",
-            measured=True,
         ),
         Part(
             name="LFE5U-25F",
@@ -190,7 +188,7 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     Returns
     -------
     dict
-        method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j,
+        method, band, rests_on, part, activity, clock_hz; per_step_j, per_touch_j,
         preprocessing_per_touch_j, touch_s, static_w, idle_w (outside clock, always on);
         choices: list of {name, clock_hz, idle_w, average_w, hours} - an outside clock that always runs, one that
         stops between samples, the part's own oscillator at each of its clocks that is fast enough. hours: of
@@ -226,7 +224,6 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         "method": f"estimate: {activity.source}, times published figures of the part",
         "band": part.band,
         "rests_on": part.rests_on,
-        "measured_part": part.measured,
         "part": part.name,
         "activity": asdict(activity),
         "clock_hz": clock_hz,
@@ -238,28 +235,4 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         "idle_w": on,
         "choices": choices,
         "interface": converter_power(config),
-    }
-
-
-def compare(rows: list[Record]) -> Record:
-    """Compares configurations: the one with the least energy per touch and the one with the least average
-    power.
-
-    Parameters
-    ----------
-    rows:
-        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one
-        on a part without measured figures while there is another.
-    """
-    exact = [row for row in rows if row["bit_exact"]]
-    rivals = [row for row in exact if row["measured_part"]] or exact
-    least_touch = min(rivals, key=lambda row: row["per_touch_j"], default=None)
-    choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
-    least_average = min(choices, key=lambda item: item[0], default=None)
-    return {
-        "configurations": rows,
-        "least_touch": least_touch and least_touch["name"],
-        "least_average": least_average
-        and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
-        "passed": len(exact) == len(rows),
     }

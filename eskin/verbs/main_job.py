@@ -55,10 +55,9 @@ from eskin.training import LEARNING, evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs import cost
-from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import cost_model
-from eskin.verbs.flow import cosimulate
+from eskin.verbs.flow import cosimulate, one_of_each
 from eskin.verbs.generate_job import generate_design
 from eskin.verbs.milestones import shown
 

@@ -38,7 +38,7 @@ from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.study import defences
-from eskin.study.stability import suite as stability
+from eskin.study.stability import core as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Outcome
 from eskin.study.stability.table import MODES
 from eskin.training import LEARNING
@@ -54,6 +54,9 @@ CONFIRMED = 3
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
+SEEDS = 3
+"""Of the comparison of defences."""
+
 CODE = partial(code_version, *LEARNING, "rtl", "cosim")
 """Code on which records depend beside their data and model."""
 
@@ -67,7 +70,6 @@ def run(
     request: StabilityRequest,
     recordings: Recordings,
     *,
-    seeds: int = 3,
     workers: int | None = None,
     cache: Path = CACHE,
     progress: Progress | None = None,
@@ -81,8 +83,6 @@ def run(
 
     Parameters
     ----------
-    seeds:
-        Of the comparison of defences.
     workers:
         Processes; modes that need the hardware run here.
     bench_options:
@@ -128,7 +128,7 @@ def run(
         played = results(confirm, pieces, hardware, "weakest cases co-simulated")
         for record, rtl in zip(weakest, played, strict=True):
             record["rtl"] = rtl
-    compared, chosen = _defences(bench, results, seeds if compare else 0)
+    compared, chosen = _defences(bench, results, SEEDS if compare else 0)
     write_json(out / RECOMMENDED, chosen.to_dict())
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in records)
     result = {
@@ -265,7 +265,7 @@ class Hardware:
         leavings += [(way, at) for at in sorted(near) for way in ways]
         value = sum(play(way, at)[0] != expected[offsets[1] :] for way, at in leavings)
         words = f"{len(leavings)} times in a recording, at every cycle around a decision too"
-        return Outcome(value, f"a reset or a new arm {words}", detail={"runs": len(leavings)})
+        return Outcome(value, f"a reset or a new arm {words}")
 
     def play(self, key: str, **options: Any) -> Outcome:
         """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during

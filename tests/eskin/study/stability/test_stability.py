@@ -11,11 +11,10 @@ import pytest
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model import preprocess
 from eskin.requests import StabilityRequest
-from eskin.study.stability import sensor
-from eskin.study.stability import suite as stability
-from eskin.study.stability.core import GROUPS, Bench, Outcome, curve
-from eskin.study.stability.memory import flipped
-from eskin.study.stability.suite import judge, why_not
+from eskin.study.stability import core as stability
+from eskin.study.stability import disturbances
+from eskin.study.stability.core import GROUPS, Bench, Outcome, curve, judge, why_not
+from eskin.study.stability.numbers import flipped
 from eskin.study.stability.table import MODES
 from eskin.verbs import stability_job
 from tests.support import stability_case
@@ -221,5 +220,5 @@ def test_the_spread_of_the_features_is_looked_for_once(monkeypatch):
     fresh = replace(stability_case.linear_bench(), memo={})
     find = Mock(wraps=preprocess.find_touches)
     monkeypatch.setattr(preprocess, "find_touches", find)
-    assert len(sensor.disturbed(fresh, sensor.clipped, 1.0, [])) == 24
+    assert len(disturbances.disturbed(fresh, disturbances.clipped, 1.0, [])) == 24
     assert find.call_count == 2
