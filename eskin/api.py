@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +42,8 @@ from eskin.golden.model.prototypes import forget
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from eskin.requests import CellChoice
 
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
 """One recording (frames, taxels), several of them, or a set of recordings."""
@@ -120,8 +122,7 @@ class Model(Estimator):
         self,
         config: str | Path | AcceleratorConfig | None = None,
         *,
-        cell: Literal["auto", "gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean"]
-        | None = None,
+        cell: CellChoice | None = None,
         hidden: int | None = None,
         groups: Sequence[str] | str | None = None,
         folds: int = 5,
@@ -388,17 +389,12 @@ class Model(Estimator):
                 raise InputError(f"{verb}: arrays have no classes; give labels, or Recordings")
             frames = frames.with_classes(self.config.network.class_names, "the model")
             labels = frames.labels
-        indices = self._indices(labels, verb)
+        indices = _places(labels, self.config.network.class_names, verb)
         if indices.shape != (len(each),):
             raise InputError(
                 f"{verb}: {indices.size} labels for {len(each)} recordings; give one per recording"
             )
         return indices
-
-    def _indices(self, labels: ArrayLike, verb: str) -> np.ndarray:
-        """Class indices of labels that are indices or names."""
-        array = np.array([labels]).ravel() if isinstance(labels, str) else array_of(labels, "labels")
-        return _places(array, self.config.network.class_names, verb)
 
     def teach(self, frames: Frames, labels: ArrayLike | None = None) -> Model:
         """Store touches as prototypes of their classes, beside those there are; nothing is trained. Needs a
@@ -439,8 +435,9 @@ class Model(Estimator):
         InputError
             A class that is not there; a model that cannot be taught.
         """
+        names = self.config.network.class_names
         self._integer = forget(
-            self.integer, None if label is None else int(self._indices([label], "forget")[0])
+            self.integer, None if label is None else int(_places([label], names, "forget")[0])
         )
         return self
 
@@ -518,34 +515,27 @@ class Model(Estimator):
             return replace(
                 fitting, labels=frames.labels, class_names=frames.class_names
             )  # maybe not the model's
+        sensor = self.config.sensor
         if self.config.is_image:
-            try:
-                images = np.array(frames)
-            except ValueError:
-                raise InputError(
-                    "images: are not all of one size; give an array (images, height, width)"
-                ) from None
+            images = array_of(frames, "images", "give images of one size, (images, height, width)")
             images = images[None] if images.ndim == 2 else images
             arrays = {
                 "images": images,
                 "labels": np.zeros(len(images), dtype=np.int64),
                 "class_names": np.array(names),
+                "sample_rate_hz": np.array(sensor.sample_rate_hz),
             }
-            recordings = recordings_of(
-                arrays | {"sample_rate_hz": np.array(self.config.sensor.sample_rate_hz)}, "images"
+            recordings = recordings_of(arrays, "images")
+        else:
+            scale = sensor.volt_per_code or None
+            recordings = Recordings.of(
+                frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames"
             )
-            check_fit(recordings, self.config)
-            return recordings
-        sensor = self.config.sensor
-        scale = sensor.volt_per_code or None
-        recordings = Recordings.of(
-            frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames"
-        )
-        if recordings.volt_per_code and scale is None:
-            raise InputError(
-                "frames: hold real numbers, not integers, and the model was trained on codes; give the A/D "
-                "codes"
-            )
+            if recordings.volt_per_code and scale is None:
+                raise InputError(
+                    "frames: hold real numbers, not integers, and the model was trained on codes; give the A/D "
+                    "codes"
+                )
         check_fit(recordings, self.config)
         return recordings
 
@@ -588,14 +578,15 @@ def _of_arrays(
     return Recordings.of(arrays, labels, sample_rate_hz=rate, class_names=names)
 
 
-def _places(labels: np.ndarray, names: Sequence[str], verb: str) -> np.ndarray:
-    """Indices of labels, which are names or indices."""
+def _places(labels: ArrayLike, names: Sequence[str], verb: str) -> np.ndarray:
+    """Indices of labels, which are names or indices; one label alone is a list of it."""
+    array = array_of([labels] if isinstance(labels, str) else labels, "labels")
     place: dict[Hashable, int] = {name: index for index, name in enumerate(names)}
     place |= {index: index for index in range(len(names))}
-    flat = labels.ravel().tolist()
+    flat = array.ravel().tolist()
     for label in flat:
         if not isinstance(label, Hashable) or isinstance(label, bool) or label not in place:
             raise InputError(
                 f"{verb}: label {label!r} is not a class; there are {', '.join(names)}, or their indices"
             )
-    return np.array([place[label] for label in flat], dtype=np.int64).reshape(labels.shape)
+    return np.array([place[label] for label in flat], dtype=np.int64).reshape(array.shape)

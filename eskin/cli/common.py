@@ -14,7 +14,19 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from eskin.golden.core import InputError, Progress, Record, check_target, write_json
+from eskin.choose.choice_table import front_end_table, front_end_words
+from eskin.data import load_recordings
+from eskin.data.fit import for_model
+from eskin.golden.core import (
+    PRESETS,
+    AcceleratorConfig,
+    InputError,
+    Progress,
+    Record,
+    check_target,
+    write_json,
+)
+from eskin.golden.model import IntegerModel
 from eskin.pages.views import Rows, parts, words
 from eskin.verbs.milestones import shown
 
@@ -80,7 +92,6 @@ def check_outputs(verb: str, options: Record) -> None:
     ------
     InputError
     """
-    from eskin.golden.core import PRESETS
 
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
@@ -147,8 +158,6 @@ def warn(sentence: str) -> None:
 
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration of --config, if given."""
-    from eskin.data import load_recordings
-    from eskin.golden.core import AcceleratorConfig
 
     chosen = AcceleratorConfig.load(config) if config else None
     return load_recordings(data, config=chosen), chosen
@@ -174,7 +183,6 @@ def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, pric
     """The front end of --config, or a chosen one with the table of its alternatives; the reasons are
     printed."""
     from eskin.choose.choice import configure
-    from eskin.choose.choice_table import front_end_table, front_end_words
     from eskin.verbs.cost import cost_model
 
     with progress_bars() as report:
@@ -191,14 +199,11 @@ def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, pric
 
 def integer_model(folder: Path):
     """The integer model of a folder, for recordings or images."""
-    from eskin.golden.model import IntegerModel
 
     return IntegerModel.load(folder, images=True)
 
 
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said."""
-    from eskin.data import load_recordings
-    from eskin.data.fit import for_model
 
     return for_model(load_recordings(data, config=config), config, warn)

@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cli.common import app, console, integer_model, progress_bars, recordings_for, say, show, stop
-from eskin.golden.core import PREFIX, InputError, Record, check_folder, check_target, replacing
+from eskin.golden.core import PREFIX, PRESETS, InputError, Record, check_folder, check_target, replacing
+from eskin.golden.model import FloatModel, IntegerModel, load_config
+from eskin.jobs import Jobs
+from eskin.pages.views import terminal_table
 from eskin.requests import (
     AsicRequest,
     BoardRequest,
@@ -23,6 +26,7 @@ from eskin.requests import (
     parse_count,
     parse_lanes,
 )
+from eskin.study.converter_power import in_words
 
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
@@ -49,8 +53,7 @@ def generate(request: GenerateRequest) -> None:
 )
 def export(request: ExportRequest) -> Record:
     """Write a model for other tools, with a check."""
-    from eskin.golden.model import FloatModel
-    from eskin.verbs.export_job import export_c, export_onnx
+    from eskin.verbs.generate_job import export_c, export_onnx
 
     exported: Any = (
         integer_model(request.model) if request.to == "c" else FloatModel.load(request.model, images=True)
@@ -75,8 +78,7 @@ def cosim(request: CosimRequest) -> Record:
     Many recordings are split into parts that run side by side; an interrupted command continues where
     it stopped.
     """
-    from eskin.jobs import Jobs
-    from eskin.verbs import cosim_job
+    from eskin.verbs import flow
 
     if request.clock is not None and not 1 <= request.clock < math.inf:
         raise InputError(f"--clock {request.clock:g}: is not a clock; give 1 Hz or more")
@@ -100,10 +102,10 @@ def cosim(request: CosimRequest) -> Record:
     count, integer = parse_count(request.recordings), integer_model(request.model)
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
-    with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=cosim_job.CODE)
+    with _work_folder() as work, progress_bars() as report:
+        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=flow.CODE)
         played = loaded.subset(numbers)
-        result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
+        result = flow.cosimulate_parts(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
     show("cosim", played=result, **result)
@@ -111,8 +113,9 @@ def cosim(request: CosimRequest) -> Record:
 
 
 @contextmanager
-def _work_folder(parent: Path) -> Iterator[Path]:
+def _work_folder() -> Iterator[Path]:
     """A folder for this call alone, gone afterwards; two calls at a time do not meet."""
+    parent = Path("build/cosim")
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=parent) as work:
         yield Path(work)
@@ -130,7 +133,6 @@ def build(request: BoardRequest) -> None:
     """Make a board's bitstream and report its area by block, its clock and the clock that each budget
     needs."""
     from eskin.rtl.fpga.targets import target as board
-    from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
     from eskin.verbs.flow import with_converter
 
@@ -207,9 +209,6 @@ def replay(request: ReplayRequest) -> Record:
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(request: ScheduleRequest) -> None:
     """Draw the work of each unit in each cycle, from the program of the hardware."""
-    from eskin.golden.core import PRESETS
-    from eskin.golden.model import load_config
-    from eskin.pages.views import terminal_table
     from eskin.rtl.program.image_passes import plan_of
     from eskin.rtl.program.schedule import schedule as plan_step
     from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -251,14 +250,12 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
 )
 def energy(request: EnergyRequest) -> Record:
     """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
-    from eskin.golden.model import IntegerModel
-    from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(request.out / RESULT)
     integer = IntegerModel.load(request.model)
     loaded = recordings_for(request.data, integer.config)
-    with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
+    with _work_folder() as work, progress_bars() as report:
         options: Record = {"count": request.recordings, "out": request.out, "work": work, "notify": report}
         result = job(integer, loaded, request.configuration, **options)
     show("energy", **result, in_words=in_words, file=request.out / RESULT)
@@ -271,7 +268,6 @@ def energy(request: EnergyRequest) -> Record:
 )
 def asic(request: AsicRequest) -> None:
     """Make a chip's netlist and report area, memories, clock and leakage, before layout. Takes minutes."""
-    from eskin.golden.model import IntegerModel
     from eskin.rtl.fpga.tools import ToolError
     from eskin.verbs import asic_job
 

@@ -1,19 +1,17 @@
 """The recordings that ``--data`` names, in any form: a reader per kind of file makes tables, and
 ``eskin.data.meaning`` turns these into recordings."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from eskin.data.archive import load_archive
 from eskin.data.array_files import ARRAYS
 from eskin.data.arrays import tables_of
 from eskin.data.logs import is_log, read_log
 from eskin.data.meaning import understand
-from eskin.data.table import Reading, Refuse, Table, check_regular, check_unpacked, table_of
+from eskin.data.table import DataFrame, Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
 from eskin.data.turns import scene_of, turn_recordings
 from eskin.extras import without_extra
@@ -21,14 +19,8 @@ from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.core.groups import MOST_CLASSES
 from eskin.golden.data.recordings import Recordings, natural
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 TEXT = (".csv", ".tsv", ".txt", ".lvm")
-KINDS = {
-    **dict.fromkeys((*TEXT, ".parquet"), "text"),
-    **dict.fromkeys((".mat", ".h5", ".hdf5", ".npy"), "arrays"),
-}
+KINDS = dict.fromkeys((*TEXT, ".parquet"), "text") | dict.fromkeys(ARRAYS, "arrays")
 """Endings of recording files, and their kinds; logs are of text's kind, since they are tables too."""
 FORMS = (
     "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5 or .npy files or "
@@ -40,10 +32,7 @@ SCENE = "synthetic"
 
 
 def load_recordings(
-    data: str | Path | pd.DataFrame,
-    *,
-    config: AcceleratorConfig | None = None,
-    reading: Reading | None = None,
+    data: str | Path | DataFrame, *, config: AcceleratorConfig | None = None, reading: Reading | None = None
 ) -> Recordings:
     """The recordings that ``--data`` names (docs/recordings.md), or the word SCENE.
 
@@ -130,7 +119,7 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
         check_regular(path, refuse)
     try:
         if is_log(path):
-            return [read_log(path, reading)]
+            return [read_log(path, reading, refuse)]
         if suffix == ".parquet":
             return [_parquet(path, refuse)]
         root = ARRAYS[suffix](path, refuse)
@@ -213,8 +202,8 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     for file in kept:
         tables_of_file, parts = open_file(file, reading), file.relative_to(folder).parts
         for table in tables_of_file:
-            inner = table.paths[0] if len(tables_of_file) > 1 else ()
-            tables.append(replace(table, paths=((*parts, *inner),)))
+            inner = table.path if len(tables_of_file) > 1 else ()
+            tables.append(replace(table, path=(*parts, *inner)))
     left = len(files) - len(kept)
     notes = [f"{left} files that are not recordings were left out"] if left else []
     return understand(tables, reading, config, str(folder), notes=notes)

@@ -109,7 +109,6 @@ def import_network(
             f"configuration '{config.name}': is a network for images, which this verb does not take; train it "
             "here with 'eskin train'"
         )
-    _check_scale(mean, std)
     network: Network
     if Path(file).suffix == ONNX_SUFFIX:
         from eskin.exchange.import_onnx import read_onnx
@@ -165,8 +164,14 @@ def _decide(config: AcceleratorConfig, shows: str) -> tuple[AcceleratorConfig, s
     return config, f"decision {config.network.decision}{kept}: {SHOWS[shows]}"
 
 
-def _check_scale(mean: float | None, std: float | None) -> None:
-    """Raise InputError for one without the other, and for values that are not a valid scale."""
+def _normalisation(
+    network: Network,
+    config: AcceleratorConfig,
+    mean: float | None,
+    std: float | None,
+    recordings: Recordings | None,
+) -> Record:
+    """mean, std and their source: those given, measured on recordings, or kept in the file."""
     if (mean is None) != (std is None):
         raise InputError(
             f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "
@@ -178,16 +183,6 @@ def _check_scale(mean: float | None, std: float | None) -> None:
                 f"--{name} {value:g}: is not a {'spread above 0' if name == 'std' else 'finite number'}; give "
                 "codes"
             )
-
-
-def _normalisation(
-    network: Network,
-    config: AcceleratorConfig,
-    mean: float | None,
-    std: float | None,
-    recordings: Recordings | None,
-) -> Record:
-    """mean, std and their source: those given, measured on recordings, or kept in the file."""
     if mean is not None:
         return {"mean": mean, "std": std, "source": "given"}
     if recordings is not None:

@@ -16,20 +16,14 @@ import onnx
 import onnxruntime
 from onnx import numpy_helper
 
-from eskin.exchange.network import MOST_VALUES, ROLES, Network, check_readable
+from eskin.exchange.network import MOST_VALUES, ROLES, Network
+from eskin.exchange.onnx_file import METADATA, ORDERS
 from eskin.exchange.reference import TOLERANCE, differences
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.model import Float, constants_shape, run_cell
 
-METADATA = "eskin_model"
-"""Entry in which an exported file keeps configuration and normalisation."""
 MOST_BYTES = 64 << 20
 OPSETS = (7, onnx.defs.onnx_opset_version())
-ORDERS: dict[str, dict[int, tuple[str, ...]]] = {
-    "GRU": {3: ("z", "r", "n")},
-    "LSTM": {4: ("i", "o", "f", "g")},
-}
-"""Gates, by their number, in the order in which ONNX stacks them; it calls n ``h`` and g ``c``."""
 ACTIVATIONS = {"Sigmoid": "sigmoid", "HardSigmoid": "hard_sigmoid"}
 """Of gates; the others are Tanh."""
 OPERATORS = (
@@ -67,13 +61,13 @@ class Graph:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        check_readable(path)
         if path.stat().st_size > MOST_BYTES:
             raise InputError(
                 f"network '{path}': has over {MOST_BYTES >> 20} MB, beyond any that the accelerator takes"
             )
+        content = path.read_bytes()
         try:
-            model = onnx.load_model_from_string(path.read_bytes())
+            model = onnx.load_model_from_string(content)
             versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
         except Exception:  # protobuf's errors have no common class of their own
             raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None
@@ -263,14 +257,14 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
     w, r = graph.constant(node, 1, "weights"), graph.constant(node, 2, "recurrent weights")
     if w.ndim != 3 or r.ndim != 3 or {len(w), len(r)} != {1}:
         graph.refuse(node, f"has weights of shapes {w.shape}, {r.shape}; save one direction, whole")
-    given = dict(zip(ROLES, node.input[1:4], strict=False))
+    order, given = ORDERS[node.op_type], dict(zip(ROLES, node.input[1:4], strict=False))
     both = graph.constant(node, 3, "bias") if given.get("bias") else np.zeros(2 * r.shape[1])
     roles = dict(zip(ROLES, (w[0], r[0], *np.array_split(both.ravel(), 2), weights, bias), strict=True))
     return OnnxNetwork.of_layers(
         graph.path,
         roles,
         names | given,
-        ORDERS[node.op_type],
+        {len(order): order},
         reset="after" if attributes.get("linear_before_reset", 0) else "before",
         gate_activation=ACTIVATIONS[gates],
         graph=graph,
@@ -336,33 +330,23 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: Arrays) -> t
             raise InputError(
                 f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one for a single touch of {steps}"
             )
-        features = rng.normal(0.0, 1.0, (2, batch, taken, inputs))
-        shown = features if config.recurrent or config.sets > 1 else features.sum(axis=2)
+        features = rng.normal(0.0, 1.0, (batch, taken, inputs))
+        given = features if config.recurrent or config.sets > 1 else features.sum(axis=1)
         if layout[0] == "steps":
-            shown = shown.swapaxes(1, 2)
+            given = given.swapaxes(0, 1)
         try:
-            computed = [graph.compute(touches.reshape([size[axis] for axis in layout])) for touches in shown]
+            outputs = graph.compute(given.reshape([size[axis] for axis in layout]))
         except InputError as error:
             failed.append(error)
             continue
         logits = run_cell(Float(config), config, arrays, features)[1]
-        found = [_shown(outputs, own) for outputs, own in zip(computed, logits, strict=True)]
-        if None not in found:
-            return str(found[0]), taken
+        found = [differences(output, logits) for output in outputs]
+        alike = [shows for far in found for shows, value in far.items() if value <= TOLERANCE]
+        if alike:
+            return min(alike), taken
     if len(failed) == len(fitting):
         raise failed[0]
     raise InputError(
         f"network '{graph.path}', output '{graph.ends[-1]:.60}': is not the dense layer behind the last step, or behind every "
         f"step, of a network that begins at 0; save {TAKEN}"
     )
-
-
-def _shown(outputs: list[np.ndarray], logits: np.ndarray) -> str | None:
-    """``every`` where an output has the logits of every step, else ``last``; None where none has them."""
-    alike = {
-        shows
-        for output in outputs
-        for shows, difference in differences(output, logits).items()
-        if difference <= TOLERANCE
-    }
-    return min(alike, default=None)

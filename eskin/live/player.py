@@ -250,18 +250,13 @@ def hello(
     return {
         "name": config.name,
         "network": f"{network.cell.upper()} {network.hidden}" if config.recurrent else "linear",
-        "lanes": config.hardware.lanes,
         "taxels": config.sensor.taxels,
         "masked": list(config.sensor.masked_taxels),
         "rate": config.sensor.sample_rate_hz,
         "classes": list(network.class_names),
         "steps": config.windows.steps,
         "spans": [[every * (first - 1) + 1, every * last] for first, last in config.window_spans],
-        "kinds": list(config.features.feature_kinds),
-        "onset": config.onset_rule.onset,
-        "array": [config.interface.rows, config.interface.columns] if config.interface.position else None,
         "decision": network.decision,
-        "threshold": network.margin_threshold,
         "unit": {
             "feature": 2**formats.feature_format.frac_bits,
             "state": 2**formats.state_format.frac_bits,

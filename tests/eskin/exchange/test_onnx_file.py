@@ -19,7 +19,7 @@ from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model import FloatModel, constants_shape, network_shapes
-from eskin.verbs.export_job import export_onnx
+from eskin.verbs.generate_job import export_onnx
 from tests.support.c_played import front_end
 from tests.support.c_played import model_of as model_on
 from tests.support.small_designs import TRACKED

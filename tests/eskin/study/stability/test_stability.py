@@ -10,13 +10,11 @@ import pytest
 
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model import preprocess
-from eskin.jobs import Jobs
 from eskin.requests import StabilityRequest
-from eskin.study.stability import sensor
-from eskin.study.stability import suite as stability
-from eskin.study.stability.core import GROUPS, Bench, Outcome, curve
-from eskin.study.stability.memory import flipped
-from eskin.study.stability.suite import judge, why_not
+from eskin.study.stability import core as stability
+from eskin.study.stability import disturbances
+from eskin.study.stability.core import GROUPS, Bench, Outcome, curve, judge, why_not
+from eskin.study.stability.numbers import flipped
 from eskin.study.stability.table import MODES
 from eskin.verbs import stability_job
 from tests.support import stability_case
@@ -52,10 +50,9 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name, monkeypatch
         assert {len(line) for line in drawn["lines"].values()} == {len(drawn["x"])}
 
 
-def in_hardware(case: Bench, folder) -> stability_job._Hardware:
+def in_hardware(case: Bench, folder) -> stability_job.Hardware:
     """Icarus: it builds fastest."""
-    keep = stability_job._Records(folder / "cache", "content", Jobs(workers=1))
-    return stability_job._Hardware(case, keep, work=folder / "work", simulator="icarus")
+    return stability_job.Hardware(case, folder / "work", "icarus")
 
 
 @pytest.mark.slow
@@ -186,10 +183,10 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
 
 
 def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypatch):
-    def differs(bench, case, *where, **options):
+    def differs(hardware, case, name):
         return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1}
 
-    monkeypatch.setattr(stability_job, "play_case", differs)
+    monkeypatch.setattr(stability_job.Hardware, "play_case", differs)
     result = job(tmp_path, names=["state bits", "frames lost"], cosim=True)
     assert not result["passed"]
     assert result["modes"][1]["rtl"]["mismatches"] == 1
@@ -223,5 +220,5 @@ def test_the_spread_of_the_features_is_looked_for_once(monkeypatch):
     fresh = replace(stability_case.linear_bench(), memo={})
     find = Mock(wraps=preprocess.find_touches)
     monkeypatch.setattr(preprocess, "find_touches", find)
-    assert len(sensor.disturbed(fresh, sensor.clipped, 1.0, [])) == 24
+    assert len(disturbances.disturbed(fresh, disturbances.clipped, 1.0, [])) == 24
     assert find.call_count == 2

@@ -1,5 +1,5 @@
-"""Failure modes of the memories, in the golden model: single bit flips in weights, tables, constants,
-configuration and state."""
+"""Failure modes of a network's numbers: roundings that pile up, ranges, and single bit flips in weights, tables,
+constants, configuration and state."""
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
@@ -9,9 +9,104 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat, Record
-from eskin.golden.model import Fixed, IntegerModel, network_formats, pipeline, preprocess
+from eskin.golden.model import (
+    Fixed,
+    FloatModel,
+    IntegerModel,
+    constants_shape,
+    network_formats,
+    network_shapes,
+    pipeline,
+    preprocess,
+)
 from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Outcome, curve
+from eskin.study.stability.shapes import agreement
 
+GROWTH_STEPS = (20, 200, 2000, 20000)
+SEQUENCES = 32
+"""Sequences that run without a reset."""
+
+
+def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.ndarray:
+    """Sums that the windows would have (as ``sums``, int64) if the touches were ``gain`` times as strong;
+    clipped to +-2**40."""
+    scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
+    features = config.features
+    if "integral" not in features.feature_kinds:
+        return scaled
+    # A gain acts on the integral, not on its logarithm: undo the companding, amplify, compand again.
+    unit = 1 << features.integral_frac
+    whole, part = np.divmod(np.abs(sums), unit)
+    before = np.sign(sums) * (
+        (unit + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac)
+        - 2.0**features.integral_knee
+    )
+    after = preprocess.companded(
+        np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac
+    )
+    integral = [features.feature_kinds[kind] == "integral" for kind in config.input_kinds]
+    return np.where(integral, after, scaled)
+
+
+def _ideal(bench: Bench, codes: np.ndarray) -> np.ndarray:
+    """h' in real arithmetic of the very weights and features that the integers stand for."""
+    config, constants = bench.config, constants_shape(bench.config)
+    real = {name: fmt.to_real(bench.model.arrays[name]) for name, fmt in network_formats(config).items()}
+    second = network_shapes(config, real=True).keys() - real.keys()
+    real |= {name: np.zeros_like(real["b_n"]) for name in second}
+    real |= {"mu": np.zeros(constants), "sigma": np.ones(constants)}
+    return FloatModel(config, real).forward(config.formats.feature_format.to_real(codes))[0]
+
+
+def _endless(bench: Bench, steps: int) -> np.ndarray:
+    """(SEQUENCES, steps, D) feature codes: touches of the recordings one after the other, in random order."""
+    codes = bench.codes[bench.touches.completed == bench.config.windows.steps]
+    if not len(codes):
+        raise InputError("stability: no touch has all its steps; use whole recordings")
+    order = bench.rng(1).integers(0, len(codes), (SEQUENCES, -(-steps // bench.config.windows.steps)))
+    return codes[order].reshape(SEQUENCES, -1, codes.shape[2])[:, :steps]
+
+
+def growth(bench: Bench) -> Outcome:
+    """Error of the hidden state against real arithmetic with the same weights, root mean square over the last
+    touch's worth of steps, over touches strung together without a reset: the median of the sequences, the
+    largest of steps 200 to 20000 over that of step 20.
+
+    The median, because a touch that follows another one without a reset can bring a sequence to a point where
+    the real network itself decides by a hair: there the two part for some steps, whatever the arithmetic. The
+    curve shows the worst sequence too.
+    """
+    config, steps = bench.config, [t for t in GROWTH_STEPS if t <= bench.long]
+    codes = _endless(bench, steps[-1])
+    # in LSB
+    error = bench.model.forward(codes)[0] - _ideal(bench, codes) * 2.0**config.formats.state_format.frac_bits
+    ends = [error[:, max(t - config.windows.steps, 0) : t] for t in steps]
+    rms = np.array([np.sqrt(np.mean(end**2, axis=(1, 2))) for end in ends])  # (steps, sequences)
+    middle, highest = np.median(rms, axis=1), rms.max(axis=1)
+    ratios, of_worst = (line / max(line[0], 1e-12) for line in (middle, highest))
+    worst = int(np.argmax(ratios[1:])) + 1 if len(steps) > 1 else 0
+    words = (
+        f"step {steps[worst]}: {middle[worst]:.2g} LSB against {middle[0]:.2g} at step 20; worst sequence "
+    )
+    words += f"{highest.max():.3g} LSB"
+    lines = {"median of the sequences": ratios, "worst sequence": of_worst}
+    drawn = curve("steps without a reset", "error / error at step 20", steps, lines, log=True)
+    return Outcome(ratios[worst], words, drawn)
+
+
+def outside_range(bench: Bench) -> Outcome:
+    """Window sums of the recordings times 2: local decisions equal to the float network's on the same; the
+    curve: other factors."""
+    line = {}
+    for gain in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0):
+        louder = replace(bench.touches, sums=amplified(bench.config, bench.touches.sums, gain))
+        line[gain] = agreement(bench.model, bench.real, louder)
+    xlabel, ylabel = "strength of the touch / recorded", "share of local decisions as in float"
+    drawn = curve(xlabel, ylabel, line, {"agreement": line.values()}, log=True)
+    return Outcome(line[2.0], f"twice the recorded strength; 16 times: {line[16.0]:.3f}", drawn)
+
+
+# ---------------------------------------------------------------------- bits that turn over
 Site = tuple[Any, int, int]
 """A bit: the array, the value's place in it (flat), the bit of the value."""
 
@@ -59,17 +154,17 @@ class Flips:
     ----------
     sites:
         Every bit that may be hit; of ``bench.flips`` one in ``of`` are tried at most, at random.
+    flip:
+        The model, or a part of it, with that bit inverted; with None as it is.
     decide:
-        Decisions with that bit inverted; with None undisturbed ones.
-    model:
-        The model with that bit inverted, for the hardware.
+        Decisions by that.
     """
 
     sites: Callable[[Bench], list[Site]]
-    decide: Callable[[Bench, Site | None], np.ndarray]
+    flip: Callable[[Bench, Site | None], Any]
+    decide: Callable[[Bench, Any], np.ndarray]
     of: int = 1
     worst: bool = False
-    model: Callable[[Bench, Site], IntegerModel] | None = None
 
     def __call__(self, bench: Bench) -> Outcome:
         sites, changed = bench.remember(replace(self, worst=False), lambda: self._tried(bench))
@@ -80,18 +175,18 @@ class Flips:
             f"{name}[{place}] bit {bit}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change "
             "nothing"
         )
-        few = bench.sample.clean
-        case = self.model and Case(few.subset(range(min(3, len(few)))), self.model(bench, worst))
-        return Outcome(
-            float(changed.max() if self.worst else changed.mean()), words, by_bit(sites, changed), case
-        )
+        few, spoiled = bench.sample.clean, self.flip(bench, worst)
+        playable = isinstance(spoiled, IntegerModel)
+        case = Case(few.subset(range(min(3, len(few)))), spoiled) if playable else None
+        value = float(changed.max() if self.worst else changed.mean())
+        return Outcome(value, words, by_bit(sites, changed), case)
 
     def _tried(self, bench: Bench) -> tuple[list[Site], np.ndarray]:
         sites, most = self.sites(bench), max(bench.flips // self.of, 16)
         if len(sites) > most:
             sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[:most])]
-        clean = self.decide(bench, None)
-        return sites, np.array([float(np.mean(self.decide(bench, site) != clean)) for site in sites])
+        clean, *spoiled = (self.decide(bench, self.flip(bench, site)) for site in (None, *sites))
+        return sites, np.array([float(np.mean(decisions != clean)) for decisions in spoiled])
 
 
 def _decisions(bench: Bench, logits: np.ndarray) -> np.ndarray:
@@ -110,36 +205,37 @@ def _with_weight(bench: Bench, site: Site | None) -> IntegerModel:
 
 weight_flips = Flips(
     lambda bench: every_bit(bench.model.arrays, network_formats(bench.config)),
-    lambda bench, site: _decisions(bench.sample, _with_weight(bench, site).forward(bench.sample.codes)[1]),
-    model=_with_weight,
+    _with_weight,
+    lambda bench, model: _decisions(bench.sample, model.forward(bench.sample.codes)[1]),
 )
 
 
-def _tables(bench: Bench) -> dict[str, tuple[QFormat, int]]:
-    """Format of each activation table's words, and bits that they have in memory."""
-    formats = bench.config.formats
-    return {
-        "sigmoid": (QFormat(formats.gate_frac + 2, 0), formats.gate_frac + 1),
-        "tanh": (formats.state_format, formats.state_format.width),
-    }
+def _table_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
+    """Formats of the words of the activation tables in memory."""
+    formats = config.formats
+    return {"sigmoid": QFormat(formats.gate_frac + 1, 0, signed=False), "tanh": formats.state_format}
+
+
+def _with_table(bench: Bench, site: Site | None) -> Fixed:
+    arithmetic = Fixed(bench.config)
+    if site:
+        name, entry, bit = site
+        table = upset(getattr(arithmetic, f"_{name}"), entry, bit, _table_formats(bench.config)[name])
+        setattr(arithmetic, f"_{name}", table)
+    return arithmetic
 
 
 def _table_bits(bench: Bench) -> list[Site]:
-    entries = range(bench.config.formats.table_entries)
-    tables = [(name, range(bits)) for name, (_, bits) in _tables(bench).items()]
-    return [(name, entry, bit) for name, bits in tables for entry in entries for bit in bits]
+    formats, entries = _table_formats(bench.config), np.zeros(bench.config.formats.table_entries)
+    return every_bit(dict.fromkeys(formats, entries), formats)
 
 
-def _by_table(bench: Bench, site: Site | None) -> np.ndarray:
-    few, arithmetic = bench.sample, Fixed(bench.config)
-    if site:
-        name, entry, bit = site
-        table = upset(getattr(arithmetic, f"_{name}"), entry, bit, _tables(bench)[name][0])
-        setattr(arithmetic, f"_{name}", table)
-    return _decisions(few, few.model.run(arithmetic, few.codes)[1])
-
-
-table_flips = Flips(_table_bits, _by_table, of=8)
+table_flips = Flips(
+    _table_bits,
+    _with_table,
+    lambda bench, arithmetic: _decisions(bench.sample, bench.model.run(arithmetic, bench.sample.codes)[1]),
+    of=8,
+)
 
 
 def _with_constant(bench: Bench, site: Site | None) -> np.ndarray:
@@ -165,7 +261,8 @@ def _small_constant_bits(bench: Bench) -> list[Site]:
 
 constant_flips = Flips(
     _small_constant_bits,
-    lambda bench, site: _decisions(bench, bench.model.forward(_with_constant(bench, site))[1]),
+    _with_constant,
+    lambda bench, codes: _decisions(bench, bench.model.forward(codes)[1]),
     worst=True,
 )
 
@@ -182,12 +279,13 @@ def _registers(bench: Bench) -> list[Site]:
     sites: list[Site] = []
     for site in ((name, 0, bit) for name, width in bits.items() for bit in range(width)):
         with contextlib.suppress(InputError):  # a value the configuration refuses, as the register does
-            replace(bench.model, config=_with_register(config, site))
+            replace(bench.model, config=_with_register(bench, site))
             sites.append(site)
     return [*sites, *(("masked_taxels", taxel, 0) for taxel in range(config.sensor.taxels))]
 
 
-def _with_register(config: AcceleratorConfig, site: Site | None) -> AcceleratorConfig:
+def _with_register(bench: Bench, site: Site | None) -> AcceleratorConfig:
+    config = bench.config
     if site is None:
         return config
     name, taxel, bit = site
@@ -196,12 +294,13 @@ def _with_register(config: AcceleratorConfig, site: Site | None) -> AcceleratorC
     return config.replace(**{name: config.value(name) ^ (1 << bit)})
 
 
-def _by_register(bench: Bench, site: Site | None) -> np.ndarray:
-    clean = bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8)))
-    return bench.decide(clean, _with_register(bench.config, site))
-
-
-register_flips = Flips(_registers, _by_register)
+register_flips = Flips(
+    _registers,
+    _with_register,
+    lambda bench, config: bench.decide(
+        bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8))), config
+    ),
+)
 
 
 # ---------------------------------------------------------------------- the state
