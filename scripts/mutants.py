@@ -234,12 +234,13 @@ def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = 
     taken = Counter[Any]()
     while len(chosen) < count and any(waiting.values()):
         for file, rest in waiting.items():
-            if rest and len(chosen) < count:
+            while rest and len(chosen) < count:
                 mutant = min(rest, key=lambda one: (taken[file, one.kind], taken[one.kind], one.kind))
                 rest.remove(mutant)
                 if mutant.is_fault():
                     taken.update([mutant.kind, (file, mutant.kind)])
                     chosen.append(mutant)
+                    break
     return chosen
 
 
