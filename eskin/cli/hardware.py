@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -225,18 +225,13 @@ def schedule(request: ScheduleRequest) -> None:
         plan = plan_step(config)
         columns, rows = ("what", "value"), schedule_view.figures(plan)
     files = view.drawing_files(plan)
-    _write_files(request.out, files)
+    for name in files:
+        check_target(request.out / name)
+    with contextlib.ExitStack() as stack:  # all files or none
+        for name, write in files.items():
+            write(stack.enter_context(replacing(request.out / name)))
     console.print(terminal_table(view.title(plan).partition("\n")[0], columns, rows))
     say(f"files: {', '.join(str(request.out / name) for name in files)}")
-
-
-def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
-    """Write all files into ``folder``, or none."""
-    for name in files:
-        check_target(folder / name)
-    with contextlib.ExitStack() as stack:
-        for name, write in files.items():
-            write(stack.enter_context(replacing(folder / name)))
 
 
 @app.command(
