@@ -32,7 +32,6 @@ class Stage:
         recordings: Recordings | None,
         numbers: Sequence[int] | None = None,
         *,
-        once: bool = True,
         speed: float = math.inf,
         shape: Sequence[int] | None = None,
     ) -> None:
@@ -46,7 +45,7 @@ class Stage:
         self.messages: list[dict] = []
         self._texts: list[str] = []
         self.viewer = self.hub.attach(self._take)
-        self.player = Player(source, recordings, numbers, self.hub, self.controls, once=once)
+        self.player = Player(source, recordings, numbers, self.hub, self.controls)
         self.thread = threading.Thread(target=self.player.run, daemon=True)
         self.viewer.take()
 
@@ -55,6 +54,7 @@ class Stage:
             self._texts += self.viewer.take()
 
     def go(self) -> Stage:
+        self.controls.wait = lambda seconds: self.controls.stop()  # the first wait is the one after the last
         self.player.run()
         if self.player.error:
             raise self.player.error
