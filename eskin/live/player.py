@@ -37,9 +37,9 @@ class Controls:
     skip: leave this recording. stopped: come to an end.
     """
 
-    def __init__(self, *, speed: float = 1.0) -> None:
+    def __init__(self) -> None:
         self._condition = threading.Condition()
-        self.paused, self.speed, self.label = False, speed, -1
+        self.paused, self.speed, self.label = False, 1.0, -1
         self.skip = self.stopped = False
 
     def change(self, **changes: Any) -> None:

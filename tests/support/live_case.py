@@ -41,7 +41,8 @@ class Stage:
             config, recordings, numbers, source=source.kind, shape=list(shape or (1, config.sensor.taxels))
         )
         self.hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels)
-        self.controls = Controls(speed=speed)
+        self.controls = Controls()
+        self.controls.speed = speed
         self.messages: list[dict] = []
         self._texts: list[str] = []
         self.viewer = self.hub.attach(self._take)
