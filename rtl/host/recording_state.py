@@ -1,17 +1,16 @@
 """A recording as the host sees it: touches that await their decision, and how the recording finishes."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import ENGINE, detector_status, drive, inputs, outputs
+from eskin.rtl.common import ENGINE, Block, detector_status, drive, inputs, outputs
 
 QUIET_BITS = 2
 """Bits of the counter of quiet cycles: what follows a beat that ``moving`` sees is over when it is full."""
 
 
-class RecordingState(wiring.Component):
+class RecordingState(Block):
     """Counts the touches without a decision, and finishes the recording once nothing is under way.
 
     Members
@@ -43,14 +42,12 @@ class RecordingState(wiring.Component):
         is due are not the same.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
+    def ports(self, config: AcceleratorConfig):
         status = {"detector": In(detector_status(config)), "engine": In(ENGINE)}
-        super().__init__(
+        return (
             inputs("clear", "finish_asked", "passing", "moving", "global_taken", "decider_idle")
-            | outputs("finish", "busy", "touch", "touched", "due")
+            | outputs("finish", "busy", "touch", "touched", "due", touches=8)
             | status
-            | {"touches": Out(8)}
         )
 
     def elaborate(self, platform):
@@ -68,7 +65,7 @@ class RecordingState(wiring.Component):
         beats = self.moving | self.engine.working | (finishing & self.passing)
         m.d.sync += [moving.eq(beats), quiet.eq(quiet + ~quiet.all())]
         # (What a command changes follows the beats that are on their way.)
-        with m.If(moving | (self.passing & ~quiet.all() if self._config.hardware.clock_gate else 0)):
+        with m.If(moving | (self.passing & ~quiet.all() if self.spec.hardware.clock_gate else 0)):
             m.d.sync += quiet.eq(0)
         m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
         telling = undecided.any() ^ self.touch
@@ -87,14 +84,14 @@ class RecordingState(wiring.Component):
             self.touch.eq(undecided.any()),
         ]
         per_recording = [undecided, self.touch, self.touched, self.touches, finishing, finished]
-        if self._config.hardware.watchdog:
+        if self.spec.hardware.watchdog:
             over = Signal()
             per_recording.append(over)
             with m.If(self.finish):
                 m.d.sync += over.eq(1)
             apart = (
                 self.touch & ~self.detector.touch
-                if self._config.opens_at_once
+                if self.spec.opens_at_once
                 else self.touch ^ self.detector.touch
             )
             m.d.comb += self.due.eq(finishing | (apart & ~over))
