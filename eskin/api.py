@@ -130,17 +130,7 @@ class Model(Estimator):
         fits: str | None = None,
         sample_rate_hz: float | None = None,
     ) -> None:
-        self._parameters = {
-            "config": config,
-            "cell": cell,
-            "hidden": hidden,
-            "groups": groups,
-            "folds": folds,
-            "seed": seed,
-            "prefer": prefer,
-            "fits": fits,
-            "sample_rate_hz": sample_rate_hz,
-        }
+        self._parameters = {name: value for name, value in locals().items() if name != "self"}
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
         self._training: Record = {}
@@ -292,13 +282,13 @@ class Model(Estimator):
             return "Model(not fitted)"
         config = self.config
         if config.is_image:
-            size = f"{config.image.height} x {config.image.width} pixels"
-            summary = f"images of {size}, {config.name}, {config.classes} classes"
-            return f"Model({summary}{'' if self._integer is not None else ', not quantised'})"
-        cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
-        array = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz"
-        summary = f"{array}, {cell}, {config.classes} classes"
-        return f"Model({summary}{'' if self._integer is not None else ', not quantised'})"
+            pixels = f"{config.image.height} x {config.image.width} pixels"
+            summary = f"images of {pixels}, {config.name}"
+        else:
+            cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
+            summary = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, {cell}"
+        rest = "" if self._integer is not None else ", not quantised"
+        return f"Model({summary}, {config.classes} classes{rest})"
 
     # ------------------------------------------------------------------ decisions
     def predict(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
@@ -398,17 +388,12 @@ class Model(Estimator):
                 raise InputError(f"{verb}: arrays have no classes; give labels, or Recordings")
             frames = frames.with_classes(self.config.network.class_names, "the model")
             labels = frames.labels
-        indices = self._indices(labels, verb)
+        indices = _places(labels, self.config.network.class_names, verb)
         if indices.shape != (len(each),):
             raise InputError(
                 f"{verb}: {indices.size} labels for {len(each)} recordings; give one per recording"
             )
         return indices
-
-    def _indices(self, labels: ArrayLike, verb: str) -> np.ndarray:
-        """Class indices of labels that are indices or names."""
-        array = np.array([labels]).ravel() if isinstance(labels, str) else array_of(labels, "labels")
-        return _places(array, self.config.network.class_names, verb)
 
     def teach(self, frames: Frames, labels: ArrayLike | None = None) -> Model:
         """Store touches as prototypes of their classes, beside those there are; nothing is trained. Needs a
@@ -449,8 +434,9 @@ class Model(Estimator):
         InputError
             A class that is not there; a model that cannot be taught.
         """
+        names = self.config.network.class_names
         self._integer = forget(
-            self.integer, None if label is None else int(self._indices([label], "forget")[0])
+            self.integer, None if label is None else int(_places([label], names, "forget")[0])
         )
         return self
 
@@ -528,34 +514,27 @@ class Model(Estimator):
             return replace(
                 fitting, labels=frames.labels, class_names=frames.class_names
             )  # maybe not the model's
+        sensor = self.config.sensor
         if self.config.is_image:
-            try:
-                images = np.array(frames)
-            except ValueError:
-                raise InputError(
-                    "images: are not all of one size; give an array (images, height, width)"
-                ) from None
+            images = array_of(frames, "images", "give images of one size, (images, height, width)")
             images = images[None] if images.ndim == 2 else images
             arrays = {
                 "images": images,
                 "labels": np.zeros(len(images), dtype=np.int64),
                 "class_names": np.array(names),
+                "sample_rate_hz": np.array(sensor.sample_rate_hz),
             }
-            recordings = recordings_of(
-                arrays | {"sample_rate_hz": np.array(self.config.sensor.sample_rate_hz)}, "images"
+            recordings = recordings_of(arrays, "images")
+        else:
+            scale = sensor.volt_per_code or None
+            recordings = Recordings.of(
+                frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames"
             )
-            check_fit(recordings, self.config)
-            return recordings
-        sensor = self.config.sensor
-        scale = sensor.volt_per_code or None
-        recordings = Recordings.of(
-            frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames"
-        )
-        if recordings.volt_per_code and scale is None:
-            raise InputError(
-                "frames: hold real numbers, not integers, and the model was trained on codes; give the A/D "
-                "codes"
-            )
+            if recordings.volt_per_code and scale is None:
+                raise InputError(
+                    "frames: hold real numbers, not integers, and the model was trained on codes; give the A/D "
+                    "codes"
+                )
         check_fit(recordings, self.config)
         return recordings
 
@@ -598,14 +577,15 @@ def _of_arrays(
     return Recordings.of(arrays, labels, sample_rate_hz=rate, class_names=names)
 
 
-def _places(labels: np.ndarray, names: Sequence[str], verb: str) -> np.ndarray:
-    """Indices of labels, which are names or indices."""
+def _places(labels: ArrayLike, names: Sequence[str], verb: str) -> np.ndarray:
+    """Indices of labels, which are names or indices; one label alone is a list of it."""
+    array = array_of([labels] if isinstance(labels, str) else labels, "labels")
     place: dict[Hashable, int] = {name: index for index, name in enumerate(names)}
     place |= {index: index for index in range(len(names))}
-    flat = labels.ravel().tolist()
+    flat = array.ravel().tolist()
     for label in flat:
         if not isinstance(label, Hashable) or isinstance(label, bool) or label not in place:
             raise InputError(
                 f"{verb}: label {label!r} is not a class; there are {', '.join(names)}, or their indices"
             )
-    return np.array([place[label] for label in flat], dtype=np.int64).reshape(labels.shape)
+    return np.array([place[label] for label in flat], dtype=np.int64).reshape(array.shape)

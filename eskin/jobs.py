@@ -8,14 +8,13 @@ folder for results, interrupted work resumes, and repeated work is not computed 
 """
 
 import contextlib
-import functools
 import multiprocessing
 import os
 import pickle
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
@@ -107,35 +106,23 @@ class Jobs:
     ) -> Generator[tuple[str, Any], None, None]:
         """(key, result) as they are finished."""
         if self._dask is not None:
-            executor, call, stop, end = _cluster(self._dask, shared, self._version)
+            place = _cluster(self._dask, shared, self._version)
         elif self._workers > 1 and len(pieces) > 1:
-            executor, call, stop, end = _processes(min(self._workers, len(pieces)), shared)
+            place = _processes(min(self._workers, len(pieces)), shared)
         else:
             for key, piece in pieces.items():
                 yield key, function(shared, piece)
             return
-        try:
+        with place as submit:
             with _quiet_children():
-                futures: dict[Future[Any], str] = {
-                    executor.submit(*call(function, piece)): key for key, piece in pieces.items()
-                }
+                futures = {submit(function, piece): key for key, piece in pieces.items()}
             for future in as_completed(futures):
                 yield futures[future], future.result()
-        except BaseException as error:
-            stop()
-            if isinstance(error, BrokenProcessPool):
-                raise InputError(
-                    "a worker process ended, perhaps out of memory; finished work is kept, so run the same command again"
-                ) from None
-            raise
-        finally:
-            executor.shutdown()
-            end()
 
 
-Place = tuple[Executor, Callable[[Function, Any], tuple[Any, ...]], Callable[[], None], Callable[[], None]]
-"""(executor, call, stop, end). ``call`` gives what is submitted for a function and a piece, ``stop`` gives
-the work up, ``end`` runs when the executor has shut down."""
+Submit = Callable[[Function, Any], Future[Any]]
+"""Begins a function and a piece. What is not finished is given up when the block that has it is left by an
+exception."""
 
 
 # ---------------------------------------------------------------------- processes of this machine
@@ -188,25 +175,31 @@ def _quiet_children() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, masked)  # an interrupt held back is raised here
 
 
-def _processes(workers: int, shared: Any) -> Place:
+@contextlib.contextmanager
+def _processes(workers: int, shared: Any) -> Iterator[Submit]:
     not_ours = set(multiprocessing.active_children())
     # a fork would copy torch's locks in whatever state its threads hold them
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, context, _begin_worker, (pickle.dumps(shared),))
-
-    def stop() -> None:
-        for process in set(multiprocessing.active_children()) - not_ours:
-            with contextlib.suppress(ProcessLookupError):  # not a group yet, or gone already
-                os.killpg(process.pid or 0, signal.SIGTERM)
-            process.terminate()
-        # Wait for the pool's thread: it closes a pipe that Python writes to on its way out.
-        pool.shutdown(cancel_futures=True)
-
-    return pool, lambda function, piece: (_in_worker, function, piece), stop, lambda: None
+    with ProcessPoolExecutor(workers, context, _begin_worker, (pickle.dumps(shared),)) as pool:
+        try:
+            yield lambda function, piece: pool.submit(_in_worker, function, piece)
+        except BaseException as error:
+            for process in set(multiprocessing.active_children()) - not_ours:
+                with contextlib.suppress(ProcessLookupError):  # not a group yet, or gone already
+                    os.killpg(process.pid or 0, signal.SIGTERM)
+                process.terminate()
+            # Wait for the pool's thread: it closes a pipe that Python writes to on its way out.
+            pool.shutdown(cancel_futures=True)
+            if isinstance(error, BrokenProcessPool):
+                raise InputError(
+                    "a worker process ended, perhaps out of memory; finished work is kept, so run the same command again"
+                ) from None
+            raise
 
 
 # ---------------------------------------------------------------------- a cluster
-def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> Place:
+@contextlib.contextmanager
+def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> Iterator[Submit]:
     try:
         from distributed import Client
     except ImportError:
@@ -220,16 +213,16 @@ def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> Pl
             f"--dask {address}: no scheduler answers ({error}); start 'dask scheduler', give its "
             "tcp://HOST:PORT"
         ) from None
-    try:
+    with client:
         _check_workers(client, address, version)
         everywhere = client.scatter(shared, broadcast=True, hash=False)
         # changed code must not be answered from the cluster's memory
-        executor = client.get_executor(pure=False)
-    except BaseException:
-        client.close()
-        raise
-    stop = functools.partial(executor.shutdown, wait=False)  # cancels what is not finished
-    return executor, lambda function, piece: (function, everywhere, piece), stop, client.close
+        with client.get_executor(pure=False) as executor:
+            try:
+                yield lambda function, piece: executor.submit(function, everywhere, piece)
+            except BaseException:
+                executor.shutdown(wait=False)  # cancels what is not finished
+                raise
 
 
 def _check_workers(client: Any, address: str, version: Callable[[], str] | None) -> None:

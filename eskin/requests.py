@@ -38,9 +38,14 @@ def request(kind: type[Kind]) -> type[Kind]:
     return dataclass(frozen=True, kw_only=True)(kind)
 
 
-def option(help: str, default: Any = MISSING, *names: str, **settings: Any) -> Any:
+def option(help: str, default: Any = None, *names: str, **settings: Any) -> Any:
     """An option of a verb; ``names`` where it is not the field's, ``settings`` as `typer.Option` takes them."""
     return field(default=default, metadata={"of": typer.Option(*names, help=help, **settings)})
+
+
+def required(help: str, **settings: Any) -> Any:
+    """An option that must be given."""
+    return option(help, MISSING, **settings)
 
 
 def argument(help: str, default: Any = MISSING, **settings: Any) -> Any:
@@ -93,7 +98,7 @@ class ModelOptions:
 
 @request
 class DataOptions:
-    data: str = option(DATA)
+    data: str = required(DATA)
 
 
 @request
@@ -103,13 +108,13 @@ class ModelDataOptions(ModelOptions, DataOptions):
 
 @request
 class JsonOptions:
-    json: Path | None = option("Also write the result as JSON.", None)
+    json: Path | None = option("Also write the result as JSON.")
 
 
 @request
 class ClusterOptions:
     dask: str | None = option(
-        "A dask scheduler, tcp://HOST:PORT. Default: one process per core.", None, metavar="ADDRESS"
+        "A dask scheduler, tcp://HOST:PORT. Default: one process per core.", metavar="ADDRESS"
     )
 
 
@@ -117,31 +122,27 @@ class ClusterOptions:
 class FrontEndOptions(DataOptions):
     """Recordings, and the front end that they go through."""
 
-    config: str | None = option(CONFIG, None)
+    config: str | None = option(CONFIG)
 
 
 @request
 class EvaluationOptions(GroupOptions, DataOptions):
     """Recordings to judge networks on, by what is left out."""
 
-    group: str | None = option(
-        "Groups A[,B..] to leave out together. Default: the configuration's splits.", None
-    )
+    group: str | None = option("Groups A[,B..] to leave out together. Default: the configuration's splits.")
 
 
 @request
 class ChoiceOptions(GroupOptions, FrontEndOptions):
     """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
 
-    group: str | None = option("Group arrays A[,B..] kept on one side of every split.", None)
-    cell: CellChoice | None = option(
-        "Cell, or network for images. auto: the cheapest that is good enough.", None
-    )
-    hidden: int | None = option("Hidden units.", None)
-    seeds: int | None = option("Seeds of the cross-validation. Default: 3; images 1.", None, min=1, max=100)
+    group: str | None = option("Group arrays A[,B..] kept on one side of every split.")
+    cell: CellChoice | None = option("Cell, or network for images. auto: the cheapest that is good enough.")
+    hidden: int | None = option("Hidden units.")
+    seeds: int | None = option("Seeds of the cross-validation. Default: 3; images 1.", min=1, max=100)
     prefer: Prefer = option("Cost to minimise among candidates as good as the best.", "energy")
     fits: str | None = option(
-        "Board that must hold the design. Default: icebreaker, if possible.", None, metavar="BOARD"
+        "Board that must hold the design. Default: icebreaker, if possible.", metavar="BOARD"
     )
     stress: str = option(
         "Judge candidates on disturbed recordings, too: on, off, or a JSON file of weights.",
@@ -154,7 +155,7 @@ class ChoiceOptions(GroupOptions, FrontEndOptions):
 @request
 class InspectRequest(JsonOptions):
     data: str = argument(DATA)
-    out: Path | None = option("Picture to write. Default: build/inspect/NAME.png.", None)
+    out: Path | None = option("Picture to write. Default: build/inspect/NAME.png.")
     card: bool = option(
         "Also write a data card, README.md, in a folder named like the picture.", False, "--card"
     )
@@ -166,31 +167,29 @@ class ConvertRequest:
         "A folder by class of .csv, .parquet or .lvm files or logs, one long .csv or .parquet table, a "
         ".mat or .h5 file, a log (.mcap, a ROS bag), an archive of images."
     )
-    out: Path = option("Archive to write, FILE.npz.")
-    rate: float | None = option("Frames per second. Default: from the time column.", None, metavar="HZ")
-    columns: str | None = option(
-        "Taxel columns: names, or numbers from 1 such as 2-17.", None, metavar="A,B.."
-    )
-    recording: str | None = option("Long table: column that names a row's recording.", None, metavar="COLUMN")
+    out: Path = required("Archive to write, FILE.npz.")
+    rate: float | None = option("Frames per second. Default: from the time column.", metavar="HZ")
+    columns: str | None = option("Taxel columns: names, or numbers from 1 such as 2-17.", metavar="A,B..")
+    recording: str | None = option("Long table: column that names a row's recording.", metavar="COLUMN")
     class_: str | None = option(
         "Column, attribute, array or topic that names the class.", None, "--class", metavar="NAME"
     )
-    delimiter: str | None = option("Separator of cells: a character, tab or blank.", None)
-    samples: str | None = option("Array (.mat, .h5) or topic (log) of the samples.", None, metavar="NAME")
+    delimiter: str | None = option("Separator of cells: a character, tab or blank.")
+    samples: str | None = option("Array (.mat, .h5) or topic (log) of the samples.", metavar="NAME")
     labels: Path | None = option(
-        "Log: .csv table of start, end (s) and class, one row per recording.", None, metavar="FILE"
+        "Log: .csv table of start, end (s) and class, one row per recording.", metavar="FILE"
     )
     clock: Literal["log", "header"] = option("Log: clock of frames and labels.", "log")
-    scale: float | None = option("Value of one code. Default: 1 for integers, else from the data.", None)
+    scale: float | None = option("Value of one code. Default: 1 for integers, else from the data.")
     like: Path | None = option(
-        "Take scale, columns, classes and rate from this model or archive.", None, metavar="MODEL|FILE"
+        "Take scale, columns, classes and rate from this model or archive.", metavar="MODEL|FILE"
     )
 
 
 @request
 class WatchRequest(ModelOptions):
-    data: str | None = option(f"Recordings to play. {DATA}", None)
-    port: str | None = option("Serial port of a board. Without --data: show its own sensor.", None)
+    data: str | None = option(f"Recordings to play. {DATA}")
+    port: str | None = option("Serial port of a board. Without --data: show its own sensor.")
     simulate: bool = option("Also simulate the RTL and compare it in lock step.", False, "--simulate")
     host_port: int = option("TCP port of the page; 0: any free one.", 8765, min=0, max=65535)
 
@@ -199,12 +198,10 @@ class WatchRequest(ModelOptions):
 @request
 class RunRequest(ChoiceOptions):
     data: str = option(DATA, "synthetic")
-    recordings: str | None = option("Recordings to co-simulate. Default: 8 per class.", None, metavar="N|all")
+    recordings: str | None = option("Recordings to co-simulate. Default: 8 per class.", metavar="N|all")
     out: Path = option("Result folder: new, or an earlier result to replace.", Path("build/run"))
-    test: str | None = option(
-        "Recordings held back, used once for a separate accuracy.", None, metavar="HELD"
-    )
-    name: str | None = option("Title of the report. Default: name of the data.", None)
+    test: str | None = option("Recordings held back, used once for a separate accuracy.", metavar="HELD")
+    name: str | None = option("Title of the report. Default: name of the data.")
 
     @property
     def count(self) -> int | None:
@@ -219,8 +216,8 @@ class ReportRequest:
 
 @request
 class TrainRequest(ChoiceOptions):
-    out: Path = option("Model folder: new, or an earlier model to replace.")
-    reset: Reset | None = option("GRU: reset gate before or after the recurrent product.", None)
+    out: Path = required("Model folder: new, or an earlier model to replace.")
+    reset: Reset | None = option("GRU: reset gate before or after the recurrent product.")
     folds: int = option("Folds of the cross-validation; 0: none.", 5)
     seed: int = option("First seed; the written model uses it.", 0, min=0, max=SEED_MAX)
     protocol: Literal["default", "robust", "thesis"] = option(
@@ -239,8 +236,8 @@ ENROL_MODES = {
 @request
 class EnrolRequest(GroupOptions, JsonOptions):
     model: Path | None = argument("A quantised model folder; it is not changed.", None)
-    data: str | None = option(f"Touches to train on, 1 to 5 per class; with --evaluate all. {DATA}", None)
-    out: Path | None = option("Folder of the enrolled model: new, or an earlier model to replace.", None)
+    data: str | None = option(f"Touches to train on, 1 to 5 per class; with --evaluate all. {DATA}")
+    out: Path | None = option("Folder of the enrolled model: new, or an earlier model to replace.")
     with_: str | None = option(
         "Recordings of the first training, so that they are not forgotten.", None, "--with", metavar="D"
     )
@@ -251,9 +248,9 @@ class EnrolRequest(GroupOptions, JsonOptions):
         "Report the gain for each value of --group left out of the training.", False, "--evaluate"
     )
     readout: Readout = option("With --evaluate: dense trains further, prototypes stores touches.", "dense")
-    group: str | None = option("With --evaluate: group arrays A[,B..], such as mounting or person.", None)
+    group: str | None = option("With --evaluate: group arrays A[,B..], such as mounting or person.")
     k: str = option("With --evaluate: touches to enrol per class.", "1,2,5", "-k", metavar="K[,K..]")
-    config: str | None = option(f"With --evaluate. {CONFIG}", None)
+    config: str | None = option(f"With --evaluate. {CONFIG}")
     seeds: int = option("With --evaluate: number of seeds.", 3, min=1, max=1000)
 
     def check(self, mode: str) -> None:
@@ -283,25 +280,21 @@ class EnrolRequest(GroupOptions, JsonOptions):
 @request
 class QuantiseRequest(GroupOptions):
     model: Path = argument("A model folder.")
-    data: str | None = option(
-        "Measure value ranges on these recordings. Default: ranges from training.", None
-    )
-    weight_bits: int | None = option("Bits of a weight.", None)
-    state_bits: int | None = option("Bits of the hidden state.", None)
+    data: str | None = option("Measure value ranges on these recordings. Default: ranges from training.")
+    weight_bits: int | None = option("Bits of a weight.")
+    state_bits: int | None = option("Bits of the hidden state.")
     formats: str | None = option(
-        "lean (fewest cells), or feature_bits=B,gate_bits=B,table_entries=N.", None, metavar="NAME=N,..|lean"
+        "lean (fewest cells), or feature_bits=B,gate_bits=B,table_entries=N.", metavar="NAME=N,..|lean"
     )
     quantisation_aware: bool = option(
         "Train further in integers of these widths; needs --data.", False, "--quantisation-aware"
     )
-    readout: Readout | None = option("Decide by the dense layer or by prototypes (needs --data).", None)
-    group: str | None = option("Prototypes: group arrays A,B.. to leave out. Default: the training's.", None)
-    prototypes: int | None = option("Prototypes: maximum per class. Default: 8.", None, min=1, max=16)
-    taught: int | None = option(
-        "Prototypes: slots per class for taught touches. Default: 3.", None, min=0, max=16
-    )
+    readout: Readout | None = option("Decide by the dense layer or by prototypes (needs --data).")
+    group: str | None = option("Prototypes: group arrays A,B.. to leave out. Default: the training's.")
+    prototypes: int | None = option("Prototypes: maximum per class. Default: 8.", min=1, max=16)
+    taught: int | None = option("Prototypes: slots per class for taught touches. Default: 3.", min=0, max=16)
     spare_classes: int | None = option(
-        "Prototypes: number of last classes without recordings, to be taught later.", None, min=0, max=30
+        "Prototypes: number of last classes without recordings, to be taught later.", min=0, max=30
     )
 
     @property
@@ -335,35 +328,35 @@ class EvaluateRequest(ModelDataOptions, JsonOptions):
 
 @request
 class CompareRequest(ModelOptions, JsonOptions):
-    data: str | None = option(f"{DATA} Default: random touches.", None)
+    data: str | None = option(f"{DATA} Default: random touches.")
 
 
 @request
 class ImportRequest:
     file: Path = argument("A torch state_dict (.pt, .pth), or an .onnx file.")
-    out: Path = option("Model folder: new, or an earlier model to replace.")
-    config: str | None = option("Configuration of the training: a preset or a JSON file.", None)
-    cell: Cell | None = option("Cell. Default: the .onnx file's, otherwise the configuration's.", None)
-    reset: Reset | None = option("GRU: reset gate before or after the recurrent product.", None)
-    mean: float | None = option("Codes subtracted from every window mean in its training.", None)
-    std: float | None = option("Codes by which its training divided.", None)
-    data: str | None = option("Measure mean and std on these recordings.", None)
-    check: Path | None = option("Reference inputs and outputs (.npz) that the model must reproduce.", None)
+    out: Path = required("Model folder: new, or an earlier model to replace.")
+    config: str | None = option("Configuration of the training: a preset or a JSON file.")
+    cell: Cell | None = option("Cell. Default: the .onnx file's, otherwise the configuration's.")
+    reset: Reset | None = option("GRU: reset gate before or after the recurrent product.")
+    mean: float | None = option("Codes subtracted from every window mean in its training.")
+    std: float | None = option("Codes by which its training divided.")
+    data: str | None = option("Measure mean and std on these recordings.")
+    check: Path | None = option("Reference inputs and outputs (.npz) that the model must reproduce.")
 
 
 @request
 class ExportRequest(ModelOptions):
-    to: Literal["c", "onnx"] = option("c: integer model as C99; onnx: float network.")
-    out: Path = option("Folder to write: new, or an earlier export to replace.")
-    prefix: str | None = option("C: prefix of all names. Default: eskin.", None)
+    to: Literal["c", "onnx"] = required("c: integer model as C99; onnx: float network.")
+    out: Path = required("Folder to write: new, or an earlier export to replace.")
+    prefix: str | None = option("C: prefix of all names. Default: eskin.")
 
 
 # ---------------------------------------------------------------------- studies
 @request
 class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
     out: Path = option("Folder of sweep.json, sweep.csv and the chart.", Path("build/sweep"))
-    accuracy_floor: float | None = option("Required accuracy on new recordings.", None, min=0, max=1)
-    latency_budget: float | None = option("Maximum time from features to decision, in seconds.", None, min=0)
+    accuracy_floor: float | None = option("Required accuracy on new recordings.", min=0, max=1)
+    latency_budget: float | None = option("Maximum time from features to decision, in seconds.", min=0)
 
 
 @request
@@ -376,11 +369,9 @@ class StabilityRequest(ModelDataOptions, ClusterOptions):
     out: Path = option(
         "Folder for stability.html, stability.json and recommended.json.", Path("build/stability")
     )
-    mode: list[str] | None = option("Only this mode; may be repeated.", None)
+    mode: list[str] | None = option("Only this mode; may be repeated.")
     cosim: bool = option("Confirm the weakest cases in co-simulation.", True)
-    defences: bool | None = option(
-        "Compare training with and without defences. Default: without --mode.", None
-    )
+    defences: bool | None = option("Compare training with and without defences. Default: without --mode.")
     few: int = option("Recordings per point of a curve.", 100, min=1)
 
 
@@ -388,70 +379,65 @@ class StabilityRequest(ModelDataOptions, ClusterOptions):
 @request
 class LaneOptions(ModelOptions):
     lanes: str | None = option(
-        "Parallel multipliers, such as 4 or 4:dsp (iCE40 DSP blocks). Default: 4.", None, metavar="P[:TYPE]"
+        "Parallel multipliers, such as 4 or 4:dsp (iCE40 DSP blocks). Default: 4.", metavar="P[:TYPE]"
     )
 
 
 @request
 class ReplayRequest(ModelDataOptions, JsonOptions):
     model: Path = argument("The quantised model folder that the bitstream was built from.")
-    port: str = option("Serial port of the board.")
-    teach: str | None = option("Teach the last touch of each recording as this class.", None, metavar="CLASS")
+    port: str = required("Serial port of the board.")
+    teach: str | None = option("Teach the last touch of each recording as this class.", metavar="CLASS")
     save_taught: Path | None = option(
-        "File (.npz) of taught touches: loaded first, written at the end.", None, metavar="FILE"
+        "File (.npz) of taught touches: loaded first, written at the end.", metavar="FILE"
     )
 
 
 @request
 class EnergyRequest(ModelDataOptions):
     configuration: list[str] | None = option(
-        "Board, lanes and lane type; may be repeated.", None, metavar="TARGET:LANES[:TYPE]"
+        "Board, lanes and lane type; may be repeated.", metavar="TARGET:LANES[:TYPE]"
     )
     recordings: int = option("Number of recordings to simulate.", 2, min=1)
     out: Path = option("Folder for energy.json.", Path("build/energy"))
 
 
 @request
-class ScheduleRequest:
-    model: str = argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")
-    lanes: str | None = option(
-        "Parallel multipliers, such as 4 or 4:dsp (iCE40 DSP blocks). Default: 4.", None, metavar="P[:TYPE]"
-    )
+class ScheduleRequest(LaneOptions):
+    model: Path = argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")
     out: Path = option("Folder for the files.", Path("build/schedule"))
 
 
 @request
 class GenerateRequest(LaneOptions):
-    out: Path = option("Folder to write: new, or an earlier design to replace.")
-    data: str | None = option(
-        "The bench plays the first of these recordings. Default: a synthetic one.", None
-    )
-    bus: Literal["wishbone", "axi4lite"] | None = option("Add a bus shell for a CPU, with a C driver.", None)
+    out: Path = required("Folder to write: new, or an earlier design to replace.")
+    data: str | None = option("The bench plays the first of these recordings. Default: a synthetic one.")
+    bus: Literal["wishbone", "axi4lite"] | None = option("Add a bus shell for a CPU, with a C driver.")
     streams: Literal["axis"] | None = option(
-        "Take frames from an AXI-Stream; without --bus send decisions on one.", None
+        "Take frames from an AXI-Stream; without --bus send decisions on one."
     )
-    top: str | None = option("Name of the top module, and prefix of all other names.", None, metavar="NAME")
+    top: str | None = option("Name of the top module, and prefix of all other names.", metavar="NAME")
 
 
 @request
 class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
     recordings: str = option("Number of recordings, spread over the classes.", "all", metavar="N|all")
     simulator: Literal["verilator", "icarus"] = option("Simulator.", "verilator")
-    jobs: int | None = option("Recordings played side by side. Default: one per core.", None, min=1)
+    jobs: int | None = option("Recordings played side by side. Default: one per core.", min=1)
     level: Literal["rtl", "netlist"] = option("Generated Verilog, or its netlist.", "rtl")
-    target: str | None = option("Part of the netlist: a board such as icebreaker, or asic.", None)
-    pdk: str | None = option("Chip: ihp-sg13g2 or sky130hd.", None, metavar="NAME")
+    target: str | None = option("Part of the netlist: a board such as icebreaker, or asic.")
+    pdk: str | None = option("Chip: ihp-sg13g2 or sky130hd.", metavar="NAME")
     liberty: list[Path] | None = option(
-        "Chip: a Liberty file of the process; may be repeated.", None, metavar="FILE"
+        "Chip: a Liberty file of the process; may be repeated.", metavar="FILE"
     )
     rom: bool = option("Chip: weights and constants are in ROM.", False, "--rom")
     converter: str | None = option(
-        "Play frames to the pins of this converter; none: to the core.", None, metavar="NAME"
+        "Play frames to the pins of this converter; none: to the core.", metavar="NAME"
     )
     pace: Literal["full", "declared"] = option(
         "full: as fast as possible; declared: at the recordings' rate.", "full"
     )
-    clock: float | None = option("Clock for --pace declared.", None, metavar="HZ")
+    clock: float | None = option("Clock for --pace declared.", metavar="HZ")
     stalls: bool = option("Insert random stalls at input and output.", False, "--stalls")
     bench: Literal["sample", "cocotb"] = option(
         "Recordings under cocotb: one per class (others in bulk), or all.", "sample"
@@ -460,35 +446,33 @@ class CosimRequest(ModelDataOptions, LaneOptions, JsonOptions, ClusterOptions):
 
 @request
 class BoardRequest(ModelOptions):
-    target: str = option("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")
+    target: str = required("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")
     lanes: str | None = option(
-        "Parallel multipliers. Default: the model's, or as many as fit.", None, metavar="P[:TYPE]"
+        "Parallel multipliers. Default: the model's, or as many as fit.", metavar="P[:TYPE]"
     )
     link: bool = option("Include the serial link, or build onset to decision only.", True)
     converter: str | None = option(
-        "Read frames from this converter. Default with --standalone: the model's.", None, metavar="NAME"
+        "Read frames from this converter. Default with --standalone: the model's.", metavar="NAME"
     )
     stimulator: bool = option("With a converter: decisions drive the stimulator.", False, "--stimulator")
     standalone: bool = option(
         "Build without a host: model in the bitstream, frames from a converter.", False, "--standalone"
     )
     flash: bool = option("With --standalone: load the model from the board's flash.", False, "--flash")
-    clock: float | None = option(
-        "Target clock. Default: the board's oscillator.", None, min=1e3, metavar="HZ"
-    )
+    clock: float | None = option("Target clock. Default: the board's oscillator.", min=1e3, metavar="HZ")
     seeds: int = option("Number of placements to try; the fastest is kept.", 1, min=1, max=1000)
-    out: Path | None = option("Folder to write: new, or an earlier build. Default: build/board/NAME.", None)
+    out: Path | None = option("Folder to write: new, or an earlier build. Default: build/board/NAME.")
 
 
 @request
 class AsicRequest(ModelOptions):
-    pdk: str = option("Process: ihp-sg13g2 or sky130hd.", metavar="NAME")
-    liberty: list[Path] = option(
+    pdk: str = required("Process: ihp-sg13g2 or sky130hd.", metavar="NAME")
+    liberty: list[Path] = required(
         "Liberty file of the process (.lib, .lib.gz); may be repeated.", metavar="FILE"
     )
-    lanes: int | None = option("Parallel multipliers. Default: the model's.", None)
+    lanes: int | None = option("Parallel multipliers. Default: the model's.")
     rom: bool = option("Put weights and constants in ROM; otherwise the host loads them.", False, "--rom")
     data: str | None = option(
-        "Simulate one of these recordings for its energy; takes many minutes.", None, metavar="D"
+        "Simulate one of these recordings for its energy; takes many minutes.", metavar="D"
     )
     out: Path = option("Folder for asic.json, asic.md, netlist.v and accelerator.sdc.", Path("build/asic"))

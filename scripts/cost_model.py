@@ -9,13 +9,14 @@ Weights and signals are random: the model is of shapes, not of what was learnt.
 """
 
 import argparse
+import re
 import tempfile
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import nnls
 
 from eskin.golden.core import AcceleratorConfig, Record, content_key
@@ -35,14 +36,15 @@ from tests.support.random_models import random_integer_model
 
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
 AT_ONCE: Record = dict(rest="none", rest_frames=0, onset="immediate")
-ALL = ("mean", "activity", "integral")
+NAME = re.compile(r"(\d+) taxels, (.+), (linear|GRU|LSTM) ?(\d*)(, at once)?, P = (\d+)")
 
 
-def _design(taxels: int, classes: int, hop: int, steps: int, cell: str, hidden: int | None, **of: Any) -> Any:
-    names = tuple(f"class{number}" for number in range(classes))
+def _design(name: str, classes: int, hop: int, steps: int, block: int = 1) -> AcceleratorConfig:
+    """What the name says, with so many classes, windows of two hops, and frames in a block of activity."""
+    taxels, kinds, cell, hidden, at_once, lanes = NAME.fullmatch(name).groups()  # type: ignore[union-attr]
     config = AcceleratorConfig.of(
         name="counted",
-        taxels=taxels,
+        taxels=int(taxels),
         sample_rate_hz=1000.0,
         sample_bits=16,
         window_mode="free",
@@ -50,48 +52,34 @@ def _design(taxels: int, classes: int, hop: int, steps: int, cell: str, hidden: 
         hop=hop,
         window=2 * hop,
         steps=steps,
-        class_names=names,
-        **of,
+        class_names=tuple(f"class{number}" for number in range(classes)),
+        feature_kinds=tuple(kinds.replace("all kinds", "mean + activity + integral").split(" + ")),
+        activity_block=block,
+        lanes=int(lanes),
+        **(AT_ONCE if at_once else TRACKED),
     )
-    return with_network(config, cell=cell, hidden=hidden)
+    return with_network(config, cell=cell.lower(), hidden=int(hidden or 0) or None)
 
 
-DESIGNS: dict[str, AcceleratorConfig] = {
-    "16 taxels, mean, linear, P = 4": _design(16, 3, 48, 10, "linear", None, lanes=4, **TRACKED),
-    "16 taxels, mean, GRU 8, P = 4": _design(16, 3, 24, 20, "gru", 8, lanes=4, **TRACKED),
-    "8 taxels, mean + activity, linear, P = 2": _design(
-        8, 5, 64, 20, "linear", None, lanes=2, feature_kinds=ALL[:2], activity_block=16, **TRACKED
-    ),
-    "8 taxels, all kinds, GRU 4, P = 1": _design(
-        8, 5, 32, 10, "gru", 4, lanes=1, feature_kinds=ALL, **TRACKED
-    ),
-    "19 taxels, mean, linear, at once, P = 4": _design(19, 20, 28, 19, "linear", None, lanes=4, **AT_ONCE),
-    "32 taxels, mean, GRU 12, P = 6": _design(32, 4, 32, 10, "gru", 12, lanes=6, **TRACKED),
-    "4 taxels, all kinds, linear, P = 1": _design(
-        4, 2, 64, 20, "linear", None, lanes=1, feature_kinds=ALL, **TRACKED
-    ),
-    "64 taxels, mean, linear, P = 4": _design(64, 7, 16, 10, "linear", None, lanes=4, **TRACKED),
-    "12 taxels, mean + integral, LSTM 6, P = 2": _design(
-        12, 3, 40, 8, "lstm", 6, lanes=2, feature_kinds=("mean", "integral"), **AT_ONCE
-    ),
-    "16 taxels, all kinds, GRU 16, P = 6": _design(
-        16, 6, 32, 20, "gru", 16, lanes=6, feature_kinds=ALL, **TRACKED
-    ),
+SHAPES = {
+    "16 taxels, mean, linear, P = 4": (3, 48, 10),
+    "16 taxels, mean, GRU 8, P = 4": (3, 24, 20),
+    "8 taxels, mean + activity, linear, P = 2": (5, 64, 20, 16),
+    "8 taxels, all kinds, GRU 4, P = 1": (5, 32, 10),
+    "19 taxels, mean, linear, at once, P = 4": (20, 28, 19),
+    "32 taxels, mean, GRU 12, P = 6": (4, 32, 10),
+    "4 taxels, all kinds, linear, P = 1": (2, 64, 20),
+    "64 taxels, mean, linear, P = 4": (7, 16, 10),
+    "12 taxels, mean + integral, LSTM 6, at once, P = 2": (3, 40, 8),
+    "16 taxels, all kinds, GRU 16, P = 6": (6, 32, 20),
 }
+DESIGNS = {name: _design(name, *shape) for name, shape in SHAPES.items()}
 """Shapes that no data set of the project has given."""
 
 COLUMNS = (
-    "frames",
-    "cycles a frame",
-    "steps",
-    "cycles a step",
-    "multiplies a step",
-    "toggles a frame",
-    "toggles a step",
-    "counted uJ",
-    "LUT",
-    "block memories",
-)
+    "frames | cycles a frame | steps | cycles a step | multiplies a step | toggles a frame | toggles a step "
+    "| counted uJ | LUT | block memories"
+).split(" | ")
 
 
 def played(config: AcceleratorConfig) -> Recordings:
@@ -113,8 +101,8 @@ def played(config: AcceleratorConfig) -> Recordings:
     )
 
 
-def counted(name: str, config: AcceleratorConfig) -> Record:
-    """The row of a design: `COLUMNS`, and the name.
+def counted(name: str, config: AcceleratorConfig) -> list[float]:
+    """The row of a design: `COLUMNS`.
 
     Raises
     ------
@@ -133,7 +121,7 @@ def counted(name: str, config: AcceleratorConfig) -> Record:
         raise RuntimeError(f"{name}: the netlist differs from the model")
     energy = estimate(config, target(BOARD).device, activity, config.hardware.clock_hz)
     joule = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
-    figures = (
+    return [
         config.last_frame,
         activity.frame_cycles,
         config.windows.steps,
@@ -144,74 +132,76 @@ def counted(name: str, config: AcceleratorConfig) -> Record:
         1e6 * joule,
         cells["SB_LUT4"],
         sum(number for kind, number in cells.items() if kind.startswith("SB_RAM40_4K")),
-    )
-    return dict(zip(COLUMNS, figures, strict=True))
+    ]
 
 
-def rows(names: Sequence[str]) -> dict[str, Record]:
-    """The rows of those designs, printed as soon as they are known, from the memo where they are in it."""
+def rows() -> pd.DataFrame:
+    """The rows of `DESIGNS`, printed as soon as they are known, from the memo where they are in it."""
     keep, made = Memo(BUILD / "cost_rows"), {}
     print("| design | " + " | ".join(COLUMNS) + " |\n|---|" + "--:|" * len(COLUMNS), flush=True)
-    for name in names:
-        key = content_key(DESIGNS[name].to_dict(), code_version("golden", "rtl", "cosim"))
-        made[name] = row = keep.remembered(key, partial(counted, name, DESIGNS[name]))
-        print(f"| {name} | " + " | ".join(f"{row[column]:.4g}" for column in COLUMNS) + " |", flush=True)
-    return made
+    for name, config in DESIGNS.items():
+        key = content_key(config.to_dict(), code_version("golden", "rtl", "cosim"))
+        made[name] = row = keep.remembered(key, partial(counted, name, config))
+        print(f"| {name} | " + " | ".join(f"{figure:.4g}" for figure in row) + " |", flush=True)
+    return pd.DataFrame(made, COLUMNS).T
 
 
-def read_rows(document: str) -> dict[str, Record]:
+def read_rows(document: str) -> pd.DataFrame:
     """The rows of `rows` that a document holds."""
-    found = {}
-    for line in document.splitlines():
-        name, *cells = (cell.strip() for cell in line.strip("|").split("|"))
-        if name in DESIGNS and len(cells) == len(COLUMNS):
-            found[name] = dict(zip(COLUMNS, map(float, cells), strict=True))
-    return found
+    lines = [re.split(r"\s*\|\s*", line)[1:-1] for line in document.splitlines()]
+    found = {name: map(float, row) for name, *row in filter(None, lines) if name in DESIGNS and len(row) > 5}
+    return pd.DataFrame(found, COLUMNS).T
 
 
-def terms(name: str, row: Record) -> tuple[float, np.ndarray, np.ndarray]:
-    """Energies of a counted design: joule of clock and products, joule of each toggle constant's unit, its `parts_of`."""
-    part, config = PARTS[target(BOARD).device], suited(DESIGNS[name], target(BOARD))
-    frames, steps = (row[what] * row[f"cycles a {what[:-1]}"] for what in ("frames", "steps"))
-    products = row["steps"] * (config.multiplies + config.inputs)
-    toggling = part.toggle_j * np.array([steps, frames, frames * (not config.opens_at_once)])
+def shares(counted_rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A row for each counted design, as shares of the energy counted: that of clock and products; that of each
+    toggle constant's unit. As shares of the cells counted: its `parts_of`."""
+    part, configs = (
+        PARTS[target(BOARD).device],
+        [suited(DESIGNS[name], target(BOARD)) for name in counted_rows.index],
+    )
+    of = {name: column.to_numpy() for name, column in counted_rows.items()}
+    frames, steps = of["frames"] * of["cycles a frame"], of["steps"] * of["cycles a step"]
+    products = of["steps"] * [config.multiplies + config.inputs for config in configs]
+    later = frames * [not config.opens_at_once for config in configs]
     fixed = (steps + frames) * part.clock_j + products * part.multiply_j
-    return fixed, toggling, np.array(list(parts_of(config).values()))
+    toggling = part.toggle_j * np.stack([steps, frames, later])
+    has = np.array([list(parts_of(config).values()) for config in configs])
+    joule = 1e-6 * of["counted uJ"]
+    return fixed / joule, (toggling / joule).T, has / of["LUT"][:, None]
 
 
-def fit(counted_rows: dict[str, Record]) -> tuple[np.ndarray, np.ndarray]:
+def fit(counted_rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
     """(STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES), and CELLS in their order: least squares of the errors as
     shares, none of CELLS below 0."""
-    fixed, toggling, has = map(np.array, zip(*map(terms, counted_rows, counted_rows.values()), strict=True))
-    energy, cells = (np.array([row[key] for row in counted_rows.values()]) for key in ("counted uJ", "LUT"))
-    energy = 1e-6 * energy
-    toggles = np.linalg.lstsq(toggling / energy[:, None], 1 - fixed / energy, rcond=None)[0]
-    return toggles, nnls(has / cells[:, None], np.ones(len(cells)))[0]
+    fixed, toggling, has = shares(counted_rows)
+    return np.linalg.lstsq(toggling, 1 - fixed, rcond=None)[0], nnls(has, np.ones(len(has)))[0]
 
 
-def errors(counted_rows: dict[str, Record], constants: tuple[np.ndarray, np.ndarray], name: str) -> Any:
-    """Errors of energy and cells of a design with these constants, as shares of the counted ones."""
-    (fixed, toggling, has), row = terms(name, counted_rows[name]), counted_rows[name]
-    toggles, of_cells = constants
-    return 1e6 * (fixed + toggling @ toggles) / row["counted uJ"] - 1, has @ of_cells / row["LUT"] - 1
+def errors(counted_rows: pd.DataFrame, constants: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Errors of energy and cells of each design with these constants, as shares of the counted ones."""
+    fixed, toggling, has = shares(counted_rows)
+    return np.stack([fixed + toggling @ constants[0], has @ constants[1]]) - 1
 
 
-def show(counted_rows: dict[str, Record]) -> None:
+def without_it(counted_rows: pd.DataFrame) -> np.ndarray:
+    """`errors` of each design with constants fitted to the others."""
+    each = [counted_rows.loc[[name]] for name in counted_rows.index]
+    return np.hstack([errors(row, fit(counted_rows.drop(row.index))) for row in each])
+
+
+def show(counted_rows: pd.DataFrame) -> None:
     """Print the constants and how far they are off."""
     constants = fit(counted_rows)
     print("\nSTEP_TOGGLES {:.0f}, FRAME_TOGGLES {:.0f}, ONSET_TOGGLES {:.0f}".format(*constants[0]))
-    print(
-        "CELLS " + ", ".join(f"{name} {count:.1f}" for name, count in zip(CELLS, constants[1], strict=True))
-    )
+    print("CELLS " + ", ".join(map("{} {:.1f}".format, CELLS, constants[1])))
     print(
         "\n| design | energy | by the others | LUT | by the others | block memories |\n|---|--:|--:|--:|--:|--:|"
     )
-    for name, row in counted_rows.items():
-        others = {other: row for other, row in counted_rows.items() if other != name}
-        pairs = (errors(counted_rows, constants, name), errors(counted_rows, fit(others), name))
-        shares = [f"{100 * pair[which]:+.1f} %" for which in (0, 1) for pair in pairs]
-        blocks = f"{blocks_of(DESIGNS[name], BOARD)} of {row['block memories']:.0f}"
-        print(f"| {name} | " + " | ".join([*shares, blocks]) + " |", flush=True)
+    figures = np.stack([errors(counted_rows, constants), without_it(counted_rows)], axis=1)
+    for name, *of in zip(counted_rows.index, *100 * figures.reshape(4, -1), strict=True):
+        blocks = f"{blocks_of(DESIGNS[name], BOARD)} of {counted_rows['block memories'][name]:.0f}"
+        print(f"| {name} | " + " | ".join([*map("{:+.1f} %".format, of), blocks]) + " |")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -219,10 +209,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0], epilog="example: --fit docs/figures.md"
     )
-    parser.add_argument("--designs", nargs="*", default=list(DESIGNS), help="by name (default: all)")
     parser.add_argument("--fit", type=Path, metavar="FILE", help="take the rows of a document")
     asked = parser.parse_args(arguments)
-    show(read_rows(asked.fit.read_text()) if asked.fit else rows(asked.designs))
+    show(read_rows(asked.fit.read_text()) if asked.fit else rows())
 
 
 if __name__ == "__main__":

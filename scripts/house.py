@@ -94,41 +94,34 @@ def fields() -> int:
     return len(GROUP_OF)
 
 
-def figures(root: Path, texts: dict[str, list[str]]) -> dict[str, dict[str, int]]:
-    """Current figures of budget.toml's caps, table by table."""
+def figures(root: Path, texts: dict[str, list[str]]) -> dict[str, int]:
+    """Current figures beside the caps of budget.toml."""
     every = [text for folder in texts.values() for text in folder]
     sizes = {
         kind: sum((root / name).stat().st_size for name in tracked(root, *patterns))
         for kind, patterns in BYTES.items()
     }
-    return {
-        "tokens": {folder: sum(map(tokens, files)) for folder, files in texts.items()},
-        "bytes": sizes | {"long_strings": sum(map(long_strings, every))},
-        "counts": {"options": options(), "fields": fields()},
-    }
+    counted = {folder: sum(map(tokens, files)) for folder, files in texts.items()} | sizes
+    return counted | {"long_strings": sum(map(long_strings, every)), "options": options(), "fields": fields()}
 
 
-def over_budget(today: dict[str, dict[str, int]], caps: dict[str, dict[str, int]]) -> list[str]:
+def over_budget(today: dict[str, int], caps: dict[str, int]) -> list[str]:
     """A sentence for each figure above its cap; what has no cap may not be there."""
     return [
-        f"{table}.{name} is {figure}, above its cap of {cap}"
-        for table, have in today.items()
-        for name, figure in have.items()
-        if figure > (cap := caps.get(table, {}).get(name, 0))
+        f"{name} is {figure}, above its cap of {caps.get(name, 0)}"
+        for name, figure in today.items()
+        if figure > caps.get(name, 0)
     ]
 
 
-def lowered(text: str, today: dict[str, dict[str, int]]) -> str:
-    """budget.toml with every cap lowered to today's figure: up to the next hundred, of counts exactly."""
-    table, lines = "", []
-    for line in text.splitlines():
-        if heading := re.match(r"\[(\w+)\]", line):
-            table = heading[1]
-        if (cap := re.fullmatch(r"(\w+) = (\d+)", line)) and (have := today[table].get(cap[1])) is not None:
-            step = 1 if table == "counts" else 100
-            line = f"{cap[1]} = {min(int(cap[2]), -(-have // step) * step)}"
-        lines.append(line)
-    return "\n".join(lines) + "\n"
+def lowered(text: str, today: dict[str, int]) -> str:
+    """budget.toml with every cap lowered to today's figure: up to the next hundred, small ones exactly."""
+
+    def least(cap: re.Match[str]) -> str:
+        step = 100 if int(cap[2]) >= 1000 else 1
+        return f"{cap[1]} = {min(int(cap[2]), -(-today[cap[1]] // step) * step)}"
+
+    return re.sub(r"(?m)^(\w+) = (\d+)$", least, text)
 
 
 def main() -> None:
@@ -151,12 +144,10 @@ def main() -> None:
     today, budget = figures(given.root, texts), given.root / BUDGET
     if given.lower:
         budget.write_text(lowered(budget.read_text(), today))
-    caps = tomllib.loads(budget.read_text())
-    for table, have in today.items():
-        for name, figure in have.items():
-            print(f"{table:7}{name:14}{figure:8} of {caps.get(table, {}).get(name, 0):8}")
-    if wrong := over_budget(today, caps):
-        sys.exit("\n".join(wrong))
+    caps = {name: cap for table in tomllib.loads(budget.read_text()).values() for name, cap in table.items()}
+    for name, figure in today.items():
+        print(f"{name:14}{figure:8} of {caps.get(name, 0):8}")
+    sys.exit("\n".join(over_budget(today, caps)) or 0)
 
 
 if __name__ == "__main__":

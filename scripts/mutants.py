@@ -6,8 +6,8 @@ and conditions that only lead to one (error messages), assertions, decorators an
 them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
 judged beside those that are drawn.
 
-Each mutant is tested in a copy of the project. Verdicts are kept by the content of the whole project with the
-mutant in it, so an interrupted run goes on where it stopped. It is killed when its tests fail, cannot be loaded, or take too long. One that
+Each mutant is tested in a copy of the project. Verdicts are kept by the content of all files that git knows and
+of the mutant, so an interrupted run goes on where it stopped. It is killed when its tests fail, cannot be loaded, or take too long. One that
 survives is a hole in the tests, or equivalent: the same function written otherwise, of which
 tests/mutants.toml says why. The score is the killed share of those that are drawn and not equivalent.
 
@@ -15,237 +15,191 @@ No library does this: cosmic-ray knows four of the nine kinds of fault and one t
 mutmut neither.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import contextlib
 import hashlib
 import itertools
-import multiprocessing
 import os
 import random
 import re
-import resource
 import shutil
 import signal
+import subprocess
 import sys
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from eskin.golden.core import Record, content_key, write_json
+from eskin.golden.core import Record, content_key
 from eskin.jobs import Jobs
 from eskin.memo import Memo
+from scripts.house import tracked
 
 ROOT = Path(__file__).resolve().parents[1]
-SCOPE = Path("tests/mutants.toml")
-FOLDERS = ("eskin", "golden", "rtl", "cosim", "scripts", "formal", "tests")
+SCOPE = "tests/mutants.toml"
 REQUIRED = 0.95
-HEAVY = ["pytest", "numpy", "amaranth.sim", "amaranth.lib.wiring", "torch"]
-"""Loaded once, before the test processes are forked: loading them takes longer than most mutants. (No plugins
-of pytest.)"""
-CONTEXT = multiprocessing.get_context("forkserver")
-KINDS = (
-    "operator",
-    "condition",
-    "off-by-one",
-    "constant",
-    "width",
-    "reset",
-    "swapped operands",
-    "saturation",
-    "signal",
-)
-Fault = tuple[str, int, str, str]
-"""Kind, first character, text there, text in its place."""
-Work = tuple[str, list[str], float, "Mutant | None"]
-"""File, tests, seconds of the processor, fault."""
+PYTEST = "-m pytest -x -q -p no:cacheprovider --hypothesis-profile=mutants --tb=line".split()
+ENDED = (-signal.SIGXCPU, -signal.SIGKILL)
+LIMIT = 300
+"""Seconds of the processor after which a test is ended."""
+Fault = tuple[str, Any, str]
+"""Kind, expression, text in its place."""
+Work = tuple["Mutant", list[str]]
+"""A mutant and its tests."""
 
 
 def _signs(text: str) -> dict[str, str]:
     return dict(pair.split(":") for pair in text.split(","))
 
 
-OTHER = _signs(
-    "Add:-,Sub:+,Mult:+,FloorDiv:*,Div:*,Mod://,LShift:>>,RShift:<<,BitAnd:|,BitOr:&,BitXor:|,And:or,Or:and"
-)
-INVERTED = _signs("Eq:!=,NotEq:==,Lt:>=,LtE:>,Gt:<=,GtE:<,Is:is not,IsNot:is,In:not in,NotIn:in")
-ONE_OFF = _signs("Lt:<=,LtE:<,Gt:>=,GtE:>")
-SIGN = _signs("Lt:<,LtE:<=,Gt:>,GtE:>=,Sub:-,FloorDiv://,Mod:%")
-SIZED = ("signed", "unsigned", "Signal", "range", "QFormat", "replicate", "shape_of")
-NARROWINGS = ("saturate", "clip", "clamp", "min", "max", "minimum", "maximum")
-ROUNDINGS = ("narrow", "round_half_up", "shift_right", "_narrow")
+CHANGED = {
+    "operator": _signs(
+        "Add:-,Sub:+,Mult:+,FloorDiv:*,Div:*,Mod://,LShift:>>,RShift:<<,BitAnd:|,BitOr:&,BitXor:|,And:or,Or:and"
+    ),
+    "condition": _signs("Eq:!=,NotEq:==,Lt:>=,LtE:>,Gt:<=,GtE:<,Is:is not,IsNot:is,In:not in,NotIn:in"),
+    "off-by-one": _signs("Lt:<=,LtE:<,Gt:>=,GtE:>"),
+}
+"""Another sign between two operands, by kind of fault."""
+SWAPPED = _signs("Lt:<,LtE:<=,Gt:>,GtE:>=,Sub:-,FloorDiv://,Mod:%")
 
 
 # ---------------------------------------------------------------------- faults
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Mutant:
-    """``new`` in place of ``old``, from character ``begin`` of the file on; a named one (``begin`` -1)
-    wherever ``old`` stands."""
+    """``new`` in place of characters ``begin`` to ``end`` of a file's text."""
 
     file: str
-    kind: str
-    begin: int
-    old: str
-    new: str
-    line: int = 0
+    text: str
+    begin: int = 0
+    end: int = 0
+    kind: str = ""
+    new: str = ""
     name: str = ""
 
-    def apply(self, text: str) -> str:
+    def applied(self) -> str:
         """The whole file with the fault in it."""
-        assert text.find(self.old, self.begin) == self.begin or (self.begin < 0 and self.old in text), (
-            f"{self.file} has no '{self.old}'"
-        )
-        return (
-            text.replace(self.old, self.new)
-            if self.begin < 0
-            else text[: self.begin] + self.new + text[self.begin + len(self.old) :]
-        )
+        return self.text[: self.begin] + self.new + self.text[self.end :]
 
-    def lines(self, text: str) -> tuple[str, str]:
+    def is_fault(self) -> bool:
+        """Is the mutated file a program, and another one?"""
+        with contextlib.suppress(SyntaxError):
+            return ast.dump(ast.parse(self.applied())) != ast.dump(ast.parse(self.text))
+        return False
+
+    def line(self) -> int:
+        """Its number."""
+        return self.text.count("\n", 0, self.begin) + 1
+
+    def lines(self) -> tuple[str, str]:
         """The difference, as the stretch of lines before and after, blanks squeezed: names the mutant
         wherever the lines move to."""
-        begin = text.index(self.old) if self.begin < 0 else self.begin
-        first, last = text.rfind("\n", 0, begin) + 1, text.find("\n", begin + len(self.old))
-        changed = text[first:begin] + self.new + text[begin + len(self.old) : last]
-        return " ".join(text[first:last].split()), " ".join(changed.split())
+        first, last = self.text.rfind("\n", 0, self.begin) + 1, self.text.find("\n", self.end)
+        now = self.text[first : self.begin] + self.new + self.text[self.end : last]
+        return " ".join(self.text[first:last].split()), " ".join(now.split())
 
 
-class _Finder:
-    """Faults of one file: (kind, begin, old, new)."""
+def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fault]:
+    """The faults of a node and of everything below it that is not excluded. names: the signals of the
+    function it is in."""
+    below: list[Any] = list(ast.iter_child_nodes(node))
+    match node:
+        case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.Import() | ast.ImportFrom():
+            return
+        case ast.FunctionDef(name=name, body=body):
+            special = name.startswith("__") and name not in ("__init__", "__post_init__")
+            below = [] if special or name in skip else body
+            names = sorted(set(_signals(node)))
+        case ast.ClassDef(body=body):
+            below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
+        case ast.AnnAssign(value=value):
+            below = [value] if value else []
+        case ast.If(body=body, orelse=orelse) if all(map(_refuses, body)):
+            below = orelse
+        case ast.If(test=test) | ast.IfExp(test=test):
+            yield "condition", test, f"not ({ast.unparse(test)})"
+        case ast.Call(func=func, args=args, keywords=words):
+            yield from _call_faults(node, names)
+            below = [func, *args, *(word.value for word in words if word.arg not in ("name", "dtype"))]
+        case _:
+            yield from _value_faults(node)
+    for part in below:
+        yield from _walk(part, skip, names)
 
-    def __init__(self, text: str, skip: frozenset[str]) -> None:
-        self.text, self.skip = text, skip
-        self.rows = text.encode().splitlines(keepends=True)
-        self.starts = [0, *itertools.accumulate(len(row.decode()) for row in self.rows)]
 
-    def span(self, node: Any) -> tuple[int, int]:
-        places = ((node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset))
-        begin, end = (
-            self.starts[line - 1] + len(self.rows[line - 1][:byte].decode()) for line, byte in places
-        )
-        return begin, end
+def _value_faults(node: Any) -> Iterator[Fault]:
+    """Faults of an operation, a constant, the bounds of a slice."""
+    match node:
+        case (
+            ast.BinOp(left=left, op=op, right=right)
+            | ast.BoolOp(values=[left, right], op=op)
+            | ast.Compare(left=left, ops=[op], comparators=[right])
+        ) if not (isinstance(op, ast.Add | ast.Mult | ast.BitOr) and (_is_text(left) or _is_text(right))):
+            first, second, of = f"({ast.unparse(left)})", f"({ast.unparse(right)})", type(op).__name__
+            for kind, signs in CHANGED.items():
+                if of in signs:
+                    yield kind, node, first + signs[of] + second
+            if of in SWAPPED:
+                yield "swapped operands", node, second + SWAPPED[of] + first
+        case ast.UnaryOp(op=ast.UAdd()) | ast.UnaryOp(op=ast.USub(), operand=ast.Constant()):
+            pass
+        case ast.UnaryOp(operand=operand):
+            negative = isinstance(node.op, ast.USub)
+            yield "operator" if negative else "condition", node, ast.unparse(operand)
+        case ast.Constant(value=bool(value)):
+            yield "constant", node, str(not value)
+        case ast.Constant(value=int(value)):
+            yield "constant", node, str({0: 1, 1: 0}.get(value, value + 1))
+        case ast.Constant(value=float(value)):
+            yield "constant", node, repr(value * 1.5 + (value == 0))
+        case ast.Slice(lower=lower, upper=upper):
+            for bound in (lower, upper):
+                if bound is not None and not _is_text(bound):
+                    yield "off-by-one", bound, f"{ast.unparse(bound)} + 1"
 
-    def source(self, node: ast.AST) -> str:
-        return self.text[slice(*self.span(node))]
 
-    def replaced(self, kind: str, node: ast.AST, new: str) -> Fault:
-        return kind, self.span(node)[0], self.source(node), new
-
-    def between(self, kind: str, left: ast.AST, right: ast.AST, sign: str) -> Iterator[Fault]:
-        """Another sign between two operands."""
-        begin = self.span(left)[1]
-        old = self.text[begin : self.span(right)[0]]
-        bare = old.strip(" ()\n")
-        if bare and "#" not in old and old.count(bare) == 1:
-            yield kind, begin, old, old.replace(bare, sign)
-
-    def walk(self, node: Any, names: Sequence[str] = ()) -> Iterator[Fault]:
-        """The faults of a node and of everything below it that is not excluded. names: the signals of the
-        function it is in."""
-        below = list(ast.iter_child_nodes(node))
-        match node:
-            case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.Import() | ast.ImportFrom():
-                return
-            case ast.FunctionDef(name=name, body=body):
-                special = name.startswith("__") and name not in ("__init__", "__post_init__")
-                below = [] if special or name in self.skip else list(body)
-                names = sorted(set(_signals(node)))
-            case ast.ClassDef(body=body):
-                below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
-            case ast.AnnAssign(value=value):
-                below = [value] if value else []
-            case ast.If(body=body, orelse=orelse) if all(map(_refuses, body)):
-                below = list(orelse)
-            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
-                pass
-            case ast.If(test=test) | ast.IfExp(test=test):
-                yield self.replaced("condition", test, f"not ({self.source(test)})")
-            case ast.Call():
-                yield from self.call_faults(node, names)
-                words = [word.value for word in node.keywords if word.arg not in ("name", "dtype")]
-                below = [node.func, *node.args, *words]
-            case _:
-                yield from self.value_faults(node)
-        for part in below:
-            yield from self.walk(part, names)
-
-    def value_faults(self, node: Any) -> Iterator[Fault]:
-        """Faults of an operation, a constant, the bounds of a slice."""
-        source, op = self.source, type(getattr(node, "op", None)).__name__
-        match node:
-            case ast.BinOp(left=left, right=right):
-                joined = (ast.List, ast.Tuple, ast.JoinedStr, ast.ListComp, ast.Dict)
-                joins = any(isinstance(side, joined) or _is_text(side) for side in (left, right))
-                if op in OTHER and not joins:
-                    yield from self.between("operator", left, right, OTHER[op])
-                    if op in SIGN:
-                        swapped = f"(({source(right)}) {SIGN[op]} ({source(left)}))"
-                        yield self.replaced("swapped operands", node, swapped)
-            case ast.BoolOp(values=values):
-                for left, right in itertools.pairwise(values):
-                    yield from self.between("operator", left, right, OTHER[op])
-            case ast.Compare(left=left, ops=[sign], comparators=[right]):
-                op = type(sign).__name__
-                yield from self.between("condition", left, right, INVERTED[op])
-                if op in ONE_OFF:
-                    yield from self.between("off-by-one", left, right, ONE_OFF[op])
-                    swapped = f"{source(right)} {SIGN[op]} {source(left)}"
-                    yield self.replaced("swapped operands", node, swapped)
-            case ast.UnaryOp(op=ast.UAdd()) | ast.UnaryOp(op=ast.USub(), operand=ast.Constant()):
-                pass
-            case ast.UnaryOp(operand=operand):
-                yield self.replaced("operator" if op == "USub" else "condition", node, f"({source(operand)})")
-            case ast.Constant(value=bool(value)):
-                yield self.replaced("constant", node, str(not value))
-            case ast.Constant(value=int(value)):
-                yield self.replaced("constant", node, str({0: 1, 1: 0}.get(value, value + 1)))
-            case ast.Constant(value=float(value)):
-                yield self.replaced("constant", node, repr(value * 1.5 + (value == 0)))
-            case ast.Slice(lower=lower, upper=upper):
-                for bound in (lower, upper):
-                    if bound is not None and not _is_text(bound):
-                        yield self.replaced("off-by-one", bound, f"{source(bound)} + 1")
-
-    def call_faults(self, node: ast.Call, names: Sequence[str]) -> Iterator[Fault]:
-        """Faults of a call by the name of what is called."""
-        name, args, sources = _name(node.func), node.args, list(map(self.source, node.args))
-        first, plain = (*args, None)[0], not any(isinstance(arg, ast.Starred) for arg in args)
-        target = self.source(node.func.value) if isinstance(node.func, ast.Attribute) else ""
-        if name in SIZED and len(args) == 1 and plain and not isinstance(first, ast.Call | ast.ListComp):
-            yield self.replaced("off-by-one" if name == "range" else "width", args[0], f"({sources[0]}) - 1")
-        if name == "If" and args:
-            yield self.replaced("condition", args[0], f"~({sources[0]})")
-        order = (0, 2, 1) if name in ("Mux", "where") and len(args) == 3 else ()
-        if name in ("Cat", "concatenate") and plain and len(args) >= 2:
-            order = (1, 0, *range(2, len(args)))
-        if order:
-            words = [f"{word.arg}={self.source(word.value)}" for word in node.keywords if word.arg]
-            swapped = ", ".join([*(sources[place] for place in order), *words])
-            yield self.replaced("swapped operands", node, f"{self.source(node.func)}({swapped})")
-        if name in NARROWINGS and args and plain and not isinstance(first, ast.GeneratorExp):
-            value = target if target and _name(node.func.value) not in ("np", "torch") else sources[0]  # type: ignore[attr-defined]
-            yield self.replaced("saturation", node, f"({value})")
-        if name in ROUNDINGS and len(args) >= 2:
-            yield self.replaced("saturation", node, f"(({sources[0]}) >> ({sources[1]}))")
-        for word in node.keywords:
-            if name == "Signal" and word.arg == "init" and self.source(word.value) != "0":
-                yield self.replaced("reset", word.value, "0")
-        if name == "eq" and isinstance(first, ast.Constant) and first.value == 0:
-            yield self.replaced("reset", node, f"{target}.eq({target})")
-        driven: dict[str, list[ast.expr]] = {"eq": args, "drive": [word.value for word in node.keywords]}
-        for given in driven.get(name, []):
-            for read in ast.walk(given):  # another signal of the function
-                if isinstance(read, ast.Name) and read.id in names and len(names) > 1:
-                    others = [other for other in names if other != read.id]
-                    number = hashlib.sha256(f"{read.id}{self.source(given)}".encode()).digest()[0]
-                    yield self.replaced("signal", read, others[number % len(others)])
+def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
+    """Faults of a call by the name of what is called."""
+    name, args, show = _name(node.func), node.args, ast.unparse
+    swapped: list[ast.expr] = []
+    match name, args:
+        case "range", [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size]:
+            yield "off-by-one", size, f"({show(size)}) - 1"
+        case (
+            ("signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
+            [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size],
+        ):
+            yield "width", size, f"({show(size)}) - 1"
+        case "If", [test]:
+            yield "condition", test, f"~({show(test)})"
+        case (("Mux" | "where"), [test, yes, no]):
+            swapped = [test, no, yes]
+        case (("Cat" | "concatenate"), [first, second, *rest]):
+            swapped = [second, first, *rest]
+        case (("narrow" | "round_half_up" | "shift_right" | "_narrow"), [value, shift, *_]):
+            yield "saturation", node, f"({show(value)}) >> ({show(shift)})"
+        case (("saturate" | "clip" | "clamp" | "min" | "max" | "minimum" | "maximum"), [value, *_]):
+            owner: Any = getattr(node.func, "value", None)
+            yield "saturation", node, show(value if _name(owner) in ("", "np", "torch") else owner)
+        case "eq", [ast.Constant(0) as zero]:
+            yield "reset", zero, show(node.func.value)  # type: ignore[attr-defined]
+    if swapped:
+        yield "swapped operands", node, show(ast.Call(node.func, swapped, node.keywords))
+    for word in node.keywords:
+        if name == "Signal" and word.arg == "init" and show(word.value) != "0":
+            yield "reset", word.value, "0"
+    driven = {"eq": args, "drive": [word.value for word in node.keywords]}
+    for given in driven.get(name, []):
+        for read in ast.walk(given):  # another signal of the function
+            if isinstance(read, ast.Name) and read.id in names and len(names) > 1:
+                others = [other for other in names if other != read.id]
+                number = hashlib.sha256(f"{read.id}{show(given)}".encode()).digest()[0]
+                yield "signal", read, others[number % len(others)]
 
 
 def _name(function: ast.expr) -> str:
@@ -253,208 +207,136 @@ def _name(function: ast.expr) -> str:
 
 
 def _is_text(node: ast.AST) -> bool:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+    """Text, or a list of things: what ``+`` joins."""
+    joined = (ast.List, ast.Tuple, ast.JoinedStr, ast.ListComp, ast.Dict)
+    return isinstance(node, joined) or isinstance(getattr(node, "value", None), str)
 
 
 def _refuses(statement: ast.stmt) -> bool:
     """Only reports a user's mistake."""
     match statement:
-        case ast.Raise():
-            return True
         case ast.Expr(value=ast.Call(func=function)):
             return _name(function) == "refuse"
-    return False
+    return isinstance(statement, ast.Raise)
 
 
 def _signals(function: ast.FunctionDef) -> Iterator[str]:
     """Names that the function gives to ``Signal(...)``."""
-    for node in (node for node in ast.walk(function) if isinstance(node, ast.Assign)):
-        target, value = node.targets[0], node.value
-        pairs = [(target, value)]
-        if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
-            pairs = list(zip(target.elts, value.elts, strict=False))
-        for name, part in pairs:
-            if isinstance(name, ast.Name) and isinstance(part, ast.Call) and _name(part.func) == "Signal":
-                yield name.id
+    for node in ast.walk(function):
+        match node:
+            case ast.Assign([ast.Name(id=name), *_], ast.Call(func=ast.Name(id="Signal"))):
+                yield name
 
 
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:
     """All mutants of a file but in the functions of ``skip``, in the order of its text; some may be no faults
-    (`is_fault`)."""
-    faults = {
-        Mutant(file, kind, begin, old, new, text.count("\n", 0, begin) + 1)
-        for kind, begin, old, new in _Finder(text, skip).walk(ast.parse(text))
-        if old != new
-    }
-    return sorted(faults, key=lambda mutant: (mutant.begin, mutant.kind, mutant.old, mutant.new))
-
-
-def is_fault(mutant: Mutant, text: str) -> bool:
-    """Is the mutated file a program, and another one?"""
-    try:
-        return ast.dump(ast.parse(mutant.apply(text))) != ast.dump(ast.parse(text))
-    except SyntaxError:
-        return False
+    (`Mutant.is_fault`). The text is ASCII: columns of the syntax tree are bytes."""
+    starts = [0, *itertools.accumulate(map(len, text.splitlines(keepends=True)))]
+    found = set()
+    for kind, node, new in _walk(ast.parse(text), skip, []):
+        begin = starts[node.lineno - 1] + node.col_offset
+        end = starts[node.end_lineno - 1] + node.end_col_offset
+        found.add(Mutant(file, text, begin, end, kind, f"({new})"))
+    return sorted(found)
 
 
 def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = frozenset()) -> list[Mutant]:
     """``count`` mutants of these files (or all): files in turn, in a file its kinds in turn, those chosen
     least so far first."""
-    waiting: dict[str, list[Mutant]] = {}
-    for file, text in texts.items():
-        of_file = mutants(file, text, skip)
-        waiting[file] = random.Random(f"{seed} {file}").sample(of_file, len(of_file))[::-1]
+    waiting = {file: mutants(file, text, skip) for file, text in texts.items()}
+    for file, rest in waiting.items():
+        random.Random(f"{seed} {file}").shuffle(rest)
     chosen: list[Mutant] = []
-    here, overall = Counter[tuple[str, str]](), Counter[str]()
-    rank = lambda mutant: (here[mutant.file, mutant.kind], overall[mutant.kind], KINDS.index(mutant.kind))
+    taken = Counter[Any]()
     while len(chosen) < count and any(waiting.values()):
-        for file in (file for file, rest in waiting.items() if rest):
-            mutant = min(waiting[file], key=rank)
-            waiting[file].remove(mutant)
-            if len(chosen) < count and is_fault(mutant, texts[file]):
-                here[file, mutant.kind] += 1
-                overall[mutant.kind] += 1
-                chosen.append(mutant)
+        for file, rest in waiting.items():
+            if rest and len(chosen) < count:
+                mutant = min(rest, key=lambda one: (taken[file, one.kind], taken[one.kind], one.kind))
+                rest.remove(mutant)
+                if mutant.is_fault():
+                    taken.update([mutant.kind, (file, mutant.kind)])
+                    chosen.append(mutant)
     return chosen
 
 
 # ---------------------------------------------------------------------- judging
 @dataclass
 class Scope:
-    """Files with their tests, faults that somebody thought of with theirs, what is said of survivors:
-    tests/mutants.toml."""
+    """tests/mutants.toml: texts and tests of the files, tests of the faults that somebody thought of, what is
+    said of survivors by file and lines."""
 
+    texts: dict[str, str]
     tests: dict[str, list[str]]
     named: dict[Mutant, list[str]]
     skip: frozenset[str]
     reasons: dict[tuple[str, str, str], Record]
 
     @classmethod
-    def load(cls, root: Path) -> Scope:
-        """Read the file; a test that begins with ``group.`` stands for all tests of that group."""
+    def load(cls, root: Path) -> "Scope":
+        """Read the file; a test that begins with ``group.`` stands for all tests of that group above."""
         values = tomllib.loads((root / SCOPE).read_text())
-        groups = {f"group.{name}": tests for name, tests in values.get("group", {}).items()}
-
-        def spelled(tests: list[str]) -> list[str]:
-            return [test for word in tests for test in groups.get(word, [word])]
-
-        named = {
-            Mutant(fault["file"], "named", -1, fault["old"], fault["new"], name=fault["name"]): spelled(
-                [fault["test"]]
-            )
-            for fault in values.get("named", [])
-        }
-        reasons = {(entry["file"], entry["was"], entry["now"]): entry for entry in values.get("survivor", [])}
-        tests = {file: spelled(tests) for file, tests in values["files"].items()}
-        return cls(tests, named, frozenset(values.get("skip", [])), reasons)
-
-
-def sources(root: Path) -> list[Path]:
-    """Files on which a verdict depends."""
-    paths = [path for folder in FOLDERS for path in sorted((root / folder).rglob("*"))]
-    kept = (path for path in paths if path.is_file() and "__pycache__" not in path.parts)
-    return [*(path for path in kept if path != root / SCOPE), root / "pyproject.toml"]
+        groups: dict[str, list[str]] = {}
+        spelled = lambda tests: [test for word in tests for test in groups.get(word, [word])]
+        for name, tests in values.get("group", {}).items():
+            groups[f"group.{name}"] = spelled(tests)
+        named = {}
+        for fault in values.get("named", []):
+            file, text, old = fault["file"], (root / fault["file"]).read_text(), fault["old"]
+            begin = text.index(old)
+            mutant = Mutant(file, text, begin, begin + len(old), "named", fault["new"], fault["name"])
+            named[mutant] = spelled([fault["test"]])
+        return cls(
+            {file: (root / file).read_text() for file in values["files"]},
+            {file: spelled(tests) for file, tests in values["files"].items()},
+            named,
+            frozenset(values.get("skip", [])),
+            {(entry["file"], entry["was"], entry["now"]): entry for entry in values.get("survivor", [])},
+        )
 
 
-class _Judges:
-    """pytest as a judge of mutants. A failing example is enough: making it smaller would take longer than the
-    test. And of slow tests those run that are named one by one; of a file that is named whole only the quick
-    ones."""
-
-    def __init__(self, tests: list[str]) -> None:
-        self._named = tuple(test for test in tests if "::" in test)
-
-    def pytest_collection_modifyitems(self, items) -> None:
-        items[:] = [
-            item
-            for item in items
-            if item.nodeid.startswith(self._named) or not item.get_closest_marker("slow")
-        ]
-
-    def pytest_configure(self) -> None:
-        from hypothesis import Phase, settings
-
-        settings.register_profile("mutants", phases=(Phase.explicit, Phase.generate))
-        settings.load_profile("mutants")
-
-
-def _child(copy: Path, tests: list[str], limit: float) -> None:
-    """pytest on the copy, in a separate process; its status and processor time go to a file beside the
-    copy."""
-    os.setsid()
-    resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
-    with (copy.parent / "log.txt").open("w") as output:
-        os.dup2(output.fileno(), 1)
-        os.dup2(output.fileno(), 2)
-    os.chdir(copy)
-    os.environ |= {"PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-    sys.dont_write_bytecode = True
-    for name in [name for name in sys.modules if name.partition(".")[0] in FOLDERS]:
-        del sys.modules[name]
-    sys.path[:] = [str(copy), *(entry for entry in sys.path if entry not in ("", str(ROOT)))]
-    import pytest
-
-    words = ["-x", "-q", "-m", "", "-p", "no:cacheprovider", "--tb=line", f"--rootdir={copy}", *tests]
-    try:
-        status = int(pytest.main(words, plugins=[_Judges(tests)]))
-    finally:
-        sys.stdout.flush()
-        used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        seconds = sum(process.ru_utime + process.ru_stime for process in used)
-        (copy.parent / "seconds").write_text(str(seconds))
-    os._exit(status)
-
-
-def verdict(shared: tuple[Path, Path, list[str]], work: Work) -> Record:
-    """What the tests say of a piece of work, in this process's own copy of the project: {outcome, seconds, by, compared,
-    end}. shared: the project, the folder of copies, modules to load before tests are forked."""
-    (root, folder, heavy), (file, tests, limit, mutant) = shared, work
+def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
+    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared,
+    log}. shared: the project, the folder of copies, seconds of the processor that a test may take."""
+    (root, folder, limit), (mutant, tests) = shared, work
     copy = folder / str(os.getpid()) / root.name
-    if not copy.exists():  # links included: found as ``eskin`` by whoever has the copy on its path
-        for path in sources(root):
-            (copy / path.relative_to(root)).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(path, copy / path.relative_to(root))
-        for link in (path for path in (root / "eskin").iterdir() if path.is_symlink()):
-            (copy / "eskin" / link.name).symlink_to(link.readlink())
-    CONTEXT.set_forkserver_preload(heavy)
-    if mutant:
-        (copy / file).write_text(mutant.apply((root / file).read_text()))
-    (copy.parent / "seconds").write_text(str(limit))
-    process = CONTEXT.Process(target=_child, args=(copy, tests, limit))
-    process.start()
-    process.join(max(600, 20 * limit))  # the machine may be busy
-    status = process.exitcode
-    assert process.pid
-    with contextlib.suppress(ProcessLookupError):  # with what it left behind
-        os.killpg(process.pid, signal.SIGKILL)
-    process.join()
-    if mutant:
-        shutil.copy2(root / file, copy / file)
-    end = (copy.parent / "log.txt").read_text(errors="replace")[-6000:]
-    failed = [line[:200] for line in end.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    outcome = "survived" if status == 0 else "killed"
-    if status in (None, -signal.SIGXCPU, -signal.SIGKILL):
-        outcome = "timeout"
+    if not copy.exists():  # with links: found as ``eskin`` by whoever has the copy on its path
+        shutil.copytree(root, copy, symlinks=True, ignore=shutil.ignore_patterns(".*", "build"))
+    (copy / mutant.file).write_text(mutant.applied())
+    environment = {"PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    log = copy.parent / "log.txt"
+    for test in tests:
+        # a slow test runs where it is named itself; of a file that is named whole only the quick ones
+        words = [*PYTEST, f"--rootdir={copy}", "-m", "" if "::" in test else "not slow", test]
+        with log.open("w") as output:
+            process = subprocess.Popen(
+                ["sh", "-c", f'ulimit -S -t {limit}; exec "$@"', "sh", sys.executable, *words],
+                cwd=copy,
+                env=os.environ | environment,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+            )
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(10 * limit)  # the machine may be busy
+        with contextlib.suppress(ProcessLookupError):  # with what it left behind
+            os.killpg(process.pid, signal.SIGKILL)
+        if status := process.wait():
+            break
+    (copy / mutant.file).write_text(mutant.text)
+    end = log.read_text(errors="replace")[-6000:]
     return {
-        "outcome": outcome,
-        "seconds": round(float((copy.parent / "seconds").read_text()), 1),
-        "by": (*failed, "")[0],
+        "outcome": "timeout" if status in ENDED else "killed" if status else "survived",
         # a test compared, and did not find what it asserts
-        "compared": outcome == "killed" and bool(re.search(r":\d+: (AssertionError|assert )", end)),
-        "end": end,
+        "compared": status > 0 and bool(re.search(r":\d+: (AssertionError|assert )", end)),
+        "log": end,
     }
 
 
-def judge(
-    root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: float = 60.0, only: str = ""
-) -> Record:
-    """Choose mutants, run what is not yet known, return the result.
+def judge(root: Path, out: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
+    """Choose mutants, run what is not yet known: file, line, kind, was, now, outcome, compared and reason of each.
 
     Parameters
     ----------
-    least_limit:
-        Seconds of the processor before a mutant's tests are ended at the earliest; otherwise three times what
-        they take without it.
     only:
         All ``count`` mutants are of files in whose path this regular expression is found, and none is a
         named one.
@@ -465,68 +347,56 @@ def judge(
         Tests fail without a mutant: nothing would be known.
     """
     scope, copies, keep = Scope.load(root), out / "copies", Memo(out / "verdicts")
-    texts = {file: (root / file).read_text() for file in scope.tests if re.search(only, file)}
-    tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)} | (
-        {} if only else scope.named
-    )
-    content = content_key(*(part for path in sources(root) for part in (str(path.relative_to(root)), path)))
+    texts = {file: text for file, text in scope.texts.items() if re.search(only, file)}
+    tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)}
+    tests_of |= {} if only else scope.named
+    content = content_key(*(root / name for name in tracked(root) if str(name) != SCOPE))
 
-    def judged(work: dict[Any, Work], what: str) -> dict[Any, Record]:
-        keys = {
-            name: content_key(content, repr((tests, mutant))) for name, (_, tests, _, mutant) in work.items()
-        }
-        pieces = {keys[name]: piece for name, piece in work.items()}
-        runs = Jobs(workers=jobs, progress=lambda *told: print("{}: {} of {}".format(*told), file=sys.stderr))
+    def judged(works: list[Work], what: str) -> list[Record]:
+        keys = [content_key(content, mutant.file, mutant.applied(), tests) for mutant, tests in works]
+        pieces = dict(zip(keys, works, strict=True))
+        runs = Jobs(workers=2, progress=lambda *told: print("{}: {} of {}".format(*told), file=sys.stderr))
         try:
-            results = runs.results(verdict, pieces, (root, copies, HEAVY), keep=keep, what=what)
+            results = runs.results(verdict, pieces, (root, copies, LIMIT), keep=keep, what=what)
         finally:
             shutil.rmtree(copies, ignore_errors=True)
-        return {name: results[key] for name, key in keys.items()}
+        return [results[key] for key in keys]
 
     every = sorted({test for tests in tests_of.values() for test in tests})
-    seconds = {}
-    for test, found in judged(
-        {test: ("", [test], 1200.0, None) for test in every}, "tests as they are"
-    ).items():
-        if found["outcome"] != "survived":
-            keep.forget([path.stem for path in (out / "verdicts").glob("*.json")])
-            raise RuntimeError(f"{test} fails without a mutant:\n{found['end']}")
-        seconds[test] = found["seconds"]
-    work: dict[Any, Work] = {
-        mutant: (mutant.file, tests, max(least_limit, 3 * sum(seconds[test] for test in tests)), mutant)
-        for mutant, tests in tests_of.items()
-    }
+    same = Mutant("pyproject.toml", (root / "pyproject.toml").read_text())
+    for row in judged([(same, [test]) for test in every], "tests as they are"):
+        if row["outcome"] != "survived":
+            shutil.rmtree(out / "verdicts")
+            raise RuntimeError(f"a test fails without a mutant:\n{row['log']}")
     rows = []
-    for mutant, row in judged(work, "mutants").items():
-        was, now = mutant.lines((root / mutant.file).read_text())
+    for mutant, row in zip(tests_of, judged(list(tests_of.items()), "mutants"), strict=True):
+        was, now = mutant.lines()
         reason = scope.reasons.get((mutant.file, was, now), {})
         if row["outcome"] == "survived" and reason.get("equivalent"):
             row["outcome"] = "equivalent"
-        del row["end"]
-        where = {"file": mutant.file, "line": mutant.line, "kind": mutant.kind, "was": was, "now": now}
-        rows.append(row | where | {"reason": mutant.name or reason.get("reason", "")})
-    counts = Counter(row["outcome"] for row in rows if row["kind"] != "named")
-    killed = counts["killed"] + counts["timeout"]
-    score = killed / (killed + counts["survived"]) if killed else 0.0
-    passed = score >= REQUIRED and all(row["compared"] for row in rows if row["kind"] == "named")
-    return {"seed": seed, "mutants": rows, "counts": dict(counts), "score": score, "passed": passed}
+        reason = {"reason": mutant.name or reason.get("reason", "no reason given")}
+        rows.append(row | reason | {"file": mutant.file, "line": mutant.line(), "kind": mutant.kind})
+        rows[-1] |= {"was": was, "now": now}
+    return pd.DataFrame(rows)
 
 
-def table(result: Record) -> str:
+def score(rows: pd.DataFrame) -> float:
+    """Share of the drawn mutants that were killed; equivalent ones do not count."""
+    drawn = rows[(rows["kind"] != "named") & (rows["outcome"] != "equivalent")]
+    return float((drawn["outcome"] != "survived").mean())
+
+
+def table(rows: pd.DataFrame, seed: int) -> str:
     """The result as Markdown: score, by kind, by file, survivors."""
-    rows = pd.DataFrame(result["mutants"])
     compared = (rows["compared"] & (rows["kind"] != "named")).sum()
-    lines = [
-        f"# Mutants: {result['score']:.1%} killed (seed {result['seed']}), {compared} by a comparison; "
-        f"required {REQUIRED:.0%}"
-    ]
-    lines += [f"\n```\n{pd.crosstab(rows[by], rows['outcome'])}\n```\n" for by in ("kind", "file")]
-    for row in sorted(result["mutants"], key=lambda row: row["outcome"]):
-        if row["outcome"] in ("survived", "equivalent") or (row["kind"] == "named" and not row["compared"]):
-            where = f"{row['outcome']}: {row['file']}:{row['line']} ({row['kind']})"
-            reason = row["reason"] or "no reason given"
-            lines.append(f"- {where}: {reason}\n  ```diff\n  - {row['was']}\n  + {row['now']}\n  ```")
-    return "\n".join(lines) + "\n"
+    text = f"# Mutants: {score(rows):.1%} killed (seed {seed}), {compared} by a comparison; required {REQUIRED:.0%}\n"
+    for by in ("kind", "file"):
+        text += f"\n```\n{pd.crosstab(rows[by], rows['outcome'])}\n```\n"
+    shown = rows["outcome"].isin(["survived", "equivalent"]) | ((rows["kind"] == "named") & ~rows["compared"])
+    for row in rows[shown].sort_values("outcome").itertuples():
+        text += f"- {row.outcome}: {row.file}:{row.line} ({row.kind}): {row.reason}\n"
+        text += f"  ```diff\n  - {row.was}\n  + {row.now}\n  ```\n"
+    return text
 
 
 def main(words: list[str] | None = None, root: Path = ROOT) -> int:
@@ -535,24 +405,19 @@ def main(words: list[str] | None = None, root: Path = ROOT) -> int:
     parser = argparse.ArgumentParser(prog="make mutants", description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=154, help="mutants that are drawn (default 154)")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=2, help="at a time")
-    parser.add_argument("--limit", type=float, default=60.0, help="least time limit of a mutant, in seconds")
     only = "all mutants in files in whose path this regular expression is found; the result is not written"
     parser.add_argument("--only", default="", help=only)
-    parser.add_argument("--out", type=Path, default=Path("build/mutants"))
-    asked = parser.parse_args(words)
+    asked, out = parser.parse_args(words), root / "build" / "mutants"
     try:
-        result = judge(
-            root, asked.out.absolute(), asked.count, asked.seed, asked.jobs, asked.limit, asked.only
-        )
+        rows = judge(root, out, asked.count, asked.seed, asked.only)
     except RuntimeError as error:
         print(error, file=sys.stderr)
         return 2
+    shown = table(rows, asked.seed)
     if not asked.only:
-        write_json(asked.out / "mutants.json", result)
-        (asked.out / "mutants.md").write_text(table(result))
-    print(table(result))
-    return 0 if result["passed"] else 1
+        (out / "mutants.md").write_text(shown)
+    print(shown)
+    return int(score(rows) < REQUIRED or not rows["compared"][rows["kind"] == "named"].all())
 
 
 if __name__ == "__main__":

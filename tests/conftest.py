@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 from eskin.golden.data import Recordings
 from eskin.rtl.fpga.tools import run_tool
@@ -24,6 +24,8 @@ os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("quick", **PATIENT)
 settings.register_profile("long", print_blob=True, **PATIENT)
+# A failing example is enough: making it smaller would take longer than the test.
+settings.register_profile("mutants", phases=(Phase.explicit, Phase.generate), **PATIENT)
 settings.load_profile("quick")
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"

@@ -31,8 +31,8 @@ from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
-from eskin.study import sweep
-from eskin.verbs import baselines_job, energy_job, sweep_job
+from eskin.study import baselines, sweep
+from eskin.verbs import energy_job, sweep_job
 from tests.support.link_device import Device, golden_decisions
 from tests.support.recipes import few_updates
 from tests.support.small_designs import TRACKED
@@ -412,7 +412,7 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
     for name, value in {"FOLDS": 2, "CELLS": [("gru", "before", 4)], "NETWORKS": ("tactnet-half",)}.items():
         monkeypatch.setattr(sweep, name, value)
     monkeypatch.setattr(sweep_job, "FOLDS", 2)
-    monkeypatch.setattr(baselines_job, "run", partial(baselines_job.run, folds=2, seeds=1))
+    monkeypatch.setattr(baselines, "run", partial(baselines.run, folds=2, seeds=1))
     few_updates(monkeypatch, 60)
     return lambda kind: Case(shop, kind, tmp_path)
 

@@ -14,7 +14,19 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from eskin.golden.core import InputError, Progress, Record, check_target, write_json
+from eskin.choose.choice_table import front_end_table, front_end_words
+from eskin.data import load_recordings
+from eskin.data.fit import for_model
+from eskin.golden.core import (
+    PRESETS,
+    AcceleratorConfig,
+    InputError,
+    Progress,
+    Record,
+    check_target,
+    write_json,
+)
+from eskin.golden.model import IntegerModel
 from eskin.pages.views import Rows, parts, words
 from eskin.verbs.milestones import shown
 
@@ -80,50 +92,37 @@ def check_outputs(verb: str, options: Record) -> None:
     ------
     InputError
     """
-    from eskin.golden.core import PRESETS
 
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
     outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
-    words = (*PRESETS, "synthetic", "default")
-    inputs: list[Path] = []
-    for name, value in options.items():
-        if name not in OUTPUTS:
-            several = value if isinstance(value, list) else [value]
-            inputs += [
-                Path(path)
-                for path in several
-                if isinstance(path, Path) or (name in INPUT_WORDS and path and path not in words)
-            ]
-    places = [(path, path.resolve()) for path in inputs if path.exists()]
+    words = (None, "", *PRESETS, "synthetic", "default")
+    inputs = [
+        Path(given)
+        for name, value in options.items()
+        if name not in OUTPUTS
+        for given in (value if isinstance(value, list) else [value])
+        if isinstance(given, Path) or (name in INPUT_WORDS and given not in words)
+    ]
     of_place: dict[Path, str] = {}
     for option, path in outputs.items():
-        place = path.resolve()
-        twin = of_place.setdefault(place, option)
-        if twin != option:
-            raise InputError(f"{option} {path}: {twin} names the same path; give another one")
-        for given_path, source in places:
+        place, why = path.resolve(), ""
+        if (twin := of_place.setdefault(place, option)) != option:
+            why = f"{twin} names the same path"
+        own = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
+        for given in filter(Path.exists, inputs):
+            source = given.resolve()
             if source == place or (path.exists() and path.samefile(source)):
-                raise InputError(
-                    f"{option} {path}: would overwrite the input {given_path}; give another name"
-                )
-            if verb in REPLACING and place in source.parents and option == "--out":
-                raise InputError(
-                    f"{option} {path}: would be replaced together with the input {given_path} in it; name "
-                    "another folder"
-                )
-            result = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
-            if path.is_file() and source in place.parents and not result:
-                raise InputError(
-                    f"{option} {path}: would overwrite a file of the input {given_path}; give another name"
-                )
-        result = (
-            path.suffix == ".json"
-            or not path.is_file()
-            or path.read_bytes().lstrip()[:1] in (b"", b"{", b"[")
-        )
-        if option == "--json" and not result:
-            raise InputError(f"--json {path}: would overwrite a file that is not JSON; give another name")
+                why = f"would overwrite the input {given}"
+            elif verb in REPLACING and place in source.parents and option == "--out":
+                why = f"would be replaced together with the input {given} in it"
+            elif path.is_file() and source in place.parents and not own:
+                why = f"would overwrite a file of the input {given}"
+        other = option == "--json" and path.suffix != ".json" and path.is_file() and not why
+        if other and path.read_bytes().lstrip()[:1] not in (b"", b"{", b"["):
+            why = "would overwrite a file that is not JSON"
+        if why:
+            raise InputError(f"{option} {path}: {why}; give another name")
 
 
 app = Application(
@@ -159,8 +158,6 @@ def warn(sentence: str) -> None:
 
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration of --config, if given."""
-    from eskin.data import load_recordings
-    from eskin.golden.core import AcceleratorConfig
 
     chosen = AcceleratorConfig.load(config) if config else None
     return load_recordings(data, config=chosen), chosen
@@ -186,7 +183,6 @@ def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, pric
     """The front end of --config, or a chosen one with the table of its alternatives; the reasons are
     printed."""
     from eskin.choose.choice import configure
-    from eskin.choose.choice_table import front_end_table, front_end_words
     from eskin.verbs.cost import cost_model
 
     with progress_bars() as report:
@@ -203,14 +199,11 @@ def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, pric
 
 def integer_model(folder: Path):
     """The integer model of a folder, for recordings or images."""
-    from eskin.golden.model import IntegerModel
 
     return IntegerModel.load(folder, images=True)
 
 
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said."""
-    from eskin.data import load_recordings
-    from eskin.data.fit import for_model
 
     return for_model(load_recordings(data, config=config), config, warn)

@@ -6,8 +6,13 @@ from pathlib import Path
 from rich.markup import escape
 
 from eskin.cli.common import app, load_data, messages, recordings_for, show, show_text, warn
+from eskin.data import Reading, load_recordings
+from eskin.data.archive import save_archive
+from eskin.data.fit import for_model
 from eskin.golden.core import AcceleratorConfig, InputError, Record, check_target
 from eskin.golden.data.codes import Worth
+from eskin.golden.model import IntegerModel, load_config, load_training
+from eskin.pages.views import short_name, words, write_text
 from eskin.requests import ConvertRequest, InspectRequest, WatchRequest, parse_names
 
 
@@ -17,7 +22,6 @@ def inspect(request: InspectRequest) -> Record:
     a picture."""
     from eskin.pages.inspect_data import draw, in_rows
     from eskin.pages.inspect_data import inspect as look
-    from eskin.pages.views import short_name, words, write_text
 
     picture = request.out or Path("build/inspect") / f"{short_name(request.data)}.png"
     check_target(picture)
@@ -40,9 +44,6 @@ def inspect(request: InspectRequest) -> Record:
 )
 def convert(request: ConvertRequest) -> None:
     """Convert recordings to an archive, and print how eskin interpreted them."""
-    from eskin.data import Reading, load_recordings
-    from eskin.data.archive import save_archive
-    from eskin.data.fit import for_model
 
     if request.out.suffix != ".npz":
         raise InputError(f"--out {request.out}: must end in .npz; give such a name")
@@ -86,8 +87,6 @@ def convert(request: ConvertRequest) -> None:
 def _sensor_of(like: Path) -> tuple[AcceleratorConfig, tuple[str, ...], str]:
     """(a configuration with the sensor and the classes, the names of the columns and the unit, empty where they are
     not said) of a model folder or an archive."""
-    from eskin.data import load_recordings
-    from eskin.golden.model import load_config, load_training
 
     if like.is_dir():
         record = load_training(like)
@@ -114,7 +113,6 @@ def _sensor_of(like: Path) -> tuple[AcceleratorConfig, tuple[str, ...], str]:
 )
 def watch(request: WatchRequest) -> Record:
     """Watch a model live in the browser: taxels, windows, features, hidden state, logits and decisions."""
-    from eskin.golden.model import IntegerModel
     from eskin.verbs import build_job, watch_job
 
     if request.port and request.simulate:

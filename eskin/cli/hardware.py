@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cli.common import app, console, integer_model, progress_bars, recordings_for, say, show, stop
-from eskin.golden.core import PREFIX, InputError, Record, check_folder, check_target, replacing
+from eskin.golden.core import PREFIX, PRESETS, InputError, Record, check_folder, check_target, replacing
+from eskin.golden.model import FloatModel, IntegerModel, load_config
+from eskin.jobs import Jobs
+from eskin.pages.views import terminal_table
 from eskin.requests import (
     AsicRequest,
     BoardRequest,
@@ -23,6 +26,7 @@ from eskin.requests import (
     parse_count,
     parse_lanes,
 )
+from eskin.study.converter_power import in_words
 
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
@@ -49,8 +53,7 @@ def generate(request: GenerateRequest) -> None:
 )
 def export(request: ExportRequest) -> Record:
     """Write a model for other tools, with a check."""
-    from eskin.golden.model import FloatModel
-    from eskin.verbs.export_job import export_c, export_onnx
+    from eskin.verbs.generate_job import export_c, export_onnx
 
     exported: Any = (
         integer_model(request.model) if request.to == "c" else FloatModel.load(request.model, images=True)
@@ -75,8 +78,7 @@ def cosim(request: CosimRequest) -> Record:
     Many recordings are split into parts that run side by side; an interrupted command continues where
     it stopped.
     """
-    from eskin.jobs import Jobs
-    from eskin.verbs import cosim_job
+    from eskin.verbs import flow
 
     if request.clock is not None and not 1 <= request.clock < math.inf:
         raise InputError(f"--clock {request.clock:g}: is not a clock; give 1 Hz or more")
@@ -101,9 +103,9 @@ def cosim(request: CosimRequest) -> Record:
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=cosim_job.CODE)
+        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=flow.CODE)
         played = loaded.subset(numbers)
-        result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
+        result = flow.cosimulate_parts(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
     show("cosim", played=result, **result)
@@ -130,7 +132,6 @@ def build(request: BoardRequest) -> None:
     """Make a board's bitstream and report its area by block, its clock and the clock that each budget
     needs."""
     from eskin.rtl.fpga.targets import target as board
-    from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
     from eskin.verbs.flow import with_converter
 
@@ -207,39 +208,29 @@ def replay(request: ReplayRequest) -> Record:
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(request: ScheduleRequest) -> None:
     """Draw the work of each unit in each cycle, from the program of the hardware."""
-    from eskin.golden.core import PRESETS
-    from eskin.pages.views import terminal_table
-    from eskin.rtl.views import schedule_view
+    from eskin.rtl.program.image_passes import plan_of
+    from eskin.rtl.program.schedule import schedule as plan_step
+    from eskin.rtl.top.image_accelerator import refuse_hardware
+    from eskin.rtl.views import image_view, schedule_view
 
-    if request.model in PRESETS:
-        config = PRESETS[request.model]
-    else:
-        from eskin.golden.model import load_config
-
-        config = load_config(request.model)
-    config = config.with_lanes(*parse_lanes(request.lanes))
+    config = (PRESETS.get(str(request.model)) or load_config(request.model)).with_lanes(
+        *parse_lanes(request.lanes)
+    )
     check_target(request.out / "schedule")
+    view: Any = schedule_view
+    plan: Any
+    columns: Sequence[str]
+    rows: Sequence[tuple]
     if config.is_image:
-        from eskin.rtl.program.image_passes import plan_of
-        from eskin.rtl.top.image_accelerator import refuse_hardware
-        from eskin.rtl.views import image_view
-
         refuse_hardware(config)
-        passes = plan_of(config)
-        files = image_view.drawing_files(passes)
-        shown: tuple[str, Sequence[str], Sequence[tuple]] = (
-            image_view.title(passes),
-            image_view.COLUMNS,
-            image_view.cells(passes),
-        )
+        view, plan = image_view, plan_of(config)
+        columns, rows = image_view.COLUMNS, image_view.cells(plan)
     else:
-        from eskin.rtl.program.schedule import schedule as plan_step
-
         plan = plan_step(config)
-        files = schedule_view.drawing_files(plan)
-        shown = (schedule_view.title(plan).partition("\n")[0], ("what", "value"), schedule_view.figures(plan))
+        columns, rows = ("what", "value"), schedule_view.figures(plan)
+    files = view.drawing_files(plan)
     _write_files(request.out, files)
-    console.print(terminal_table(*shown))
+    console.print(terminal_table(view.title(plan).partition("\n")[0], columns, rows))
     say(f"files: {', '.join(str(request.out / name) for name in files)}")
 
 
@@ -258,8 +249,6 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
 )
 def energy(request: EnergyRequest) -> Record:
     """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
-    from eskin.golden.model import IntegerModel
-    from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(request.out / RESULT)
@@ -278,7 +267,6 @@ def energy(request: EnergyRequest) -> Record:
 )
 def asic(request: AsicRequest) -> None:
     """Make a chip's netlist and report area, memories, clock and leakage, before layout. Takes minutes."""
-    from eskin.golden.model import IntegerModel
     from eskin.rtl.fpga.tools import ToolError
     from eskin.verbs import asic_job
 

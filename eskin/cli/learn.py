@@ -1,15 +1,16 @@
 """Verbs that make models and judge them."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eskin.choose.choice_table import network_name, windows_brief
 from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, show, warn
-from eskin.golden.core import InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import check_model_target, load_config
+from eskin.memo import Memo
 from eskin.requests import (
     CompareRequest,
     EnrolRequest,
@@ -18,23 +19,19 @@ from eskin.requests import (
     QuantiseRequest,
     TrainRequest,
 )
-
-if TYPE_CHECKING:
-    from eskin.golden.core import AcceleratorConfig
-    from eskin.golden.data import Recordings
+from eskin.training.derive import derive_config
+from eskin.training.formats import describe_formats
+from eskin.training.made_up import image_recordings, random_images, random_recordings
+from eskin.training.splits import check_split
 
 
 @app.command(epilog="Example: eskin train --data recordings.npz --out model --group person,trial")
 def train(request: TrainRequest) -> None:
     """Choose front end and network, cross-validate, then train a model on all recordings."""
     from eskin.choose.choice import train_chosen
-    from eskin.choose.choice_table import network_name, windows_brief
     from eskin.choose.networks import check_units
-    from eskin.golden.model import check_model_target
-    from eskin.memo import Memo
     from eskin.study.stability.panel import panel_of
     from eskin.training.image_models import KEPT
-    from eskin.training.splits import check_split
     from eskin.verbs.cost import cost_model
 
     check_units(request.cell, request.hidden)
@@ -88,7 +85,6 @@ def enrol(request: EnrolRequest) -> Record:
             result = enrol_job.evaluate(request, recordings, user_config, progress=report)
         show("enrolments", **result)
         return result
-    from eskin.golden.model import check_model_target, load_config
     from eskin.teach.enrol import enrol as train_on
     from eskin.teach.enrol import teach_folder
 
@@ -114,8 +110,6 @@ def enrol(request: EnrolRequest) -> Record:
 def import_(request: ImportRequest) -> Record:
     """Convert a network of another tool to a model folder. Quantise it with --data afterwards."""
     from eskin.exchange.import_network import import_network
-    from eskin.golden.core import AcceleratorConfig
-    from eskin.golden.model import check_model_target
 
     check_model_target(request.out)
     recordings: Recordings | None = None
@@ -149,13 +143,12 @@ def import_(request: ImportRequest) -> Record:
 def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, Recordings | None]:
     """Configuration for an .onnx file without --config, and the recordings it is derived from, if it is."""
     from eskin.exchange.import_network import ONNX_SUFFIX
-    from eskin.training.derive import derive_config
 
     if file.suffix != ONNX_SUFFIX:
         raise InputError("--config: is missing; weights alone do not define the array, so give it")
-    from eskin.exchange.import_onnx import embedded_configuration
+    from eskin.exchange.import_onnx import Graph
 
-    configuration = embedded_configuration(file)
+    configuration = Graph(file).configuration
     if configuration is not None:
         return configuration, None
     if data is None:
@@ -175,8 +168,6 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
 )
 def quantise(request: QuantiseRequest) -> None:
     """Choose a fixed-point format for each signal and write the integer model."""
-    from eskin.golden.model import load_config
-    from eskin.training.formats import describe_formats
     from eskin.training.integers import quantise as to_integers
 
     readout_options = request.readout_options
@@ -209,7 +200,6 @@ def quantise(request: QuantiseRequest) -> None:
 @app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")
 def evaluate(request: EvaluateRequest) -> Record:
     """Compare the float model with the integer model: accuracy, agreement, per class, per step."""
-    from eskin.golden.model import load_config
     from eskin.training.evaluate import evaluate as compare
 
     result = compare(request.model, recordings_for(request.data, load_config(request.model)))
@@ -220,10 +210,8 @@ def evaluate(request: EvaluateRequest) -> Record:
 @app.command(epilog="Example: eskin compare model --data recordings.npz --json compare.json")
 def compare(request: CompareRequest) -> Record:
     """Compare float with integer stage by stage: errors, saturations, share of the range in use."""
-    from eskin.golden.model import load_config
     from eskin.training.evaluate import OF_LABELS
     from eskin.training.evaluate import evaluate as judge
-    from eskin.training.made_up import image_recordings, random_images, random_recordings
 
     config = load_config(request.model)
     if request.data is None:

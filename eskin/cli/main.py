@@ -1,6 +1,6 @@
 """The command line `eskin`: options in, one call into golden, rtl or cosim, a table out.
 
-Modules are imported inside the verbs, so that `--help` is quick.
+What takes long to import is imported inside the verbs, so that `--help` is quick.
 """
 
 from typing import Annotated

@@ -2,6 +2,7 @@
 
 from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, say, show
 from eskin.golden.core import InputError, Record
+from eskin.golden.model import load_config
 from eskin.requests import BaselinesRequest, StabilityRequest, SweepRequest
 
 
@@ -33,7 +34,6 @@ def sweep(request: SweepRequest) -> None:
 def stability(request: StabilityRequest) -> Record:
     """Show where a model fails: every failure mode with a figure, a bound and a curve; benefit and cost of
     defences."""
-    from eskin.golden.model import load_config
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs import stability_job
 
@@ -47,11 +47,11 @@ def stability(request: StabilityRequest) -> Record:
 @app.command(epilog="Example: eskin baselines --data recordings.npz --group person")
 def baselines(request: BaselinesRequest) -> None:
     """Compare scikit-learn's classifiers and a float GRU on the same folds: accuracy and cost."""
-    from eskin.verbs import baselines_job
+    from eskin.study.baselines import run
 
     recordings, _ = load_data(request.data)
     front_end = fitting_config(recordings, None, request.groups)
     with progress_bars() as report:
-        result = baselines_job.run(request, recordings, front_end.config, progress=report)
+        result = run(request, recordings, front_end.config, progress=report)
     show("baselines", **result)
     say(f"files: {request.out}")

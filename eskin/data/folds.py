@@ -16,11 +16,12 @@ def no_group(values: np.ndarray, labels: np.ndarray) -> str:
     """
     _, keys = np.unique(values, return_inverse=True)
     count, classes = int(keys.max(initial=0)) + 1, len(np.unique(labels))
-    if count == classes > 1 and len(set(zip(keys.tolist(), labels.tolist(), strict=True))) == count:
+    in_one_class = classes > 1 and len(np.unique([keys, labels], axis=1).T) == count
+    if in_one_class and count == classes:
         return "tells the class, too,"
     if count == len(values) > 1:
         return "has another value in each recording, so is not a group,"
-    if classes > 1 and len(set(zip(keys.tolist(), labels.tolist(), strict=True))) == count:
+    if in_one_class:
         return "has each of its values in one class alone, so is not a group,"
     return ""
 

@@ -1,19 +1,17 @@
 """The recordings that ``--data`` names, in any form: a reader per kind of file makes tables, and
 ``eskin.data.meaning`` turns these into recordings."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from eskin.data.archive import load_archive
 from eskin.data.array_files import ARRAYS
 from eskin.data.arrays import tables_of
 from eskin.data.logs import is_log, read_log
 from eskin.data.meaning import understand
-from eskin.data.table import Reading, Refuse, Table, check_regular, check_unpacked, table_of
+from eskin.data.table import DataFrame, Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
 from eskin.data.turns import scene_of, turn_recordings
 from eskin.extras import without_extra
@@ -21,14 +19,8 @@ from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.core.groups import MOST_CLASSES
 from eskin.golden.data.recordings import Recordings, natural
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 TEXT = (".csv", ".tsv", ".txt", ".lvm")
-KINDS = {
-    **dict.fromkeys((*TEXT, ".parquet"), "text"),
-    **dict.fromkeys((".mat", ".h5", ".hdf5", ".npy"), "arrays"),
-}
+KINDS = dict.fromkeys((*TEXT, ".parquet"), "text") | dict.fromkeys(ARRAYS, "arrays")
 """Endings of recording files, and their kinds; logs are of text's kind, since they are tables too."""
 FORMS = (
     "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5 or .npy files or "
@@ -40,10 +32,7 @@ SCENE = "synthetic"
 
 
 def load_recordings(
-    data: str | Path | pd.DataFrame,
-    *,
-    config: AcceleratorConfig | None = None,
-    reading: Reading | None = None,
+    data: str | Path | DataFrame, *, config: AcceleratorConfig | None = None, reading: Reading | None = None
 ) -> Recordings:
     """The recordings that ``--data`` names (docs/recordings.md), or the word SCENE.
 

@@ -6,8 +6,6 @@ per recording, from another topic, or from a table of times (docs/other_tools.md
 clock: the log's, unless ``Reading.clock`` is header.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import struct
@@ -17,16 +15,22 @@ from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from eskin.data.table import MOST_BYTES, Reading, Refuse, Table, check_regular, check_unpacked, table_of
+from eskin.data.table import (
+    MOST_BYTES,
+    DataFrame,
+    Reading,
+    Refuse,
+    Table,
+    check_regular,
+    check_unpacked,
+    table_of,
+)
 from eskin.data.text import read_text
 from eskin.golden.core import InputError
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 TYPES = ("MultiArray", "TactileState")
@@ -66,8 +70,8 @@ def read_log(path: Path, reading: Reading) -> Table:
     _check_unpacked(path, refuse)
     log = (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, refuse)
     topic = _topic(log, reading, refuse)
-    stamps, messages = _read(log, topic, f"topic {topic}", refuse)
-    rows, times = _frames(messages, topic, refuse), _clock(stamps, topic, reading, refuse)
+    times, stamps, messages = _read(log, topic, f"topic {topic}", reading, refuse)
+    rows = _frames(messages, topic, refuse)
     frame = pd.DataFrame(rows, columns=[f"t{column}" for column in range(rows.shape[1])])
     frame.insert(0, "time", (times - times[0]) / 1e9)
     if reading.labels is not None or reading.label is not None:
@@ -103,12 +107,20 @@ def _topic(log: _Log, reading: Reading, refuse: Refuse) -> str:
     return fit[0]
 
 
-def _read(log: _Log, topic: str, called: str, refuse: Refuse) -> tuple[np.ndarray, list[Any]]:
-    """(messages, 2) when each message was logged, and the stamp in its header (0: none), ns; and the messages."""
+def _read(
+    log: _Log, topic: str, called: str, reading: Reading, refuse: Refuse
+) -> tuple[np.ndarray, np.ndarray, list[Any]]:
+    """The times of a topic's messages by the requested clock, ns; (messages, 2) when each was logged, and the stamp in
+    its header (0: none), ns; and the messages."""
     read = [(when, _stamp(message), message) for when, message in log.read(topic)]
     if not read:
         refuse(f"{called}: has no message")
-    return np.array([each[:2] for each in read], dtype=np.int64), [message for *_, message in read]
+    stamps = np.array([each[:2] for each in read], dtype=np.int64)
+    times = stamps[:, int(reading.clock == "header")]
+    if reading.clock == "header" and (missing := (times == 0).sum()):
+        of = f"{missing} of {len(times)} messages of topic {topic} have no stamp in a header"
+        refuse(f"--clock header: {of}; leave it out to use the log's clock")
+    return times, stamps, [message for *_, message in read]
 
 
 def _frames(messages: list[Any], topic: str, refuse: Refuse) -> np.ndarray:
@@ -138,17 +150,6 @@ def _stamp(message: Any) -> int:
     return int(seconds) * 10**9 + int(stamp.get("nanosec", stamp.get("nsecs", stamp.get("nsec", 0))))
 
 
-def _clock(stamps: np.ndarray, topic: str, reading: Reading, refuse: Refuse) -> np.ndarray:
-    """The times by the requested clock."""
-    log, header = stamps.T
-    if reading.clock == "log":
-        return log
-    if (header == 0).any():
-        of = f"{(header == 0).sum()} of {len(header)} messages of topic {topic} have no stamp in a header"
-        refuse(f"--clock header: {of}; leave it out to use the log's clock")
-    return header
-
-
 def _of_clocks(stamps: np.ndarray, topic: str, reading: Reading) -> list[str]:
     """Remarks about messages with time stamps of their own."""
     stamped = stamps[stamps[:, 1] != 0]
@@ -163,25 +164,25 @@ def _of_clocks(stamps: np.ndarray, topic: str, reading: Reading) -> list[str]:
     return notes
 
 
-def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
+def _marks(log: _Log, reading: Reading, refuse: Refuse) -> DataFrame:
     """Start, end (ns) and class of the labels of a topic: each lasts until the next, and an empty one is none."""
     import pandas as pd
 
     topic = str(reading.label)
-    stamps, messages = _read(log, topic, f"--class {topic}", refuse)
+    starts, _, messages = _read(log, topic, f"--class {topic}", reading, refuse)
     texts = [str(getattr(message, "data", None)).strip() for message in messages]
     if "None" in texts:
         refuse(
             f"--class {topic}: a message has no data to use as a label; name another topic, or give --labels"
         )
-    marks = pd.DataFrame({"start": _clock(stamps, topic, reading, refuse), "class": texts})
+    marks = pd.DataFrame({"start": starts, "class": texts})
     marks = marks.sort_values("start", kind="stable")
     marks["end"] = marks["start"].shift(-1, fill_value=np.iinfo(np.int64).max)
     return marks[(marks["class"] != "") & (marks["end"] > marks["start"])].reset_index(drop=True)
 
 
 # ---------------------------------------------------------------------- a table of times
-def _intervals(path: Path, times: np.ndarray) -> pd.DataFrame:
+def _intervals(path: Path, times: np.ndarray) -> DataFrame:
     """The rows of a table of times in order: start, end (ns) and class, then its other columns. Seconds count
     from the first frame, or as the clock of ``times`` where they begin after its last."""
     table = read_text(path, Reading())

@@ -7,16 +7,15 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
 from eskin.golden.core import InputError, Record
 from eskin.golden.data.codes import Worth, place_of
 
-if TYPE_CHECKING:
-    import pandas as pd
-
+DataFrame = Any
+"""That of pandas, which is slow to import: functions import it."""
 MOST_BYTES = 2 << 30
 UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
 """Size to which a file may always unpack, and beyond it the multiple of its own size: recordings shrink to
@@ -61,7 +60,7 @@ class Table:
     class_names: the classes in order, where the source lists them.
     """
 
-    frame: pd.DataFrame
+    frame: DataFrame
     names: tuple[str, ...]
     sources: tuple[str, ...]
     firsts: tuple[int, ...] = (0,)
@@ -207,7 +206,7 @@ TIME = re.compile(
 """Names of time columns, and their unit."""
 
 
-def table_of(frame: pd.DataFrame, source: str, **more: Any) -> Table:
+def table_of(frame: DataFrame, source: str, **more: Any) -> Table:
     """A table of a DataFrame; an index that has a name is columns, too. ``attrs["units"]``: the unit of
     all."""
     if not len(frame) or not frame.shape[1]:

@@ -17,26 +17,37 @@ speeds and pressures.
 place, lead-in and direction of the first stroke do not depend on the class. Recordings are equally long, and
 each taxel has its own rest level. tests/eskin/data/test_turns.py checks this.
 
+**The array** is piezoelectric. A taxel does not see static force: ``dV/dt = dF/dt - V / tau``, ``tau = 1 / (2 pi
+CORNER_HZ)``. Gain (5 % apart) and rest level (1.65 V, 4 mV apart) belong to the taxel. White noise and slow drift
+are added, and the converter rounds to codes of 62.5 uV.
+
 The scene's figures were chosen so that networks of several sizes differ. Accuracies on it say how the product
 works, nothing of a sensor.
 """
 
 import numpy as np
 
-from eskin.data.piezo_array import RECORDING_S, SIDES, Person, PiezoArray, bump, single
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data.recordings import Recordings
 
 TURNS = {"on": 0, "left": 3, "back": 2, "right": 1}
 """Quarter turns, clockwise seen with row 0 on top, from the first stroke's heading to the second's."""
 CLASSES = tuple(TURNS)
-PERSONS, TRIALS = 16, 8
+PERSONS, TRIALS, SEED = 16, 8, 1
 MIRRORED = 0.12
 """Share of touches that begin westward."""
 UNEVEN = 0.3
 """Spread of the logarithms of a stroke's share in a touch's time and of its pressure."""
 VOLT = 0.1
 """Signal of a typical pressure before the high-pass, volt."""
+REST_VOLT, NOISE_VOLT, DRIFT_VOLT = 1.65, 0.0012, 0.002
+CORNER_HZ = 0.5
+"""High-pass corner of a piezoelectric taxel with its amplifier, hertz."""
+VOLT_PER_CODE = PRESETS["thesis"].sensor.volt_per_code
+RECORDING_S = 3.0
+"""Length of a recording, seconds: an onset within the first 0.9 s leaves room for 6144 frames at 3 kHz."""
+SIDES = (2, 8)
+"""Smallest and largest number of rows and of columns."""
 CODES = 1 << 25
 """Samples (codes of one taxel) that a scene made from a configuration has at most."""
 
@@ -74,7 +85,6 @@ def turn_recordings(
     *,
     persons: int = PERSONS,
     trials: int = TRIALS,
-    seed: int = 1,
     rows: int = 3,
     columns: int = 3,
     sample_rate_hz: float = 200.0,
@@ -85,8 +95,6 @@ def turn_recordings(
     ----------
     persons, trials:
         People, and recordings for each person and class.
-    seed:
-        Everything follows from it; a person's recordings do not depend on how many persons there are.
     rows, columns:
         Taxels of the array, 2..8 each; taxel = row * columns + column.
     sample_rate_hz:
@@ -95,45 +103,101 @@ def turn_recordings(
     Returns
     -------
     Recordings
-        Unsigned 16-bit codes of 62.5 uV; groups ``person``, ``trial``.
+        Unsigned 16-bit codes of 62.5 uV, by person, trial and class; groups ``person``, ``trial``.
 
     Raises
     ------
     InputError
-        As `eskin.data.piezo_array.PiezoArray`.
+        A rate outside 100..20000 Hz.
     """
-    array = PiezoArray(seed, rows, columns, sample_rate_hz)
-
-    def person_of(rng: np.random.Generator) -> Person:
+    if not 100 <= sample_rate_hz <= 20000:
+        raise InputError(f"synthetic scene, sample_rate_hz: is {sample_rate_hz}; it must lie in 100..20000")
+    across, down = np.meshgrid(*((2 * np.arange(side) + 1) / side - 1 for side in (columns, rows)))
+    grid = np.stack([across.ravel(), down.ravel()], axis=1)  # (taxels, 2), of each taxel's centre, -1..1
+    time = np.arange(round(RECORDING_S * sample_rate_hz)) / sample_rate_hz
+    of_array = np.random.default_rng([SEED, 0])
+    gain = single(1 + 0.05 * of_array.standard_normal(len(grid)))
+    rest = single(REST_VOLT + 0.004 * of_array.standard_normal(len(grid)))
+    each = trials * len(CLASSES)  # recordings of a person
+    order = np.arange(persons * each)
+    labels = order % len(CLASSES)
+    samples = np.empty((persons, each, len(time), len(grid)), dtype=np.int32)
+    for person in range(persons):
+        rng = np.random.default_rng([SEED, 1 + person])
         habit = {
             "pace": np.exp(rng.normal(0, 0.15)),
             "force": np.exp(rng.normal(0, UNEVEN)),
             "width": np.exp(rng.normal(0, 0.12)),
             "skew": rng.normal(0, np.radians(6)),
         }
-        return lambda label, trial: _touch(TURNS[CLASSES[label]], rng, habit, array)
+        turns = [TURNS[CLASSES[label]] for label in labels[:each]]
+        force = np.stack([_touch(turn, rng, habit, grid, time) for turn in turns], axis=1)
+        volt = _high_pass(force, sample_rate_hz) * gain + rest
+        volt += NOISE_VOLT * rng.standard_normal(volt.shape, dtype=np.float32)
+        volt += _drift(rng, time, volt.shape[1:])
+        samples[person] = np.clip(np.rint(volt / VOLT_PER_CODE), 0, 65535).transpose(1, 0, 2)
+    return Recordings(
+        samples=samples.reshape(-1, len(grid)),
+        offsets=np.arange(len(order) + 1) * len(time),
+        labels=labels,
+        class_names=CLASSES,
+        sample_rate_hz=float(sample_rate_hz),
+        groups={"person": order // each, "trial": order // len(CLASSES) % trials},
+        source="synthetic scene",
+        volt_per_code=VOLT_PER_CODE,
+    )
 
-    return array.recorded(person_of, persons, trials, CLASSES, "synthetic scene")
 
-
-def _touch(turn: int, rng: np.random.Generator, habit: dict[str, float], array: PiezoArray) -> np.ndarray:
-    """Force on every taxel, shape (frames, taxels): two strokes as the module describes them."""
+def _touch(
+    turn: int, rng: np.random.Generator, habit: dict[str, float], grid: np.ndarray, time: np.ndarray
+) -> np.ndarray:
+    """Force on every taxel, shape (frames, taxels), volt before the high-pass: two strokes as the module describes
+    them."""
     first = 2 if rng.random() < MIRRORED else 0
     start = rng.uniform(0.15, 0.4)
     duration = np.clip(rng.uniform(1.2, 1.8) * habit["pace"], 1.0, 2.2)
     shares = np.exp(rng.normal(0, UNEVEN, 3)) * [1, 1, rng.uniform(0.1, 0.3)]  # two strokes, and a pause
     stroke, second, pause = duration * shares / shares.sum()
     width = 0.5 * habit["width"] * np.exp(rng.normal(0, 0.08))
-    coupling = VOLT * habit["force"] * np.exp(rng.normal(0, UNEVEN) + rng.normal(0, 0.15, len(array.grid)))
-    force = np.zeros((len(array.time), len(array.grid)), dtype=np.float32)
+    coupling = VOLT * habit["force"] * np.exp(rng.normal(0, UNEVEN) + rng.normal(0, 0.15, len(grid)))
+    force = np.zeros((len(time), len(grid)), dtype=np.float32)
     for quarter, begin, length in ((first, start, stroke), (first + turn, start + stroke + pause, second)):
         heading = np.pi / 2 * quarter + habit["skew"] + rng.normal(0, np.radians(6))
-        along = array.grid @ [np.cos(heading), np.sin(heading)]
-        beside = array.grid @ [-np.sin(heading), np.cos(heading)] - rng.normal(0, 0.15)
-        touching = (array.time > begin) & (array.time < begin + length)
-        share = (array.time[touching, None] - begin) / length
+        along = grid @ [np.cos(heading), np.sin(heading)]
+        beside = grid @ [-np.sin(heading), np.cos(heading)] - rng.normal(0, 0.15)
+        touching = (time > begin) & (time < begin + length)
+        share = (time[touching, None] - begin) / length
         ramp = np.clip(np.minimum(share, 1 - share) / 0.15, 0, 1)
         pressure = np.exp(rng.normal(0, UNEVEN)) * ramp**2 * (3 - 2 * ramp)
         place = 1.2 * (2 * share - 1)
         force[touching] += single(pressure * coupling) * bump((place - along) / width) * bump(beside / 2)
     return force
+
+
+def single(value) -> np.ndarray:
+    """In single precision."""
+    return np.asarray(value, dtype=np.float32)
+
+
+def bump(q) -> np.ndarray:
+    """``exp(-q^2 / 2)``."""
+    return np.exp(-0.5 * single(q) ** 2)
+
+
+def _high_pass(force: np.ndarray, sample_rate_hz: float) -> np.ndarray:
+    """First-order high-pass along the first axis, from rest: ``V(t) = a (V(t-1) + F(t) - F(t-1))``, ``a =
+    exp(-2 pi CORNER_HZ / rate)``."""
+    decay = np.float32(np.exp(-2 * np.pi * CORNER_HZ / sample_rate_hz))
+    volt = np.diff(force, axis=0, prepend=force[:1])
+    for frame in range(1, len(volt)):
+        volt[frame] += volt[frame - 1]
+        volt[frame] *= decay
+    return volt
+
+
+def _drift(rng: np.random.Generator, time: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A slow sine of 0.05 to 0.2 Hz on every taxel of every recording, volt."""
+    frequency, phase = rng.uniform(0.05, 0.2, shape), rng.uniform(0, 2 * np.pi, shape)
+    return single(DRIFT_VOLT) * np.sin(
+        single(2 * np.pi * frequency) * single(time)[:, None, None] + single(phase)
+    )

@@ -7,7 +7,7 @@ of another step, a transposed layout or an offset is found. Only the operators b
 
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,26 +16,18 @@ import onnx
 import onnxruntime
 from onnx import numpy_helper
 
-from eskin.exchange.network import Network, fitted
+from eskin.exchange.network import MOST_VALUES, ROLES, Network, check_readable
+from eskin.exchange.onnx_file import METADATA, ORDERS
 from eskin.exchange.reference import TOLERANCE, differences
-from eskin.exchange.torch_files import MOST_VALUES, check_readable
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.model import Float, constants_shape, run_cell
 
-METADATA = "eskin_model"
-"""Entry in which an exported file keeps configuration and normalisation."""
 MOST_BYTES = 64 << 20
 OPSETS = (7, onnx.defs.onnx_opset_version())
-GATES = {"GRU": ("z", "r", "n"), "LSTM": ("i", "o", "f", "g")}
-"""In the order in which ONNX stacks them; it calls n ``h`` and g ``c``."""
-ACTIVATIONS = {
-    ("Sigmoid", "Tanh"): "sigmoid",
-    ("Sigmoid", "Tanh", "Tanh"): "sigmoid",
-    ("HardSigmoid", "Tanh"): "hard_sigmoid",
-    ("HardSigmoid", "Tanh", "Tanh"): "hard_sigmoid",
-}
+ACTIVATIONS = {"Sigmoid": "sigmoid", "HardSigmoid": "hard_sigmoid"}
+"""Of gates; the others are Tanh."""
 OPERATORS = (
-    *GATES,
+    *ORDERS,
     *("Gemm", "MatMul", "Add", "ConstantOfShape", "Expand", "Gather", "Concat", "Constant", "Identity"),
     *("Cast", "Shape", "Transpose", "Squeeze", "Unsqueeze", "Reshape", "Flatten", "Slice"),
 )
@@ -103,7 +95,7 @@ class Graph:
                 raise InputError(
                     f"network '{path}', value '{value.name:.60}': is beyond any that the accelerator takes"
                 )
-        self.metadata = {entry.key: entry.value for entry in model.metadata_props}
+        self.metadata = self._metadata()
         inputs = [value for value in self.graph.input if value.name not in self.constants]
         if len(inputs) != 1:
             names = ", ".join(value.name for value in inputs[:4]) or "none"
@@ -134,6 +126,22 @@ class Graph:
         if array.dtype.kind not in "fiub" or not np.isfinite(array).all():
             raise InputError(f"{where}: holds values that are not finite numbers; train the network again")
         return array.astype(np.float64) if array.dtype.kind == "f" else array
+
+    def _metadata(self) -> Record:
+        """config, mean and std of an exported file, else empty."""
+        texts = [entry.value for entry in self.model.metadata_props if entry.key == METADATA]
+        try:
+            return {name: json.loads(text)[name] for text in texts for name in ("config", "mean", "std")}
+        except (ValueError, KeyError, TypeError, RecursionError):
+            raise InputError(
+                f"network '{self.path}', metadata {METADATA}: is damaged; export the model again"
+            ) from None
+
+    @property
+    def configuration(self) -> AcceleratorConfig | None:
+        """That of an exported file."""
+        where = f"network '{self.path}'"
+        return AcceleratorConfig.from_dict(self.metadata["config"], where) if self.metadata else None
 
     def nodes(self, *kinds: str) -> list[onnx.NodeProto]:
         return [node for node in self.graph.node if node.op_type in kinds]
@@ -168,18 +176,24 @@ class Graph:
 # ---------------------------------------------------------------------- what the nodes say
 @dataclass(frozen=True)
 class OnnxNetwork(Network):
-    """Also the graph, and the metadata of an exported file, else empty."""
+    """Also its graph."""
 
     graph: Graph
-    metadata: Record = field(default_factory=dict)
+
+    @property
+    def kind(self) -> str:
+        return "ONNX"
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        return self.graph.ends
 
     def scale(self, config: AcceleratorConfig) -> Record | None:
-        """mean, std and their source as an exported file keeps them; None where it keeps none of this
-        configuration's."""
-        if not self.metadata:
+        kept = self.graph.metadata
+        if not kept:
             return None
         try:
-            values = {name: np.asarray(self.metadata[name], dtype=np.float64) for name in ("mean", "std")}
+            values = {name: np.asarray(kept[name], dtype=np.float64) for name in ("mean", "std")}
         except (ValueError, TypeError, OverflowError):
             raise InputError(
                 f"network '{self.path}', metadata {METADATA}: is damaged; export the model again"
@@ -191,15 +205,32 @@ class OnnxNetwork(Network):
             else None
         )
 
-
-def embedded_configuration(path: str | Path) -> AcceleratorConfig | None:
-    """The configuration that an exported file keeps; None where it keeps none."""
-    values = read_onnx(path).metadata
-    return AcceleratorConfig.from_dict(values["config"], f"network '{path}'") if values else None
+    def shown(self, config: AcceleratorConfig, arrays: Arrays) -> tuple[AcceleratorConfig, str, list[str]]:
+        """As of `Network`; refuses (InputError) a graph that computes something else than ``arrays``."""
+        shows, steps = _agree(self, config, arrays)
+        if (own := self.graph.configuration) is not None:
+            kept = {name: getattr(own.network, name) for name in ("decision", "early_margin", "early_steps")}
+            shows, config = "metadata", config.replace(**kept)
+        notes = []
+        if self.cell == "gru":
+            flag = int(self.reset == "after")
+            notes.append(
+                f"reset gate {self.reset} the recurrent product, as linear_before_reset is {flag} in the file"
+            )
+            if self.graph.producer == "pytorch" and not flag:
+                notes.append(
+                    "every GRU of torch has linear_before_reset 1; its newer exporter is known to drop it: compare with --check, "
+                    "and if that fails save with torch.onnx.export(.., dynamo=False)"
+                )
+        if steps != config.windows.steps:
+            notes.append(
+                f"the file is for touches of {steps} steps, configuration '{config.name}' has {config.windows.steps}"
+            )
+        return config, shows, notes
 
 
 def read_onnx(path: str | Path) -> OnnxNetwork:
-    """The network of a file, its nodes and sizes checked; `agree` checks what it computes.
+    """The network of a file, its nodes and sizes checked; `shown` checks what it computes.
 
     Raises
     ------
@@ -211,55 +242,33 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
     layers = graph.nodes("GRU", "LSTM")
     if len(layers) > 1:
         graph.refuse(layers[1], "is a second recurrent layer; the accelerator has one in one direction")
-    metadata = _metadata(graph)
     if not layers:
         arrays = {"V": weights, "b_y": bias}
         classes, columns = weights.shape
         linear = ("linear", "before", "sigmoid", 0, classes, columns)
-        return OnnxNetwork(graph.path, *linear, arrays, names, graph, metadata)
+        return OnnxNetwork(graph.path, *linear, arrays, names, graph)
     node = layers[0]
-    attributes, order = node_attributes(node), GATES[node.op_type]
-    activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
-    slopes = (attributes.get("activation_alpha") or [0.2])[:1] + (attributes.get("activation_beta") or [0.5])[
-        :1
-    ]
-    if activations not in ACTIVATIONS or (
-        activations[0] == "HardSigmoid" and not np.allclose(slopes, (0.2, 0.5))
-    ):
-        shown = ", ".join(map(str, activations))
-        graph.refuse(
-            node,
-            f"has activations {shown:.60}; the accelerator has Sigmoid (or HardSigmoid of slope 0.2) and Tanh",
-        )
+    attributes = node_attributes(node)
+    gates, *others = attributes.get("activations") or ("Sigmoid", "Tanh")
+    if gates not in ACTIVATIONS or {*others} != {"Tanh"}:
+        shown = ", ".join(map(str, (gates, *others)))
+        why = "the accelerator has Sigmoid (or HardSigmoid of slope 0.2) and Tanh"
+        graph.refuse(node, f"has activations {shown:.60}; {why}")
     w, r = graph.constant(node, 1, "weights"), graph.constant(node, 2, "recurrent weights")
-    hidden = r.shape[-1] if r.ndim == 3 else 0
-    rows = len(order) * hidden
-    b = graph.constant(node, 3, "bias") if len(node.input) > 3 and node.input[3] else np.zeros((1, 2 * rows))
-    shaped = hidden and w.ndim == 3 and w.shape[:2] == (1, rows) and r.shape == (1, rows, hidden)
-    if not shaped or b.shape != (1, 2 * rows) or not w.shape[2]:
-        graph.refuse(
-            node,
-            f"has weights of shapes {w.shape}, {r.shape}, {b.shape}, which do not match; save one direction, whole",
-        )
-    if weights.shape[1] != hidden:
-        graph.refuse(
-            graph.nodes("Gemm", "MatMul")[0],
-            f"takes {weights.shape[1]} values and the recurrent layer has {hidden} units; it must follow one step",
-        )
-    after = bool(attributes.get("linear_before_reset", 0))
-    arrays = {"V": weights, "b_y": bias}
-    for k, gate in enumerate(order):
-        part = slice(k * hidden, (k + 1) * hidden)
-        first, second = b[0, :rows][part], b[0, rows:][part]
-        arrays |= {f"W_{gate}": w[0, part], f"U_{gate}": r[0, part]}
-        arrays |= {f"b_{gate}": first, f"bh_{gate}": second} if after else {f"b_{gate}": first + second}
-    names |= {"input": node.input[1], "recurrent": node.input[2]} | (
-        {"bias": node.input[3]} if len(node.input) > 3 else {}
+    if w.ndim != 3 or r.ndim != 3 or {len(w), len(r)} != {1}:
+        graph.refuse(node, f"has weights of shapes {w.shape}, {r.shape}; save one direction, whole")
+    order, given = ORDERS[node.op_type], dict(zip(ROLES, node.input[1:4], strict=False))
+    both = graph.constant(node, 3, "bias") if given.get("bias") else np.zeros(2 * r.shape[1])
+    roles = dict(zip(ROLES, (w[0], r[0], *np.array_split(both.ravel(), 2), weights, bias), strict=True))
+    return OnnxNetwork.of_layers(
+        graph.path,
+        roles,
+        names | given,
+        {len(order): order},
+        reset="after" if attributes.get("linear_before_reset", 0) else "before",
+        gate_activation=ACTIVATIONS[gates],
+        graph=graph,
     )
-    reset = "after" if after else "before"
-    sizes = hidden, len(weights), w.shape[2]
-    of_nodes = (node.op_type.lower(), reset, ACTIVATIONS[activations], *sizes)
-    return OnnxNetwork(graph.path, *of_nodes, arrays, names, graph, metadata)
 
 
 def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
@@ -269,84 +278,18 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
         node = layers[1] if layers else graph.graph.node[-1]
         graph.refuse(node, f"is one of {len(layers)} layers in place of a dense layer; save {TAKEN}")
     node, additions = layers[0], graph.nodes("Add")
-    weights, attributes = graph.constant(node, 1, "weights"), node_attributes(node)
-    names = {"dense": node.input[1]}
-    if node.op_type == "Gemm":
-        if additions or attributes.get("alpha", 1.0) != 1.0 or attributes.get("beta", 1.0) != 1.0:
-            graph.refuse(
-                additions[0] if additions else node,
-                "scales or adds to the logits; save plain weights and bias",
-            )
-        weights = weights if attributes.get("transB", 0) else weights.T
-        bias = graph.constant(node, 2, "bias") if len(node.input) > 2 else np.zeros(len(weights))
-        names |= {"dense bias": node.input[2]} if len(node.input) > 2 else {}
-    else:
-        weights = weights.T
-        if len(additions) > 1:
-            graph.refuse(additions[1], "is a second addition; the dense layer has one bias")
-        bias = np.zeros(len(weights) if weights.ndim else 0)
-        if additions:
-            place = 1 if node.output[0] == additions[0].input[0] else 0
-            bias = graph.constant(additions[0], place, "bias")
-            names = names | {"dense bias": additions[0].input[place]}
+    weights = graph.constant(node, 1, "weights")
+    weights = weights if node_attributes(node).get("transB", 0) else weights.T
+    holder, place = node, 2
+    if additions:
+        holder, place = additions[0], int(node.output[0] == additions[0].input[0])
+    names = dict(zip(ROLES[4:], (node.input[1], *holder.input[place : place + 1]), strict=False))
+    bias = graph.constant(holder, place, "bias") if names.get("dense bias") else np.zeros(weights.shape[:1])
     if weights.ndim != 2 or not weights.size or bias.size != len(weights):
         graph.refuse(
             node, f"has weights of shape {weights.shape} and {bias.size} biases; save one dense layer, whole"
         )
     return np.asarray(weights, dtype=np.float64), np.asarray(bias, dtype=np.float64).ravel(), names
-
-
-def _metadata(graph: Graph) -> Record:
-    if METADATA not in graph.metadata:
-        return {}
-    try:
-        values = json.loads(graph.metadata[METADATA])
-        return {"config": values["config"], "mean": values["mean"], "std": values["std"]}
-    except (ValueError, KeyError, TypeError, RecursionError):
-        raise InputError(
-            f"network '{graph.path}', metadata {METADATA}: is damaged; export the model again"
-        ) from None
-
-
-# ---------------------------------------------------------------------- into a model
-def convert_onnx(
-    network: OnnxNetwork, config: AcceleratorConfig, cell: str | None, reset: str | None
-) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str, list[str]]:
-    """``config`` with cell and sizes of the file, and the decision that its metadata keep; the float network's
-    arrays; which logits the file gives, of the ``last`` or of ``every`` step, or ``metadata``; sentences about what
-    was taken. ``cell`` and ``reset``: as for `fitted`.
-
-    Raises
-    ------
-    InputError
-        It is another network than said, of another array or task, or the graph computes something else.
-    """
-    config, arrays = fitted(network, config, cell, reset)
-    shows, steps = _agree(network, config, arrays)
-    if network.metadata:
-        where = f"network '{network.path}'"
-        shows, own = "metadata", AcceleratorConfig.from_dict(network.metadata["config"], where).network
-        kept = {name: getattr(own, name) for name in ("decision", "early_margin", "early_steps")}
-        try:
-            config = config.replace(**kept)
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from None
-    notes = []
-    if network.cell == "gru":
-        flag = int(network.reset == "after")
-        notes.append(
-            f"reset gate {network.reset} the recurrent product, as linear_before_reset is {flag} in the file"
-        )
-        if network.graph.producer == "pytorch" and not flag:
-            notes.append(
-                "every GRU of torch has linear_before_reset 1; its newer exporter is known to drop it: compare with --check, "
-                "and if that fails save with torch.onnx.export(.., dynamo=False)"
-            )
-    if steps != config.windows.steps:
-        notes.append(
-            f"the file is for touches of {steps} steps, configuration '{config.name}' has {config.windows.steps}"
-        )
-    return config, arrays, shows, notes
 
 
 def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: Arrays) -> tuple[str, int]:
@@ -387,33 +330,23 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: Arrays) -> t
             raise InputError(
                 f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one for a single touch of {steps}"
             )
-        features = rng.normal(0.0, 1.0, (2, batch, taken, inputs))
-        shown = features if config.recurrent or config.sets > 1 else features.sum(axis=2)
+        features = rng.normal(0.0, 1.0, (batch, taken, inputs))
+        given = features if config.recurrent or config.sets > 1 else features.sum(axis=1)
         if layout[0] == "steps":
-            shown = shown.swapaxes(1, 2)
+            given = given.swapaxes(0, 1)
         try:
-            computed = [graph.compute(touches.reshape([size[axis] for axis in layout])) for touches in shown]
+            outputs = graph.compute(given.reshape([size[axis] for axis in layout]))
         except InputError as error:
             failed.append(error)
             continue
         logits = run_cell(Float(config), config, arrays, features)[1]
-        found = [_shown(outputs, own) for outputs, own in zip(computed, logits, strict=True)]
-        if None not in found:
-            return str(found[0]), taken
+        found = [differences(output, logits) for output in outputs]
+        alike = [shows for far in found for shows, value in far.items() if value <= TOLERANCE]
+        if alike:
+            return min(alike), taken
     if len(failed) == len(fitting):
         raise failed[0]
     raise InputError(
         f"network '{graph.path}', output '{graph.ends[-1]:.60}': is not the dense layer behind the last step, or behind every "
         f"step, of a network that begins at 0; save {TAKEN}"
     )
-
-
-def _shown(outputs: list[np.ndarray], logits: np.ndarray) -> str | None:
-    """``every`` where an output has the logits of every step, else ``last``; None where none has them."""
-    alike = {
-        shows
-        for output in outputs
-        for shows, difference in differences(output, logits).items()
-        if difference <= TOLERANCE
-    }
-    return min(alike, default=None)

@@ -1,13 +1,20 @@
 """A network of another tool as its file says it, in a configuration."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NoReturn, Self
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError
+from eskin.exchange.reference import NAMES
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.model import network_shapes
 from eskin.training.formats import with_network
+
+ROLES = ("input", "recurrent", "bias", "second bias", "dense", "dense bias")
+MOST_VALUES = 1 << 20
+"""Most values of one array; the largest that the accelerator takes has 4 x 32 x 512."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +32,105 @@ class Network:
     columns: int
     arrays: Arrays
     names: dict[str, str]
+
+    @classmethod
+    def of_layers(
+        cls,
+        path: Path,
+        layers: Arrays,
+        names: dict[str, str],
+        orders: Mapping[int, Sequence[str]],
+        *,
+        reset: str,
+        gate_activation: str = "sigmoid",
+        **more: Any,
+    ) -> Self:
+        """The network of a recurrent layer and a dense one, whose shapes determine the cell.
+
+        Parameters
+        ----------
+        layers:
+            Of ROLES, rows = outputs, G gates stacked: ``input`` (G H, D), ``recurrent`` (G H, H), ``bias``,
+            ``second bias`` (G H), ``dense`` (C, H), ``dense bias`` (C).
+        names:
+            What the file calls each role.
+        orders:
+            The gates in the order in which they are stacked, by their number: 3 of a GRU, 4 of an LSTM.
+        more:
+            Further fields.
+
+        Raises
+        ------
+        InputError
+            Shapes do not belong together, or values are not finite numbers.
+        """
+
+        def refuse(role: str, why: str) -> NoReturn:
+            raise InputError(f"network '{path}', array {names.get(role, role)}: {why}")
+
+        shape, dense = layers["recurrent"].shape, layers["dense"].shape
+        number = shape[0] // max(1, shape[1]) if len(shape) == 2 else 0
+        if number not in orders or shape[0] != number * shape[1]:
+            kinds = "neither (3 x hidden, hidden) of a GRU nor (4 x hidden, hidden) of an LSTM"
+            refuse("recurrent", f"has shape {shape}, {kinds}")
+        rows, hidden = shape
+        expected = {
+            "input": (rows, *layers["input"].shape[1:2]),
+            "bias": (rows,),
+            "second bias": (rows,),
+            "dense": (*dense[:1], hidden),
+            "dense bias": dense[:1],
+        }
+        for role, array in layers.items():
+            if array.shape != expected.get(role, shape) or not array.size:
+                of = f"{'a GRU' if number == 3 else 'an LSTM'} of {hidden} units ({names['recurrent']})"
+                refuse(
+                    role,
+                    f"has shape {array.shape}, which does not match {of} and {dense[0]} classes ({names['dense']}); "
+                    "save the arrays of one network, whole and in one direction",
+                )
+            if not np.isfinite(array).all():
+                refuse(role, "holds values that are not finite numbers; train the network again")
+        cell = "gru" if number == 3 else "lstm"
+        arrays = {"V": layers["dense"], "b_y": layers["dense bias"]}
+        for index, gate in enumerate(orders[number]):
+            part = slice(index * hidden, (index + 1) * hidden)
+            first, second = layers["bias"][part], layers["second bias"][part]
+            arrays |= {f"W_{gate}": layers["input"][part], f"U_{gate}": layers["recurrent"][part]}
+            # the two rows are one where nothing stands between them
+            two = cell == "gru" and reset == "after"
+            arrays |= {f"b_{gate}": first, f"bh_{gate}": second} if two else {f"b_{gate}": first + second}
+        sizes = hidden, dense[0], layers["input"].shape[1]
+        return cls(path, cell, reset, gate_activation, *sizes, arrays, names, **more)
+
+    @property
+    def kind(self) -> str:
+        """What the file is, in words."""
+        return "torch state_dict"
+
+    @property
+    def ends(self) -> tuple[str, str]:
+        """Names of input and output."""
+        return NAMES
+
+    def scale(self, config: AcceleratorConfig) -> Record | None:
+        """mean, std and their source as the file keeps them; None where it keeps none."""
+        return None
+
+    def shown(self, config: AcceleratorConfig, arrays: Arrays) -> tuple[AcceleratorConfig, str, list[str]]:
+        """``config`` with the decision that the file keeps; what shows how a touch is decided
+        (`eskin.exchange.import_network.SHOWS`); sentences about what was taken."""
+        notes = ["reset gate after the recurrent product, as torch has it"] if self.cell == "gru" else []
+        return config, "weights", notes
+
+
+def check_readable(path: Path) -> None:
+    """Raise InputError for a file that cannot be opened, so that later errors concern its content."""
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        why = f"cannot be read ({error.strerror or error}); check the path and its permissions"
+        raise InputError(f"network '{path}': {why}") from None
 
 
 def fitted(

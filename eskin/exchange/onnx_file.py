@@ -1,18 +1,21 @@
 """The float network as an ONNX file, and what onnxruntime makes of it."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
-from onnx import TensorProto, helper, numpy_helper
+from onnx import helper, numpy_helper
 
-from eskin.golden.core import Arrays, InputError, Record, replacing
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, replacing
 from eskin.golden.model import FloatModel
 
 OPSET, IR = 14, 8
 METADATA = "eskin_model"
+"""Entry in which an exported file keeps configuration and normalisation."""
+ORDERS = {"GRU": ("z", "r", "n"), "LSTM": ("i", "o", "f", "g")}
+"""Gates in the order in which ONNX stacks them; it calls n ``h`` and g ``c``."""
 
 
 def onnx_model(model: FloatModel) -> onnx.ModelProto:
@@ -35,33 +38,15 @@ def onnx_model(model: FloatModel) -> onnx.ModelProto:
             f"configuration '{config.name}', field readout: is 'prototypes', which ONNX does not have; export a "
             "model with readout 'dense'"
         )
-    constants = {
-        "dense": arrays["V"].T if config.recurrent else _columns(model).T,
-        "dense_bias": arrays["b_y"],
-    }
-    if config.recurrent:
-        nodes, more = _recurrent(model)
-        constants |= more
-        nodes += [
-            helper.make_node("MatMul", ["states", "dense"], ["products"], "readout"),
-            helper.make_node("Add", ["products", "dense_bias"], ["by_step"], "readout_bias"),
-            helper.make_node("Transpose", ["by_step"], ["logits"], "steps_behind_batch", perm=[1, 0, 2]),
-        ]
-        shape: list[Any] = ["batch", config.windows.steps, config.classes]
-    else:
-        nodes = [
-            helper.make_node("Flatten", ["features"], ["columns"], "windows", axis=1),
-            helper.make_node("Gemm", ["columns", "dense", "dense_bias"], ["logits"], "readout"),
-        ]
-        shape = ["batch", config.classes]
-    tensors = [numpy_helper.from_array(values.astype(np.float32), name) for name, values in constants.items()]
-    if config.recurrent:
-        tensors.append(numpy_helper.from_array(np.array([1], dtype=np.int64), "direction"))
-    features_info = helper.make_tensor_value_info(
-        "features", TensorProto.FLOAT, ["batch", config.windows.steps, config.inputs]
+    recurrent, steps = config.recurrent, config.windows.steps
+    constants = _constants(model)
+    dims = f"batch, {steps}, {config.classes}" if recurrent else f"batch, {config.classes}"
+    graph = onnx.parser.parse_graph(
+        f"eskin (float[batch, {steps}, {config.inputs}] features) => (float[{dims}] logits) {{\n"
+        + "\n".join(_recurrent(config) if recurrent else LINEAR)
+        + "}"
     )
-    logits_info = helper.make_tensor_value_info("logits", TensorProto.FLOAT, shape)
-    graph = helper.make_graph(nodes, "eskin", [features_info], [logits_info], tensors)
+    graph.initializer.extend(numpy_helper.from_array(values, name) for name, values in constants.items())
     proto = helper.make_model(
         graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="eskin", ir_version=IR
     )
@@ -71,37 +56,48 @@ def onnx_model(model: FloatModel) -> onnx.ModelProto:
     return proto
 
 
-def _columns(model: FloatModel) -> np.ndarray:
-    """A linear cell's weights (C, K D): columns window by window."""
-    config = model.config
-    every = np.broadcast_to(model.arrays["V"], (config.windows.steps, config.classes, config.inputs))
-    return every.swapaxes(0, 1).reshape(config.classes, -1)
+LINEAR = (
+    "[windows] columns = Flatten <axis = 1> (features)",
+    "[readout] logits = Gemm (columns, dense, dense_bias)",
+)
 
 
-def _recurrent(model: FloatModel) -> tuple[list[onnx.NodeProto], Arrays]:
-    """Nodes from features to ``states`` (K, batch, H), and their weights."""
-    arrays, network = model.arrays, model.config.network
-    lstm, after = network.cell == "lstm", network.cell == "gru" and network.reset == "after"
-    gates = ("i", "o", "f", "g") if lstm else ("z", "r", "n")
-    stack = lambda kind: np.concatenate([arrays[f"{kind}_{gate}"] for gate in gates])
-    second = stack("bh") if after else np.zeros(len(gates) * network.hidden)
-    hard = network.gate_activation == "hard_sigmoid"
-    options: Record = {"hidden_size": network.hidden} | ({} if lstm else {"linear_before_reset": int(after)})
-    if hard:
-        options |= {"activations": ["HardSigmoid", "Tanh", *["Tanh"] * lstm]}
-        options |= {"activation_alpha": [0.2], "activation_beta": [0.5]}
-    nodes = [
-        helper.make_node("Transpose", ["features"], ["by_step_in"], "batch_behind_steps", perm=[1, 0, 2]),
-        helper.make_node(
-            "LSTM" if lstm else "GRU", ["by_step_in", "W", "R", "B"], ["every"], "cell", **options
-        ),
-        helper.make_node("Squeeze", ["every", "direction"], ["states"], "one_direction"),
-    ]
-    return nodes, {
-        "W": stack("W")[None],
-        "R": stack("U")[None],
-        "B": np.concatenate([stack("b"), second])[None],
-    }
+def _recurrent(config: AcceleratorConfig) -> Iterator[str]:
+    """The nodes of a recurrent network, in ONNX's textual form: [name] output = operator <attributes> (inputs)."""
+    network = config.network
+    kind, lstm = network.cell.upper(), network.cell == "lstm"
+    options = f"hidden_size = {network.hidden}"
+    if not lstm:
+        options += f", linear_before_reset = {int(network.reset == 'after')}"
+    if network.gate_activation == "hard_sigmoid":
+        others = ', "Tanh"' * (1 + lstm)
+        options += (
+            f', activations = ["HardSigmoid"{others}], activation_alpha = [0.2], activation_beta = [0.5]'
+        )
+    yield "[batch_behind_steps] by_step_in = Transpose <perm = [1, 0, 2]> (features)"
+    yield f"[cell] every = {kind} <{options}> (by_step_in, W, R, B)"
+    yield "[one_direction] states = Squeeze (every, direction)"  # (K, batch, H)
+    yield "[readout] products = MatMul (states, dense)"
+    yield "[readout_bias] by_step = Add (products, dense_bias)"
+    yield "[steps_behind_batch] logits = Transpose <perm = [1, 0, 2]> (by_step)"
+
+
+def _constants(model: FloatModel) -> Arrays:
+    """Weights by the names that the nodes have for them."""
+    config, network, arrays = model.config, model.config.network, model.arrays
+    dense = arrays["V"]
+    if not config.recurrent:  # columns window by window
+        every = np.broadcast_to(dense, (config.windows.steps, config.classes, config.inputs))
+        dense = every.swapaxes(0, 1).reshape(config.classes, -1)
+    constants = {"dense": dense.T, "dense_bias": arrays["b_y"]}
+    if config.recurrent:
+        gates = ORDERS[network.cell.upper()]
+        w, u, b = (np.concatenate([arrays[f"{kind}_{gate}"] for gate in gates])[None] for kind in "WUb")
+        after = network.cell == "gru" and network.reset == "after"
+        second = [arrays[f"bh_{gate}"] if after else np.zeros(network.hidden) for gate in gates]
+        constants |= {"W": w, "R": u, "B": np.concatenate([*b, *second])[None]}
+    floats = {name: values.astype(np.float32) for name, values in constants.items()}
+    return floats | ({"direction": np.array([1], dtype=np.int64)} if config.recurrent else {})
 
 
 def write_onnx(model: FloatModel, path: Path) -> Path:

@@ -8,6 +8,7 @@ computes their values.
 import textwrap
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -217,19 +218,14 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
             "version": version("eskin"),
         }
     )
-    names = {
-        HEADER: "eskin_model.h",
-        SOURCE: "eskin_model.c",
-        "library.properties": "library.properties",
-        "zephyr/module.yml": "module.yml",
-        "zephyr/CMakeLists.txt": "CMakeLists.txt",
-    }
-    return _rendered(names, values, prefix)
+    paths = (HEADER, SOURCE, "library.properties", "zephyr/module.yml", "zephyr/CMakeLists.txt")
+    return _rendered(paths, values, prefix)
 
 
-def _rendered(names: dict[str, str], values: Record, prefix: str) -> dict[str, str]:
-    fill = lambda name: template(__file__, name, prefix, brackets=_brackets).render(values)
-    return {path.replace(f"{PREFIX}_", f"{prefix}_"): fill(name) for path, name in names.items()}
+def _rendered(paths: Iterable[str], values: Record, prefix: str) -> dict[str, str]:
+    """The files, each from the template of its name."""
+    fill = lambda path: template(__file__, Path(path).name, prefix, brackets=_brackets).render(values)
+    return {path.replace(f"{PREFIX}_", f"{prefix}_"): fill(path) for path in paths}
 
 
 def _brackets(size: Iterable[int]) -> str:
@@ -304,5 +300,4 @@ def check_sources(
             "int32_t",
         ),
     }
-    names = {CHECK: "eskin_check.c", VECTORS: "test_vectors.h"}
-    return _rendered(names, values, prefix)
+    return _rendered((CHECK, VECTORS), values, prefix)

@@ -79,14 +79,17 @@ def check_reference(path: Path, model: FloatModel, own: tuple[str, str] = NAMES)
     readings = [features for features in readings if config.sets == 1 or features.shape[1] == steps]
     if not readings:
         raise InputError(f"--check {path}: its inputs have shape {inputs.shape}; they must be {wanted}")
-    found = [(differences(outputs, model.forward(features)[1]), len(features)) for features in readings]
-    each = [(far, shows, count) for of_reading, count in found for shows, far in of_reading.items()]
-    if not each:
+    found = [
+        (far, shows, len(features))
+        for features in readings
+        for shows, far in differences(outputs, model.forward(features)[1]).items()
+    ]
+    if not found:
         raise InputError(
             f"--check {path}: its outputs have shape {outputs.shape}; they must be logits, "
             f"({len(readings[0])}, {config.classes}) of the last step or of every step"
         )
-    difference, shows, count = min(each)
+    difference, shows, count = min(found)
     return {
         "file": str(path),
         "touches": count,

@@ -109,33 +109,27 @@ class Hub:
 
     def __init__(self, hello: Record, rate_hz: float, taxels: int) -> None:
         self._hello = encoded("hello", **hello)
-        self._rate, self._display_hz = rate_hz, max(10.0, min(DISPLAY_HZ, VALUES_HZ / max(1, taxels)))
-        self._thinner = Thinner(self.bucket(1.0))
+        self._display_hz = max(10.0, min(DISPLAY_HZ, VALUES_HZ / max(1, taxels)))
+        self._thinner = Thinner(1)
+        self.pace(rate_hz)
         self._viewers: list[Viewer] = []
         self._history: deque[str] = deque(maxlen=HISTORY)
         self._results: deque[str] = deque(maxlen=RESULTS)
-        self._state = self._tally = ""
+        self._latest: dict[str, str] = {}  # state and tally, which late viewers get
         self._lock = threading.Lock()
         self._gone_dropped = 0
 
-    def bucket(self, speed: float) -> int:
-        """Sensor frames per display frame at ``speed`` times the sensor's pace."""
-        return max(1, round(self._rate * speed / self._display_hz))
-
     def pace(self, frames_per_s: float) -> None:
         """Set the thinning for a source with this frame rate."""
-        self._thinner.size = self.bucket(frames_per_s / self._rate)
+        self._thinner.size = max(1, round(frames_per_s / self._display_hz))
 
     def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:
         """A new viewer, who has the present recording's beginning waiting; ``wake`` is called, from any
         thread, when something waits."""
         viewer = Viewer(wake)
         with self._lock:
-            viewer.put(0, self._hello)
-            for text in filter(None, (self._state, self._tally)):
-                viewer.put(0, text)
             # the whole history, whatever the limits of a queue: they are for viewers who are too slow
-            for text in (*self._results, *self._history):
+            for text in (self._hello, *self._latest.values(), *self._results, *self._history):
                 viewer.put(0, text)
             self._viewers.append(viewer)
         return viewer
@@ -159,10 +153,7 @@ class Hub:
 
     def state(self, **fields: Any) -> None:
         """Tell what the player is at; late viewers get the last of these."""
-        text = encoded("state", **fields)
-        if text != self._state:
-            self._state = text
-            self._send(0, text, keep=False)
+        self._tell("state", fields)
 
     def tally(self, tally: Tally) -> None:
         """Send the counts so far; late viewers get the last ones."""
@@ -173,8 +164,13 @@ class Hub:
             "viewers": self.viewers,
         }
         del figures["said"]
-        self._tally = encoded("tally", **figures)
-        self._send(0, self._tally, keep=False)
+        self._tell("tally", figures)
+
+    def _tell(self, kind: str, fields: Record) -> None:
+        text = encoded(kind, **fields)
+        if text != self._latest.get(kind):
+            self._latest[kind] = text
+            self._send(0, text, keep=False)
 
     def publish(self, event: Event) -> None:
         """Hand on an event; frames that fill no bucket wait for the next ones, but no other event overtakes

@@ -31,50 +31,35 @@ SAID_MAX = 20
 
 
 class Controls:
-    """Requests of viewers. Every method may be called from any thread."""
+    """Requests of viewers; methods may be called from any thread.
+
+    speed: of the sensor's pace, infinite as fast as possible. label: only recordings of this class, -1 all.
+    skip: leave this recording. stopped: come to an end.
+    """
 
     def __init__(self, *, speed: float = 1.0) -> None:
         self._condition = threading.Condition()
         self.paused, self.speed, self.label = False, speed, -1
         self.skip = self.stopped = False
-        self.changes = 0
 
-    def _change(self, **changes: Any) -> None:
+    def change(self, **changes: Any) -> None:
+        """Set some of the attributes."""
         with self._condition:
-            for name, value in changes.items():
-                setattr(self, name, value)
-            self.changes += 1
+            vars(self).update(changes)
             self._condition.notify_all()
-
-    def pause(self, on: bool) -> None:
-        """Stand still, or go on."""
-        self._change(paused=on)
-
-    def pace(self, speed: float) -> None:
-        """So many times the sensor's pace; infinite: as fast as possible."""
-        self._change(speed=min(max(speed, 0.01), 1000.0) if math.isfinite(speed) else math.inf)
-
-    def next(self) -> None:
-        """Leave this recording."""
-        self._change(skip=True)
-
-    def choose(self, label: int) -> None:
-        """Only recordings of this class; -1: all."""
-        self._change(label=label)
 
     def stop(self) -> None:
         """Come to an end."""
-        self._change(stopped=True)
+        self.change(stopped=True)
 
     def left(self, label: int) -> bool:
         """True if a recording of this class is not to be played any further."""
         return self.skip or self.stopped or self.label not in (-1, label)
 
-    def wait(self, seconds: float | None) -> None:
-        """Wait until something changes, or for a time."""
+    def wait(self, seconds: float) -> None:
+        """Wait for a time; a change may end it earlier."""
         with self._condition:
-            before = self.changes
-            self._condition.wait_for(lambda: self.changes != before or self.stopped, timeout=seconds)
+            self._condition.wait(seconds)
 
 
 class Player:
@@ -142,86 +127,62 @@ class Player:
                 return
             self._ended = True
             self._tell(now=True)
-            self._state()
-            self.controls.skip = False
-            while not (self.controls.skip or self.controls.stopped):
-                label = self.controls.label
-                self.controls.wait(None)
-                if self.controls.label != label:
-                    break
+            self.controls.skip, label = False, self.controls.label
+            while not self.controls.skip and not self.controls.stopped and self.controls.label == label:
                 self._state()
+                self.controls.wait(TALLY_S)
             self.controls.skip = self._ended = False
 
     def _one(self, source: ModelSource, recordings: Recordings, number: int) -> None:
         samples, label = recordings.recording(number), int(recordings.labels[number])
-        length, rate, controls = len(samples), recordings.sample_rate_hz, self.controls
-        wrong_before, self._first_s = self.tally.mismatches, NO_SINCE
+        length, controls, tally = len(samples), self.controls, self.tally
+        wrong_before, self._first_s = tally.mismatches, NO_SINCE
         head = np.asarray(samples[: max(1, min(LEVEL_FRAMES, length // 8))])
         self._hub.publish(Begin(number, label, length, np.median(head, axis=0)))
         self._events(source.arm())
-        self._state()
-        at, speed = 0, controls.speed
-        due = time.monotonic()
-        while at < length:
-            due, speed = self._until(due, speed, label)
-            if controls.left(label):
-                break
-            count = FASTEST_FRAMES if math.isinf(speed) else max(1, round(rate * speed * TICK_S))
+        at, due = 0, 0.0  # frames played, and frames beyond them whose time has come
+        then = time.monotonic()
+        while at < length and not controls.left(label):
+            self._state()
+            now, pace = time.monotonic(), recordings.sample_rate_hz * controls.speed
+            passed, then = now - then, now
+            if controls.paused:
+                self._hub.flush()
+                self._tell()
+                controls.wait(TALLY_S)
+                then = time.monotonic()
+                continue
+            count = FASTEST_FRAMES
+            if math.isfinite(pace):
+                due += passed * pace
+                count = max(1, round(TICK_S * pace))
+                if due < count:
+                    controls.wait((count - due) / pace)
+                    continue
+                due -= count
+                tally.behind_s = due / pace
+                if tally.behind_s > BEHIND_S:  # too far behind to catch up: go on from now
+                    due = 0.0
             part = np.asarray(samples[at : at + count])
             events = source.take(part)
             self._hub.publish(Frames(at + 1, part))
             self._events(events)
             at += len(part)
-            self.tally.frames += len(part)
-            if math.isfinite(speed):
-                due += len(part) / (rate * speed)
-                late = time.monotonic() - due
-                self.tally.behind_s = max(0.0, late)
-                if late > BEHIND_S:  # too far behind to catch up: go on from now
-                    due = time.monotonic()
-            else:
-                due = time.monotonic()
+            tally.frames += len(part)
             self._tell()
-        self._until(due, speed, label)
         controls.skip = False
         whole = at >= length
         self._events(source.finish())
         self._hub.publish(End(source.decision, whole))
         if whole:
-            self._count(number, label, source.decision)
-            self._hub.publish(
-                Result(number, label, source.decision, self._first_s, self.tally.mismatches - wrong_before)
-            )
+            self.decisions[number] = source.decision
+            tally.recordings += 1
+            tally.undecided += source.decision < 0
+            tally.labelled += label >= 0
+            tally.correct += 0 <= label == source.decision
+            wrong = tally.mismatches - wrong_before
+            self._hub.publish(Result(number, label, source.decision, self._first_s, wrong))
         self._tell()
-
-    def _until(self, due: float, speed: float, label: int) -> tuple[float, float]:
-        """Wait until ``due``, or until the recording is left. Gives ``due`` and the speed, which viewers may
-        have changed meanwhile."""
-        controls = self.controls
-        while True:
-            self._state()
-            begun, paused = time.monotonic(), controls.paused
-            if controls.left(label) or (begun >= due and not paused):
-                return due, controls.speed
-            if paused:
-                self._hub.flush()
-                self._tell()
-            controls.wait(1.0 if paused else due - begun)
-            moment = time.monotonic()
-            if paused:
-                due += moment - begun
-            elif speed != controls.speed:  # what is left of the wait shrinks or grows with the pace
-                due = moment + (due - moment) * speed / controls.speed
-            speed = controls.speed
-
-    def _count(self, number: int, label: int, decision: int) -> None:
-        tally = self.tally
-        self.decisions[number] = decision
-        tally.recordings += 1
-        tally.undecided += decision < 0
-        if label >= 0:
-            tally.labelled += 1
-            tally.correct += decision == label
 
     # ------------------------------------------------------------ a board by itself
     def _listen(self, source: Listener) -> None:

@@ -7,14 +7,15 @@ is found out by a ping.
 
 import asyncio
 import contextlib
+import errno
 import http
 import json
 import math
 import threading
-from collections.abc import Callable
+from concurrent.futures import Future
 from urllib.parse import urlsplit
 
-from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
@@ -55,24 +56,19 @@ class PageServer:
 
     def __init__(self, page: bytes, hub: Hub, controls: Controls, *, port: int) -> None:
         self._page, self._hub, self._controls = page, hub, controls
-        self.port = port
-        self._started: threading.Event = threading.Event()
-        self._failed: OSError | None = None
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._run, name="eskin-watch-page", daemon=True)
+        opened = Future[int]()
+        serving = lambda: asyncio.run(self._serve(port, opened))
+        self._thread = threading.Thread(target=serving, name="eskin-watch-page", daemon=True)
         self._thread.start()
-        self._started.wait()
-        if self._failed is not None:
+        try:
+            self.port = opened.result()
+        except OSError as error:
             self._thread.join()
-            if self._failed.errno == 98:
-                raise InputError(
-                    f"--host-port {port}: another program uses it; give another one, or 0 for any that is "
-                    "free"
-                )
-            reason = self._failed.strerror or self._failed
+            why = f"cannot be opened ({error.strerror or error})"
+            why = "another program uses it" if error.errno == errno.EADDRINUSE else why
             raise InputError(
-                f"--host-port {port}: cannot be opened ({reason}); give another one, or 0 for any free port"
-            )
+                f"--host-port {port}: {why}; give another one, or 0 for any that is free"
+            ) from None
 
     @property
     def address(self) -> str:
@@ -85,21 +81,13 @@ class PageServer:
             self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join(timeout=5)
 
-    def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        try:
-            self._loop.run_until_complete(self._serve())
-        finally:
-            self._loop.close()
-            self._started.set()
-
-    async def _serve(self) -> None:
-        self._stop, self._turn = asyncio.Event(), asyncio.Lock()
+    async def _serve(self, port: int, opened: Future[int]) -> None:
+        self._loop, self._stop, self._turn = asyncio.get_running_loop(), asyncio.Event(), asyncio.Lock()
         try:
             server = await serve(
                 self._viewer,
                 HOST,
-                self.port,
+                port,
                 process_request=self._answer,
                 ping_interval=PING_S,
                 ping_timeout=PING_S,
@@ -107,11 +95,10 @@ class PageServer:
                 compression=None,
                 close_timeout=1,
             )
-        except OSError as error:
-            self._failed = error
+        except Exception as error:
+            opened.set_exception(error)
             return
-        self.port = _port(server)
-        self._started.set()
+        opened.set_result(next(iter(server.sockets)).getsockname()[1])
         async with server:
             await self._stop.wait()
 
@@ -185,19 +172,16 @@ class PageServer:
 def obey(controls: Controls, command: dict) -> None:
     """Do what a viewer asks: ``{"do": "pause", "on": true}``, ``speed`` with ``times`` (0: as fast as
     possible), ``next``, ``class`` with ``index`` (-1: all). Other messages are ignored."""
-    acts: dict[str, Callable[[], None]] = {
-        "pause": lambda: controls.pause(bool(command["on"])),
-        "speed": lambda: controls.pace(float(command["times"]) or math.inf),
-        "next": controls.next,
-        "class": lambda: controls.choose(int(command["index"])),
-    }
-    act = acts.get(command["do"])
-    if act:
-        act()
-
-
-def _port(server: Server) -> int:
-    return int(next(iter(server.sockets)).getsockname()[1])
+    match command["do"]:
+        case "pause":
+            controls.change(paused=bool(command["on"]))
+        case "speed":
+            times = float(command["times"]) or math.inf
+            controls.change(speed=min(max(times, 0.01), 1000.0) if math.isfinite(times) else math.inf)
+        case "next":
+            controls.change(skip=True)
+        case "class":
+            controls.change(label=int(command["index"]))
 
 
 def _response(status: int, reason: str, kind: str, body: bytes) -> Response:

@@ -164,11 +164,10 @@ class SimulationSource(ModelSource):
         queues = {stage: deque(values) for stage, values in came.items() if stage != "step"}
         compared: list[Event] = []
         for decision in decisions:
-            stages = {
-                stage: _stage(decision.stages[stage], queues.get(stage))
-                for stage in STAGES
-                if stage in decision.stages
-            }
+            stages = {}
+            for stage in filter(decision.stages.__contains__, STAGES):
+                expected, queue = np.ravel(decision.stages[stage]).tolist(), queues.get(stage)
+                stages[stage] = _stage(expected, [queue.popleft() if queue else None for _ in expected])
             compared.append(_hardware(self.config, decision, queues.get("decision"), stages))
         return compared + [
             Differs(
@@ -180,14 +179,9 @@ class SimulationSource(ModelSource):
         ]
 
 
-def _stage(expected: np.ndarray, came: deque[int] | None) -> Stage:
-    values = tuple(came.popleft() if came else None for _ in range(np.size(expected)))
-    wrong = tuple(
-        place
-        for place, (aim, value) in enumerate(zip(np.asarray(expected).tolist(), values, strict=True))
-        if value != aim
-    )
-    return Stage(values, wrong)
+def _stage(expected: Sequence[int], values: Sequence[int | None]) -> Stage:
+    pairs = enumerate(zip(expected, values, strict=True))
+    return Stage(tuple(values), tuple(place for place, (aim, value) in pairs if value != aim))
 
 
 def _hardware(
@@ -196,9 +190,8 @@ def _hardware(
     """Beside the other stages the decision: class and margin first, so that they can be shown; then step,
     is_global, partial, unsure."""
     row = unpack_decision(config, pack_decision(config, made.row()))
-    values = unpack_decision(config, came.popleft()) if came else dict.fromkeys(SHOWN)
-    wrong = tuple(place for place, name in enumerate(SHOWN) if values[name] != row[name])
-    decision = Stage(tuple(values[name] for name in SHOWN), wrong)
+    values = unpack_decision(config, came.popleft()) if came else {}
+    decision = _stage([row[name] for name in SHOWN], [values.get(name) for name in SHOWN])
     return Hardware(made.touch, made.step, made.is_global, {**stages, "decision": decision})
 
 

@@ -1,12 +1,11 @@
 """Content of an archive before any training: figures, the onset of each recording, a picture; of images
 each class's mean."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
@@ -14,10 +13,8 @@ from eskin.golden.core import NETWORKS, InputError, Record, replacing
 from eskin.golden.core.images import layer_stages, network
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
+from eskin.pages.charts import STYLE
 from eskin.training.derive import derive_config, find_onsets
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 HELD_SHARE, HELD_SPAN = 0.05, 16
 """Share of a taxel's samples at an end of its range from which it is called saturated, and the codes that it must
@@ -93,9 +90,8 @@ def _of_recordings(recordings: Recordings) -> Record:
     if config is not None:
         onsets = [config.sensor.source_frame(frame) for frame in find_onsets(config, recordings).tolist()]
     lengths, samples = recordings.lengths, recordings.samples
-    low, high = samples.min(axis=0), samples.max(axis=0)
-    held = held_shares(recordings)
-    deviation = samples.std(axis=0)
+    each = (samples.min(axis=0), samples.max(axis=0), samples.std(axis=0), held_shares(recordings))
+    taxels = zip(*(figures.tolist() for figures in each), strict=True)
     return {
         "frames": recordings.frames,
         "taxels": recordings.taxels,
@@ -109,14 +105,8 @@ def _of_recordings(recordings: Recordings) -> Record:
             "max": int(lengths.max()),
         },
         "taxel": [
-            {
-                "min": int(low[t]),
-                "max": int(high[t]),
-                "deviation": float(deviation[t]),
-                "held": float(held[t]),
-                "state": _state(int(high[t]) - int(low[t]), float(held[t])),
-            }
-            for t in range(recordings.taxels)
+            {"min": low, "max": high, "deviation": deviation, "held": held, "state": _state(high - low, held)}
+            for low, high, deviation, held in taxels
         ],
         "configuration": {
             "name": config.name if config else None,
@@ -185,16 +175,13 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
     OSError
         The file cannot be written; nothing is left behind.
     """
-    figure = (
-        _image_picture(recordings) if recordings.image_shape else _picture(recordings, onset_frames, count)
-    )
-    with replacing(path) as temporary:
+    with rc_context(STYLE), replacing(path) as temporary:
+        images = recordings.image_shape
+        figure = _image_picture(recordings) if images else _picture(recordings, onset_frames, count)
         figure.savefig(temporary, format="png", dpi=90)
 
 
 def _image_picture(recordings: Recordings) -> Figure:
-    from matplotlib.figure import Figure  # slow to import, and only a picture needs it
-
     images, shown = images_of(recordings), recordings.class_names[:CLASSES_SHOWN]
     across = min(len(shown), 4)
     rows = -(-len(shown) // across)
@@ -206,21 +193,19 @@ def _image_picture(recordings: Recordings) -> Figure:
         members = images[recordings.labels == label]
         left, right = axes[label // across][2 * (label % across) : 2 * (label % across) + 2]
         if not len(members):
-            left.set_title(f"{name}: no image", fontsize=9)
+            left.set_title(f"{name}: no image")
             continue
         for place, picture, title in (
             (left, members.mean(axis=0), f"{name}: mean"),
             (right, members[0], "first image"),
         ):
             place.imshow(picture, cmap="viridis", vmin=0)
-            place.set_title(title, fontsize=9)
+            place.set_title(title)
     figure.tight_layout()
     return figure
 
 
 def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int) -> Figure:
-    from matplotlib.figure import Figure
-
     chosen = recordings.evenly(count)
     unit = recordings.volt_per_code
     from_rest = f"{recordings.unit or 'unit of the samples'} from rest" if unit else "codes from rest"
@@ -232,7 +217,7 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
         bound = float(np.quantile(np.abs(values), 0.999)) or 1.0
         extent = (0, len(samples) / recordings.sample_rate_hz, recordings.taxels - 0.5, -0.5)
         image = axes.imshow(values.T, aspect="auto", cmap="RdBu_r", vmin=-bound, vmax=bound, extent=extent)
-        figure.colorbar(image, ax=axes, pad=0.01).set_label(from_rest, fontsize=8)
+        figure.colorbar(image, ax=axes, pad=0.01).set_label(from_rest)
         title = f"recording {index}: {recordings.class_names[recordings.labels[index]]}"
         onset = onset_frames[index] if onset_frames is not None else None
         if onset is not None and onset > 0:
@@ -240,12 +225,9 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
             title += f", onset at frame {onset} (dashed)"
         elif onset is not None:
             title += ", gate open at once" if onset == 0 else ", no onset found"
-        axes.set_title(title, fontsize=9, loc="left", parse_math=False)
-        axes.set_ylabel("taxel", fontsize=8)
+        axes.set_title(title)
+        axes.set_ylabel("taxel")
     axes.set_xlabel("time (s)")
-    figure.suptitle(
-        f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz",
-        fontsize=10,
-        parse_math=False,
-    )
+    of_all = f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz"
+    figure.suptitle(of_all)
     return figure

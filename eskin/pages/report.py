@@ -14,11 +14,9 @@ model/config.json, model/training.json    configuration with every format; cross
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 
@@ -55,14 +53,10 @@ def read_json(path: Path) -> Record:
             raise OSError(0, "is not a regular file")  # a pipe without a writer would wait for ever
         return json.loads(path.read_text())
     except (OSError, ValueError, RecursionError) as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, error: Exception) -> InputError:
-    why = error.strerror if isinstance(error, OSError) else f"is damaged: {error}"
-    return InputError(
-        f"{path}: cannot be read ({why}); name a folder that 'eskin run' wrote, or run it again"
-    )
+        why = error.strerror if isinstance(error, OSError) else f"is damaged: {error}"
+        raise InputError(
+            f"{path}: cannot be read ({why}); name a folder that 'eskin run' wrote, or run it again"
+        ) from None
 
 
 @contextmanager
@@ -85,48 +79,6 @@ def well_formed(folder: Path) -> Iterator[None]:
             f"result '{folder}': a field of its files is missing or has another type or size than 'eskin run' writes "
             f"({error}); make the result again"
         ) from error
-
-
-@dataclass(frozen=True)
-class Result:
-    """The files of a result folder, read."""
-
-    folder: Path
-    run: Record
-    evaluate: Record
-    cosim: Record
-    training: Record
-    config: AcceleratorConfig
-    declared: Record = dataclasses.field(default_factory=dict)
-    lowest: Record | None = None
-
-    @classmethod
-    def load(cls, folder: str | Path) -> Result:
-        """Read a result folder.
-
-        Raises
-        ------
-        InputError
-            When a file is missing or damaged; the sentence names it.
-        """
-        folder = Path(folder)
-        if not folder.is_dir():
-            raise InputError(f"result '{folder}': is not a folder; name the one that 'eskin run' wrote")
-        run, evaluate, cosim = (read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim"))
-        training = read_json(folder / "model/training.json")
-        config = AcceleratorConfig.from_dict(
-            read_json(folder / "model/config.json"), str(folder / "model/config.json")
-        )
-        if run.get("images"):
-            return cls(folder, run, evaluate, cosim, training, config)
-        lowest = None if run["lowest_clock_hz"] is None else read_json(folder / "cosim_lowest.json")
-        declared = read_json(folder / "cosim_declared.json")
-        return cls(folder, run, evaluate, cosim, training, config, declared, lowest)
-
-    @property
-    def things(self) -> str:
-        """Kind of the network's input: recordings or images."""
-        return "images" if self.config.is_image else "recordings"
 
 
 # ---------------------------------------------------------------------- figures in words
@@ -221,21 +173,36 @@ def write_report(folder: str | Path) -> Path:
     """
     folder = Path(folder)
     with well_formed(folder):
-        text = _render(Result.load(folder))
+        text = _render(_values(folder))
     write_text(path := folder / PAGE, text)
     return path
 
 
-def _values(result: Result) -> Record:
-    """Values of page and summary."""
-    splits = result.training["cross_validation"]
-    return vars(result) | {
-        "network": _network(result.config),
+def _values(folder: Path) -> Record:
+    """Values of page and summary: what the files hold, and figures and functions of them."""
+    if not folder.is_dir():
+        raise InputError(f"result '{folder}': is not a folder; name the one that 'eskin run' wrote")
+    read = lambda name: read_json(folder / f"{name}.json")
+    run, training, where = read("run"), read("model/training"), "model/config.json"
+    config = AcceleratorConfig.from_dict(read_json(folder / where), str(folder / where))
+    declared = {} if config.is_image else read("cosim_declared")
+    lowest = None if config.is_image or run["lowest_clock_hz"] is None else read("cosim_lowest")
+    candidates = [] if config.is_image else run.get("candidates") or []
+    return {
+        "run": run,
+        "evaluate": read("evaluate"),
+        "cosim": read("cosim"),
+        "declared": declared,
+        "lowest": lowest,
+        "training": training,
+        "config": config,
+        "things": "images" if config.is_image else "recordings",
+        "network": _network(config),
+        "splits": (splits := training["cross_validation"]),
         "nested": [split["nested"] for split in splits if split.get("nested")],
         "split_name": _split_name,
-        "things": result.things,
         "unseen": unseen,
-        "candidates": (candidates := [] if result.config.is_image else result.run.get("candidates") or []),
+        "candidates": candidates,
         "fails": where_it_fails(candidates),
         "network_name": network_name,
         "front_end_brief": front_end_brief,
@@ -243,39 +210,33 @@ def _values(result: Result) -> Record:
     }
 
 
-def _render(result: Result) -> str:
-    splits, config, run = result.training["cross_validation"], result.config, result.run
+def _render(values: Record) -> str:
+    config, run = values["config"], values["run"]
     candidates, front_end = run.get("candidates") or [], run.get("front_end")
-    names = config.network.class_names
-    chart = None
-    if candidates and not config.is_image:
-        with rc_context(STYLE):
-            chart = svg(draw_candidates(candidates, front_end))
-    values = _values(result)
     (cards,) = tables(words("cards", **values))
     values |= {
         "name": run.get("name") or short_name(run["data"]["source"]),
         "data": run["data"],
-        "splits": splits,
         "cards": [dict(zip(("title", "value", "note"), cells, strict=True)) for cells in cards.cells],
         "candidates": candidates,
-        "chart": chart,
-        "confusions": lambda split: confusions(split, names),
+        "confusions": lambda split: confusions(split, config.network.class_names),
     }
     if config.is_image:
-        errors = {row["stage"]: row for row in result.evaluate["stages"]}
-        formats = describe_formats(config)
-        return page("images.html.j2", **values, errors=errors, formats=formats)
+        errors = {row["stage"]: row for row in values["evaluate"]["stages"]}
+        return page("images.html.j2", **values, errors=errors, formats=describe_formats(config))
+    with rc_context(STYLE):
+        chart = svg(draw_candidates(candidates, front_end)) if candidates else None
     return page(
         "report.html.j2",
         **values,
-        runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
+        chart=chart,
+        runs=[played for played in (values["cosim"], values["declared"], values["lowest"]) if played],
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],
         baselines=run.get("baselines", []),
         test=run.get("test"),
         warnings=run.get("warnings", []),
-        ranges=result.training["ranges"],
+        ranges=values["training"]["ranges"],
         short_network=network_label(config),
         failed=[check for check in run["checks"] if not check["held"]],
     )
@@ -290,4 +251,4 @@ def summary(folder: str | Path) -> str:
         As ``write_report``.
     """
     with well_formed(Path(folder)):
-        return words("summary", **_values(Result.load(folder)))
+        return words("summary", **_values(Path(folder)))

@@ -10,8 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from eskin.golden.core import Record
 from eskin.pages.charts import STYLE, svg
 from eskin.pages.views import page, percent, tables, words, write_text
-from eskin.study.stability.core import GROUPS
-from eskin.study.stability.suite import weakest
+from eskin.study.stability.core import GROUPS, weakest
 
 PAGE = "stability.html"
 COLOURS = ("#0072B2", "#E69F00", "#009E73")
@@ -50,7 +49,6 @@ def draw_mode(record: Record) -> Figure:
     axes = figure.subplots()
     x = curve["x"]
     falling = len(x) > 1 and x[0] > x[-1]  # severity grows to the right
-    names = list(curve["lines"])
     for k, (name, y) in enumerate(curve["lines"].items()):
         style = {"linewidth": 1.6, "zorder": 3} if k == 0 else {"linewidth": 1.0, "linestyle": "--"}
         axes.plot(
@@ -62,8 +60,8 @@ def draw_mode(record: Record) -> Figure:
             label=name,
             **style,
         )
-    if len(names) > 1:
-        axes.legend(fontsize=7.5, loc="best")
+    if len(curve["lines"]) > 1:
+        axes.legend()
     if curve["log"] and min(x) > 0:
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter("{x:g}")  # text is no mathematics on a page: not 10^2
@@ -82,9 +80,7 @@ def draw_mode(record: Record) -> Figure:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=8))
     if len(x) == 1:
         axes.set_xticks(x)
-    axes.set_xlabel(curve["xlabel"], fontsize=8)
-    axes.set_ylabel(curve["ylabel"], fontsize=8)
-    axes.tick_params(labelsize=7.5)
+    axes.set(xlabel=curve["xlabel"], ylabel=curve["ylabel"])
     return figure
 
 
@@ -92,7 +88,7 @@ def write_page(folder: str | Path, result: Record) -> Path:
     """Make ``stability.html`` in ``folder`` of the content of stability.json; one file, nothing outside it is
     needed to show it."""
     groups: list[Record] = []
-    with rc_context(STYLE):
+    with rc_context(STYLE | {"font.size": 7.5, "axes.labelsize": 8}):
         for group in GROUPS:
             records = [record for record in result["modes"] if record["group"] == group]
             charts = [None if flat(record["curve"]) else svg(draw_mode(record)) for record in records]

@@ -3,28 +3,47 @@ their accuracy on unseen recordings, and their cost.
 
 A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
 touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
-touch at a time, are those of the processor, in one thread. Whoever has another method gives `eskin.verbs.baselines_job.run` an
+touch at a time, are those of the processor, in one thread. Whoever has another method gives `run` an
 object with the attributes of `Method` (examples/thesis does).
 """
 
-import importlib
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from sklearn.base import clone
+from sklearn.ensemble import RandomForestClassifier
+from sklearn.linear_model import LogisticRegression
+from sklearn.model_selection import GridSearchCV, StratifiedKFold
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.svm import SVC
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import (
+    AcceleratorConfig,
+    InputError,
+    Progress,
+    Record,
+    check_target,
+    content_key,
+    write_json,
+)
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, Touches, decide_touches, find_touches, real_by_input, real_features
+from eskin.jobs import Jobs
+from eskin.memo import Memo, code_version
+from eskin.requests import BaselinesRequest
+from eskin.training import LEARNING
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
 from eskin.training.formats import with_network
 from eskin.training.recipe import Recipe, choose_recipe
-from eskin.training.splits import split_folds
+from eskin.training.splits import check_split, default_splits, split_folds
 
 FLOAT_BYTES = 4
 """Bytes of a parameter."""
@@ -141,33 +160,29 @@ def cost_of(model: Any, x: np.ndarray, classes: int) -> tuple[int, int]:
 class Classifier:
     """A classifier of scikit-learn on all windows of a touch.
 
-    kind, options: its class, as in ``svm.SVC``, and what it takes; ``random_state`` there becomes the seed. grid: the
-    values of which three stratified inner folds choose, fewer where a class is small, none where a class has a
-    single touch; whole numbers there count touches.
+    model: the classifier; its ``random_state`` becomes the seed. grid: the values of which three stratified inner
+    folds choose, fewer where a class is small, none where a class has a single touch; whole numbers there count
+    touches.
     """
 
     name: str
     label: str
-    kind: str
-    options: Record = field(default_factory=dict)
+    model: Any
     grid: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-    hardware: bool = False
-    one_seed: bool = False
+    hardware, one_seed = False, False
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         return [self._fit(scene, part, seed) for part in parts]
 
     def _fit(self, scene: Scene, part: np.ndarray, seed: int) -> Fitted:
-        from sklearn.model_selection import GridSearchCV, StratifiedKFold
-
         labels = scene.labels[part]
         counts = np.unique(labels, return_counts=True)[1]
         if len(counts) < 2:  # the one class that the part has
             return Fitted(lambda rows: np.full(len(rows), labels[0]), 1, 0)
         x = scene.windows(part).reshape(len(scene.labels), -1)
-        module, _, kind = self.kind.partition(".")
-        given = {name: seed if name == "random_state" else value for name, value in self.options.items()}
-        model = getattr(importlib.import_module(f"sklearn.{module}"), kind)(**given)
+        model = clone(self.model)
+        if "random_state" in model.get_params():
+            model.set_params(random_state=seed)
         # whole numbers count touches: no more than an inner fold leaves
         grid = {
             name: [value for value in values if not isinstance(value, int) or value <= max(1, len(part) // 3)]
@@ -175,7 +190,7 @@ class Classifier:
         }
         if grid and counts.min() > 1:
             inner = StratifiedKFold(min(3, int(counts.min())), shuffle=True, random_state=seed)
-            model = GridSearchCV(model, grid, cv=inner, refit=True).fit(x[part], labels).best_estimator_
+            model = GridSearchCV(model, grid, cv=inner).fit(x[part], labels).best_estimator_
         else:
             model.fit(x[part], labels)
         return Fitted(lambda rows: model.predict(x[rows]), *cost_of(model, x[part], scene.classes))
@@ -191,8 +206,7 @@ class Network:
     name: str
     label: str
     changed: Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
-    hardware: bool = True
-    one_seed: bool = False
+    hardware, one_seed = True, False
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         config, recipe = self.changed(scene.config)
@@ -215,32 +229,16 @@ def _gru(config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:
     return changed, choose_recipe(changed)
 
 
-METHODS: dict[str, Method] = {
-    method.name: method
-    for method in (
-        Classifier(
-            "logistic",
-            "logistic regression",
-            "linear_model.LogisticRegression",
-            {"max_iter": 2000},
-            {"C": (0.1, 1.0, 10.0, 100.0)},
-        ),
-        Classifier("svm", "RBF-SVM", "svm.SVC", grid={"C": (1.0, 10.0, 100.0), "gamma": ("auto", "scale")}),
-        Classifier(
-            "forest",
-            "random forest",
-            "ensemble.RandomForestClassifier",
-            {"n_estimators": 200, "random_state": 0},
-        ),
-        Classifier(
-            "neighbours",
-            "k nearest neighbours",
-            "neighbors.KNeighborsClassifier",
-            grid={"n_neighbors": (1, 3, 5, 9)},
-        ),
-        Network("gru", "GRU 12, float", _gru),
-    )
-}
+_METHODS: tuple[Method, ...] = (
+    Classifier(
+        "logistic", "logistic regression", LogisticRegression(max_iter=2000), {"C": (0.1, 1.0, 10.0, 100.0)}
+    ),
+    Classifier("svm", "RBF-SVM", SVC(), {"C": (1.0, 10.0, 100.0), "gamma": ("auto", "scale")}),
+    Classifier("forest", "random forest", RandomForestClassifier(200)),
+    Classifier("neighbours", "k nearest neighbours", KNeighborsClassifier(), {"n_neighbors": (1, 3, 5, 9)}),
+    Network("gru", "GRU 12, float", _gru),
+)
+METHODS = {method.name: method for method in _METHODS}
 """Methods of `eskin baselines`, by name."""
 
 
@@ -309,3 +307,75 @@ def timed(model: Fitted, rows: np.ndarray) -> list[float]:
         if sum(microseconds) > 1e6 * TIMED_S:
             break
     return microseconds
+
+
+# ---------------------------------------------------------------------- the verb
+
+CACHE = Path("build/baseline_runs")
+"""Finished runs by content, safe to delete."""
+CODE = partial(code_version, *LEARNING)
+RESULT = "baselines.json"
+
+
+def run(
+    request: BaselinesRequest,
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    *,
+    methods: Sequence[Method] = _METHODS,
+    folds: int = 5,
+    seeds: int = 3,
+    progress: Progress | None = None,
+) -> Record:
+    """Judge the methods on every split, ``folds`` each and ``seeds`` runs of a fold, one job each, and write
+    baselines.json.
+
+    ``config``: the front end that finds the touches. Without groups every split that it names is judged.
+
+    Returns
+    -------
+    rows (`judge`, best first within a split), left_out (method, split, reason), recordings, classes, config,
+    seeds, folds, data, wall_s.
+
+    Raises
+    ------
+    InputError
+        A folder or a group that cannot be used, before anything is trained; or no method can be judged.
+    """
+    begin = time.perf_counter()
+    check_target(request.out / RESULT)
+    splits = default_splits(recordings, config) if request.groups is None else [request.groups]
+    for groups in splits:
+        check_split(recordings, groups, folds)
+    content = [recordings.content, CODE(), config.to_dict(), seeds, folds]
+    pieces = {
+        content_key("baseline", *content, method.name, list(groups)): (method, groups, range(seeds), folds)
+        for method, groups in itertools.product(methods, splits)
+    }
+    jobs, scene = Jobs(dask=request.dask, progress=progress, version=CODE), Scene.of(recordings, config)
+    outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged")
+    judged = list(zip(pieces.values(), outcomes.values(), strict=True))
+    rows = [outcome for _, outcome in judged if "refused" not in outcome]
+    left_out = [
+        {"method": method.name, "split": " and ".join(groups) or "recordings", "reason": outcome["refused"]}
+        for (method, groups, *_), outcome in judged
+        if "refused" in outcome
+    ]
+    if not rows:
+        raise InputError(
+            f"baselines: no method works on these recordings; the first one reports: {left_out[0]['reason']}"
+        )
+    order = [list(groups) for groups in splits]
+    result = {
+        "rows": sorted(rows, key=lambda row: (order.index(row["groups"]), -row["accuracy"])),
+        "left_out": left_out,
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "classes": len(recordings.class_names),
+        "config": config.to_dict(),
+        "seeds": seeds,
+        "folds": folds,
+        "wall_s": time.perf_counter() - begin,
+    }
+    write_json(request.out / RESULT, result)
+    return result

@@ -6,8 +6,8 @@ The defences: the fault detector and M-of-K onset of docs/specification.md, trai
 not seen, through the whole integer front end.
 """
 
-import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,9 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import decide_touches, find_touches
 from eskin.golden.model.pipeline import by_recording
 from eskin.golden.model.preprocess import activity
-from eskin.study.stability.core import Scene
-from eskin.study.stability.sensor import stuck
+from eskin.study.stability.core import Change, Mode
+from eskin.study.stability.disturbances import stuck
+from eskin.study.stability.panel import Panel
 from eskin.study.stability.shapes import Experiment
 from eskin.training.crossval import fold_jobs, train_folds
 from eskin.training.datasets import Datasets
@@ -41,10 +42,17 @@ THRESHOLD_SHARE = 2 / 3
 must find the touch."""
 ONSET_HITS, ONSET_SPAN = 3, 4
 """With that lower threshold the rule must hold in 3 of 4 judged frames, or a noisy taxel opens the gate."""
+
+
+def _failure(name: str, change: Change, since: float, masked: bool = False) -> Mode:
+    shape = Experiment(change, since, (), "", over="taxels", masked=masked)
+    return Mode("sensor", name, shape, "accuracy", "", at_least=0.0)
+
+
 FAILURES = {
-    "dead": Experiment(stuck("rest"), -10.0, (), "", over="taxels"),
-    "stuck": Experiment(stuck("high"), 0.25, (), "", over="taxels"),
-    "stuck, masked": Experiment(stuck("high"), 0.25, (), "", over="taxels", masked=True),
+    "dead": _failure("dead", partial(stuck, end="rest"), -10.0),
+    "stuck": _failure("stuck", stuck, 0.25),
+    "stuck, masked": _failure("stuck, masked", stuck, 0.25, True),
 }
 """Failures of one taxel: at its rest level all along; at the highest code from a quarter of the touch on; the
 same with its mask bit set."""
@@ -106,53 +114,34 @@ def judge_defences(
 
     Returns
     -------
-    name, hidden, fault_frames, fault_activity; accuracy and spread of sound recordings; of each of FAILURES {mean,
+    name, hidden; accuracy of sound recordings; of each of FAILURES {mean,
     worst, worst_taxel}; margin: as of `margin_record`.
     """
     (recordings, groups, seeds), (name, config, recipe) = shared, piece
-    labels, scene = recordings.labels, Scene(config=config, recordings=recordings)
-    jobs = fold_jobs(
-        config, recipe, len(recordings), split_folds(recordings, groups, FOLDS, None), range(seeds)
-    )
+    tests = split_folds(recordings, groups, FOLDS, None)
+    jobs = fold_jobs(config, recipe, len(recordings), tests, range(seeds))
     trained = train_folds(Datasets(recordings), jobs, 0)
-
-    def decided(where: AcceleratorConfig, played: Recordings) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Decisions, -1 none, and margins of each network on all recordings, played to a configuration."""
-        touches, outcome = find_touches(where, played), []
-        for network in trained:
-            own = network.integer.config.replace(masked_taxels=where.sensor.masked_taxels)
-            found = decide_touches(dataclasses.replace(network.integer, config=own), touches)
-            first = touches.first_touch()
-            outcome.append((by_recording(found.decision, first), by_recording(found.lead, first, none=0)))
-        return outcome
-
-    def shares(outcome: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:
-        tests = [job.test for job in jobs]
-        return [
-            float(np.mean(decision[test] == labels[test]))
-            for (decision, _), test in zip(outcome, tests, strict=True)
-        ]
-
-    sizes, sound = [len(job.test) for job in jobs], decided(config, scene.recordings)
+    panel = Panel(recordings, dict.fromkeys(FAILURES, 1.0), len(recordings), 0, FAILURES)
+    touches, labels = find_touches(config, recordings), recordings.labels
+    first, outcome, right, wrong = touches.first_touch(), [], [], []
+    for job, network in zip(jobs, trained, strict=True):
+        found = decide_touches(network.integer, touches)
+        decision, lead = by_recording(found.decision, first), by_recording(found.lead, first, none=0)
+        outcome.append((job.train, job.test, decision, lead))
+        right.append(decision[job.test] == labels[job.test])
+        wrong.append(panel.wrong(config, network.integer, job.test))
     record: Record = {
         "name": name,
         "hidden": config.network.hidden,
-        "fault_frames": config.faults.fault_frames,
-        "fault_activity": config.faults.fault_activity,
-        "accuracy": float(np.average(shares(sound), weights=sizes)),
-        "spread": float(np.std(shares(sound))),
-        "margin": margin_record(
-            labels, [(job.train, job.test, *of) for job, of in zip(jobs, sound, strict=True)]
-        ),
+        "accuracy": float(np.concatenate(right).mean()),
+        "margin": margin_record(labels, outcome),
     }
-    for failure, experiment in FAILURES.items():
-        by_taxel = {
-            case: float(np.average(shares(decided(played.scene.config, played.recordings)), weights=sizes))
-            for case, played in experiment.cases(scene).items()
-        }
-        worst = min(by_taxel, key=by_taxel.__getitem__)
-        mean = float(np.mean(list(by_taxel.values())))
-        record[failure] = {"mean": mean, "worst": by_taxel[worst], "worst_taxel": worst}
+    live = config.sensor.live
+    shares = 1 - np.concatenate(wrong, axis=1).reshape(len(FAILURES), len(live), -1).mean(axis=2)
+    for failure, by_taxel in zip(FAILURES, shares, strict=True):
+        worst = int(np.argmin(by_taxel))
+        figures = {"mean": float(by_taxel.mean()), "worst": float(by_taxel[worst])}
+        record[failure] = figures | {"worst_taxel": f"taxel {live[worst]}"}
     return record
 
 

@@ -1,15 +1,13 @@
 """Energy of a touch and power of the waiting array: an estimate from counted activity and published
 measurements, with its band.
 
-    E(step)        = cycles * e_clock + register-bit toggles * e_toggle + multiply cycles * e_multiply
-    E(touch)       = steps * E(step)                                   (the recurrent cell, its normaliser and
-    the decision) E(preprocess)  = frames of a touch * (cycles * e_clock + toggles * e_toggle)
-                                       (a frame without a touch takes fewer cycles)
-    P(idle)        = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles *
-    e_toggle P(average)     = P(idle) + touches a second * what the steps add hours          = 1000 mAh * 5 V
-    / P                                (thesis, equation 5.1: 18 000 J) E(touch, waiting included) = P(idle) *
-    seconds of the touch + what the steps add touches        = 18 000 J / E(touch, waiting included)
-    (equation 5.2)
+    E(step)       = cycles * e_clock + register-bit toggles * e_toggle + multiply cycles * e_multiply
+    E(touch)      = steps * E(step)                     (the recurrent cell, its normaliser and the decision)
+    E(preprocess) = frames of a touch * (cycles * e_clock + toggles * e_toggle)
+                                                        (a frame without a touch takes fewer cycles)
+    P(idle)       = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles * e_toggle
+    P(average)    = P(idle) + touches a second * what the steps add
+    hours         = 1000 mAh * 5 V / P(average)         (thesis, equation 5.1: 18 000 J)
 
 Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken
 from the cycles of the schedule (`scheduled_activity`). No board was measured: one published source, one
@@ -35,9 +33,8 @@ class Part:
     static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock
     network and a little logic. toggle_j: a register bit that changes, with its carry, look-up table and
     wires. multiply_j: a multiplier whose operands changed. oscillator_w: for each clock of the part's own
-    oscillator, Hz, the power of all supplies with a small counter. clock_stops: an outside clock may stop
-    between samples. band: factor either way. rests_on: where the figures come from. measured: on this very
-    part.
+    oscillator, Hz, the power of all supplies with a small counter. band: factor either way. rests_on: where the
+    figures come from.
     """
 
     name: str
@@ -46,10 +43,8 @@ class Part:
     toggle_j: float = 0.2e-12
     multiply_j: float = 0.0
     oscillator_w: Mapping[float, float] = field(default_factory=dict)
-    clock_stops: bool = True
     band: float
     rests_on: str
-    measured: bool = False
 
 
 _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
@@ -70,7 +65,6 @@ PARTS = {
             "all supplies, core at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; "
             "0.2 pJ a register bit that changes; at most 24 pJ a multiply. The source has no figure for "
             "block RAM.",
-            measured=True,
         ),
         Part(
             name="LFE5U-25F",
@@ -106,8 +100,6 @@ class Activity:
     recordings: int = 0
 
 
-CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touches")
-"""Keys of a choice of `estimate`."""
 COMPUTE_BLOCKS = ("cell", "classifier")
 STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 23.0, 19.0, 37.0, 4.0
 """Register bits that change in a cycle, for a design that was not counted: of a step, of a frame, of a frame
@@ -196,85 +188,51 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     Returns
     -------
     dict
-        method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j,
-        per_touch_parts_j {clock, toggles, multiplies}, preprocessing_per_touch_j, static_w, idle_w (outside
-        clock, always on);
-        choices: list of {name, clock_hz, idle_w, average_w, hours, touch_j, touches} - an outside clock that
-        always runs, one that stops between samples where the part allows it, the part's own oscillator at
-        each of its clocks that is fast enough. touch_j: of a touch with its touch_s of waiting. ``touches``:
-        how many 1000 mAh at 5 V give. The outside clock's own power is excluded. interface: of
+        method, band, rests_on, part, activity, clock_hz; per_step_j, per_touch_j,
+        preprocessing_per_touch_j, touch_s, static_w, idle_w (outside clock, always on);
+        choices: list of {name, clock_hz, idle_w, average_w, hours} - an outside clock that always runs, one that
+        stops between samples, the part's own oscillator at each of its clocks that is fast enough. hours: of
+        1000 mAh at 5 V. The outside clock's own power is excluded. interface: of
         `eskin.study.converter_power`, in no sum.
     """
     part = PARTS[part] if isinstance(part, str) else part
     steps, rate, frames = config.windows.steps, config.sensor.scan_rate_hz, config.last_frame
-    parts = {
-        "clock": activity.step_cycles * part.clock_j,
-        "toggles": activity.step_toggles * part.toggle_j,
-        "multiplies": activity.step_multiplies * part.multiply_j,
-    }
-    per_step, switched = sum(parts.values()), parts["toggles"] + parts["multiplies"]
+    toggles, multiplies = activity.step_toggles * part.toggle_j, activity.step_multiplies * part.multiply_j
+    per_step, switched = activity.step_cycles * part.clock_j + toggles + multiplies, toggles + multiplies
     switching = activity.frame_toggles * part.toggle_j  # of a frame, beyond its cycles
     frame = activity.frame_cycles * part.clock_j + switching
-    touch_s, idle_toggles = frames / rate, activity.idle_toggles * part.toggle_j
+    idle_toggles = activity.idle_toggles * part.toggle_j
     # With the clock always on a step's cycles are among those that run anyhow.
     on = part.static_w + clock_hz * (part.clock_j + idle_toggles) + rate * switching
-    rows = [("outside clock, always on", clock_hz, on, steps * switched)]
-    if part.clock_stops:
-        stopped = part.static_w + rate * (activity.quiet_frame_cycles * part.clock_j + switching)
-        touch_adds = (
-            steps * per_step + frames * (activity.frame_cycles - activity.quiet_frame_cycles) * part.clock_j
-        )
-        rows.append(("outside clock, stops between samples", clock_hz, stopped, touch_adds))
+    stopped = part.static_w + rate * (activity.quiet_frame_cycles * part.clock_j + switching)
+    more_cycles = activity.frame_cycles - activity.quiet_frame_cycles  # of a frame in a touch
+    choices: list[Record] = []
+
+    def choice(name: str, hertz: float, idle: float, added: float) -> None:
+        average = idle + TOUCHES_PER_S * added
+        figures = {"idle_w": idle, "average_w": average, "hours": BATTERY_J / average / 3600}
+        choices.append({"name": name, "clock_hz": hertz, **figures})
+
+    choice("outside clock, always on", clock_hz, on, steps * switched)
+    added = steps * per_step + frames * more_cycles * part.clock_j
+    choice("outside clock, stops between samples", clock_hz, stopped, added)
     for hertz, watt in sorted(part.oscillator_w.items()):
         if hertz >= clock_hz:
             idle = watt + hertz * idle_toggles + rate * switching
-            rows.append((f"own oscillator, {hertz / 1e6:g} MHz", hertz, idle, steps * switched))
-    choices = []
-    for name, hertz, idle, added in rows:
-        average, touch_j = idle + TOUCHES_PER_S * added, idle * touch_s + added
-        hours, touches = BATTERY_J / average / 3600, BATTERY_J / touch_j
-        figures = (name, hertz, idle, average, hours, touch_j, touches)
-        choices.append(dict(zip(CHOICE, figures, strict=True)))
+            choice(f"own oscillator, {hertz / 1e6:g} MHz", hertz, idle, steps * switched)
     return {
         "method": f"estimate: {activity.source}, times published figures of the part",
         "band": part.band,
         "rests_on": part.rests_on,
-        "measured_part": part.measured,
         "part": part.name,
         "activity": asdict(activity),
         "clock_hz": clock_hz,
         "per_step_j": per_step,
         "per_touch_j": steps * per_step,
-        "per_touch_parts_j": {name: steps * joule for name, joule in parts.items()},
         "preprocessing_per_touch_j": frames * frame,
-        "touch_s": touch_s,
+        "touch_s": frames / rate,
         "static_w": part.static_w,
         "idle_w": on,
         "choices": choices,
         "interface": converter_power(config),
-    }
-
-
-def compare(rows: list[Record]) -> Record:
-    """Compares configurations: the one with the least energy per touch and the one with the least average
-    power.
-
-    Parameters
-    ----------
-    rows:
-        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one
-        on a part without measured figures while there is another.
-    """
-    exact = [row for row in rows if row["bit_exact"]]
-    rivals = [row for row in exact if row["measured_part"]] or exact
-    least_touch = min(rivals, key=lambda row: row["per_touch_j"], default=None)
-    choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
-    least_average = min(choices, key=lambda item: item[0], default=None)
-    return {
-        "configurations": rows,
-        "least_touch": least_touch and least_touch["name"],
-        "least_average": least_average
-        and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
-        "battery_j": BATTERY_J,
-        "passed": len(exact) == len(rows),
     }

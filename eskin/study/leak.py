@@ -7,14 +7,13 @@ stay.
 """
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 
 from eskin.choose.doubts import LEVEL_TELLS
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
+from eskin.golden.model import IntegerModel, decide_touches, preprocess
 from eskin.training.derive import find_onsets, settling_frames
 
 MARGIN = 0.10
@@ -62,23 +61,9 @@ class Leak:
     frames: int = 0
 
 
-def known_without_touch(
-    model: IntegerModel,
-    recordings: Recordings,
-    find: Callable[..., Touches] = find_touches,
-    decide: Callable[[Touches], np.ndarray] | None = None,
-    left_in: int = 0,
-) -> Leak | None:
+def known_without_touch(model: IntegerModel, recordings: Recordings, left_in: int = 0) -> Leak | None:
     """Share of recordings without their touches that the model classifies; None if no recording has a
-    lead-in.
-
-    Parameters
-    ----------
-    find, decide:
-        Touches of recordings, and the class of each; default: the golden model's.
-    left_in:
-        As of ``without_touches``.
-    """
+    lead-in. ``left_in``: as of ``without_touches``."""
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
     onsets = np.asarray(find_onsets(config, recordings))
@@ -87,9 +72,7 @@ def known_without_touch(
     if config.opens_at_once or not len(quiet):
         return None
     whole, onsets = recordings.subset(quiet), onsets[quiet]
-    touches = find(config, without_touches(whole, config, onsets, left_in), onsets=onsets)
-    decided = decide(touches) if decide else decide_touches(model, touches).decision
-    accuracy, chance = _known(whole, touches, decided)
+    accuracy, chance = _known(model, whole, without_touches(whole, config, onsets, left_in), onsets)
     return Leak(len(whole), accuracy, round(chance + MARGIN, 6))
 
 
@@ -104,13 +87,16 @@ def known_from_first_frames(model: IntegerModel, recordings: Recordings) -> Leak
     if not len(whole):
         return None
     onsets = np.full(len(whole), frames + _judged_frames(config))
-    touches = find_touches(config, without_touches(whole, config, onsets))
-    accuracy, chance = _known(whole, touches, decide_touches(model, touches).decision)
+    accuracy, chance = _known(model, whole, without_touches(whole, config, onsets))
     return Leak(len(whole), accuracy, round(chance + LEVEL_TELLS * (1 - chance), 6), frames)
 
 
-def _known(recordings: Recordings, touches: Touches, decided: np.ndarray) -> tuple[float, float]:
-    """(the share of recordings that ``decided``, of their ``touches``, is right of; chance)."""
+def _known(
+    model: IntegerModel, recordings: Recordings, cut: Recordings, onsets: np.ndarray | None = None
+) -> tuple[float, float]:
+    """(the share of recordings that the model classifies from what is ``cut`` of them, at forced onsets if there are
+    some; chance)."""
+    touches = preprocess.find_touches(model.config, cut, onsets=onsets)
     right = np.zeros(len(recordings), dtype=bool)
-    right[touches.recording] = decided == recordings.labels[touches.recording]
+    right[touches.recording] = decide_touches(model, touches).decision == recordings.labels[touches.recording]
     return float(right.mean()), float(recordings.class_counts.max() / len(recordings))

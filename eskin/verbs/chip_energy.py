@@ -18,7 +18,6 @@ from eskin.cosim.latency import limits
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, run
-from eskin.golden.model.pipeline import find_touches
 from eskin.rtl.asic.liberty import WireLoad
 from eskin.rtl.asic.nets import BAND, Costs, Nets, costs
 from eskin.rtl.asic.synthesis import models
@@ -26,6 +25,7 @@ from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 from eskin.study.energy import TOUCHES_PER_S
+from eskin.study.first_touches import first_touches
 
 BUILDS = Path("build/simulators")
 ZEPTO = 1e-21
@@ -52,20 +52,18 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
     """
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
-    touches = find_touches(config, recordings)
-    first = touches.first_touch()
-    having = np.flatnonzero(first >= 0)
-    having = having[touches.completed[first[having]] == config.windows.steps]
-    if not len(having):
+    touches, ends = first_touches(config, recordings)
+    touches = touches.take(~touches.partial)
+    if not len(having := touches.recording):
         raise InputError(
             f"recordings '{recordings.source}': none has a whole touch; energy needs one: look at their onsets with "
             "'eskin inspect'"
         )
-    ends = touches.start_frame[first] + config.last_frame + config.windows.hop - 1
-    longer = having[ends[having] <= recordings.lengths[having]]
+    after = touches.start_frame - 1 + config.last_frame + config.windows.hop
+    longer = having[after <= recordings.lengths[having]]
     having = longer if len(longer) else having
     numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
-    return numbers, recordings.subset(numbers).until(np.minimum(ends, recordings.lengths)[numbers])
+    return numbers, recordings.subset(numbers).until(ends[numbers])
 
 
 def _resting(recordings: Recordings, frames: int) -> Recordings:

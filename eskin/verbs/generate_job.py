@@ -1,12 +1,34 @@
-"""The design's files, with a cocotb bench that plays a recording; no simulator is needed to write them."""
+"""What is written for other tools: the design's files with a cocotb bench, and the model in C or ONNX, each with what
+checks it. No simulator is needed to write them."""
 
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core import InputError
+import numpy as np
+
+from eskin.exchange import plain_c
+from eskin.golden.core import (
+    PREFIX,
+    InputError,
+    Record,
+    check_folder,
+    check_prefix,
+    prefixed,
+    replacing_folder,
+)
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, images_of, run, run_images, write_image_vectors, write_vectors
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    find_touches,
+    float_features,
+    images_of,
+    run,
+    run_images,
+    write_image_vectors,
+    write_vectors,
+)
 from eskin.rtl.fpga.generate import generate
 from eskin.training.made_up import decided_recordings, random_images
 
@@ -18,9 +40,10 @@ def generate_design(
     lanes: int | None = None,
     lane_type: str | None = None,
     recordings: Recordings | None = None,
+    number: int = 0,
     **system: Any,
 ) -> Path:
-    """``eskin generate``: Verilog and its companions; the cocotb bench plays the first of
+    """``eskin generate``: Verilog and its companions; the cocotb bench plays recording ``number`` of
     ``recordings`` (default: random). ``system``: bus, axis and top of `generate`."""
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:
@@ -28,14 +51,103 @@ def generate_design(
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors.npz"
         if config.is_image:
-            images = random_images(config, 1, 1) if recordings is None else images_of(recordings.subset([0]))
+            images = (
+                random_images(config, 1, 1) if recordings is None else images_of(recordings.subset([number]))
+            )
             write_image_vectors(vectors, run_images(model, images).streams, images)
         else:
             length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
             if recordings is None:
                 shown, trace = decided_recordings(model, [length])
             else:
-                shown = recordings.subset([0])
+                shown = recordings.subset([number]).scanned(config.sensor.scan_every)
                 trace = run(model, shown)
-            write_vectors(vectors, trace, shown)
+            write_vectors(vectors, trace, shown, [number])
         return generate(config, model.arrays, out, vectors=vectors, **system)
+
+
+def export_c(
+    model: IntegerModel, out: Path, *, recordings: Recordings | None = None, prefix: str = PREFIX
+) -> Record:
+    """Write the model as plain C into ``out``, new or an earlier exported folder, whole or not at all.
+
+    Parameters
+    ----------
+    recordings:
+        What eskin_check plays; default: made-up ones that reach a decision, or images.
+    prefix:
+        Begins the names of files and of all that they declare, so that several models go into one program.
+
+    Returns
+    -------
+    dict
+        out, prefix, decisions (that eskin_check compares).
+    """
+    check_folder(out, prefixed(plain_c.HEADER, check_prefix("--prefix", prefix)))
+    files = plain_c.sources(model, prefix)
+    samples, lengths, calls = _vectors(model, recordings)
+    files |= plain_c.check_sources(model.config, samples, lengths, calls, prefix)
+    with replacing_folder(out) as folder:
+        for name, text in files.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(text)
+    return {"out": str(out), "prefix": prefix, "decisions": sum(map(len, calls))}
+
+
+ONNX_FILE = "model.onnx"
+ONNX_LIMIT = 1e-5
+"""Allowed difference, as a share of the largest logit, or of 1 if that is less: single precision in
+another order."""
+
+
+def export_onnx(model: FloatModel, out: Path, *, recordings: Recordings | None = None) -> Record:
+    """Write the float network as ONNX into ``out``, new or an earlier exported folder, and compare what
+    onnxruntime makes of it.
+
+    Returns
+    -------
+    dict
+        file, parameters, recordings (compared; None: random features), touches (of them, by default 100),
+        difference (largest of a logit), limit, passed.
+    """
+    from eskin.exchange.onnx_file import largest_difference, write_onnx
+
+    check_folder(out, ONNX_FILE)
+    config = model.config
+    exportable = not (config.is_image or config.has_prototypes)  # else refused when it is written
+    if recordings is None or not exportable:
+        features = np.random.default_rng(1).normal(size=(100, config.windows.steps, config.inputs))
+    else:
+        features = float_features(model, find_touches(config, recordings))
+    with replacing_folder(out) as folder:
+        difference = largest_difference(model, write_onnx(model, folder / ONNX_FILE), features)
+    limit = ONNX_LIMIT * max(1.0, float(np.abs(model.forward(features)[1]).max(initial=0.0)))
+    return {
+        "file": str(out / ONNX_FILE),
+        "parameters": model.config.parameter_count,
+        "recordings": None if recordings is None else len(recordings),
+        "touches": len(features),
+        "difference": difference,
+        "limit": limit,
+        "passed": difference <= limit,
+    }
+
+
+def _vectors(model: IntegerModel, recordings: Recordings | None) -> tuple[np.ndarray, Any, Any]:
+    """Samples, frames of each recording, and what is expected of every call."""
+    config = model.config
+    if config.is_image:
+        images = random_images(config, 8, 1) if recordings is None else images_of(recordings)
+        return (
+            images.reshape(len(images), -1),
+            [1] * len(images),
+            plain_c.expected_of_images(run_images(model, images)),
+        )
+    lead, whole = config.rest_level.rest_frames, config.last_frame
+    # a touch that ends, and one that the recording cuts short
+    lengths = [lead + whole + 4 * config.windows.hop, lead + whole // 2 + config.windows.pretrigger_frames]
+    if recordings is None:
+        played, trace = decided_recordings(model, lengths)
+    else:
+        played, trace = recordings, run(model, recordings)
+    return played.samples, played.lengths.tolist(), plain_c.expected(trace, played)

@@ -8,7 +8,6 @@ where it stopped. OUT itself appears, or is replaced, in one rename when everyth
 
 from __future__ import annotations
 
-import dataclasses
 import fcntl
 import json
 import os
@@ -24,9 +23,8 @@ import numpy as np
 from rich.console import Console
 
 from eskin.choose import choice, doubts, yardsticks
-from eskin.choose.choice import Plan, configure
+from eskin.choose.choice import configure
 from eskin.choose.choice_table import left_out, unseen
-from eskin.choose.cost import CostModel
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
@@ -42,29 +40,27 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.files import exchange
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
+from eskin.golden.model import IntegerModel, load_config, load_training
 from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.requests import RunRequest
-from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
+from eskin.study.first_touches import first_touches
 from eskin.study.leak import known_from_first_frames, known_without_touch
-from eskin.study.stability.panel import Panel, panel_of
+from eskin.study.stability.panel import panel_of
 from eskin.training import LEARNING, evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs import cost
-from eskin.verbs.cosim_job import one_of_each
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import cost_model
-from eskin.verbs.flow import expected_of
+from eskin.verbs.flow import cosimulate, one_of_each
 from eskin.verbs.generate_job import generate_design
 from eskin.verbs.milestones import shown
 
-BUILDS = Path("build/simulators")
 SMALL_CYCLES = 60e6
 """By default all recordings are co-simulated at full pace if they take at most about this many cycles,
 otherwise PER_CLASS of each class."""
@@ -101,46 +97,11 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
     """
     out = Path(os.path.abspath(request.out))
     check_folder(out, RESULT_MARK)
-    user_config = AcceleratorConfig.load(request.config) if request.config else None
-    begin = time.perf_counter()
-    console = console or Console(stderr=True)
-
-    def say(line: str) -> None:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-    stages = partial(_stage, console)
-    with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
-        loaded = load_recordings(request.data, config=user_config)
-        check_units(request.cell, request.hidden)
-        prices, panel = cost_model(request.prefer, request.fits), panel_of(loaded, request.stress)
-    with stages("configuration") as notify:  # what does not work is refused here
-        held = load_recordings(request.test, config=user_config) if request.test else None
-        if held is not None:
-            check_alike(held, loaded)
-            held = held.with_classes(loaded.class_names, f"--data {loaded.source}")
-        if request.groups:
-            check_split(loaded, request.groups, 5)
-        if loaded.image_shape:
-            chosen_config(loaded, user_config, request.cell)
-        plan = (
-            None
-            if loaded.image_shape
-            else configure(loaded, user_config, prices, groups=request.groups, progress=notify)
-        )
-        network: Record = {"group": request.groups, "cell": request.cell, "hidden": request.hidden}
-        network["seeds"] = request.seeds or (1 if loaded.image_shape else 3)
-        planned = plan.config if plan else user_config
-        if held is not None and planned is not None:
-            held = for_model(held, planned, say)
-        wished = [planned and planned.to_dict(), user_config is None, network, request.prefer, request.fits]
-        base = [loaded.content, *wished, panel and panel.weights]
+    job = _Steps(request, console or Console(stderr=True))  # bad input leaves nothing behind
     with _Work(out) as work:
-        steps = _Steps(
-            request, loaded, held, user_config, prices, plan, panel, network, work, stages, base, say
-        )
         result = work.folder / "result"
-        record = steps.all(result, begin)
-        with stages("report"):
+        record = job.all(work.folder, result)
+        with job.progress("report"):
             report.write_report(result)
         work.publish(result)
     return record
@@ -197,23 +158,50 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
 
 
 # ---------------------------------------------------------------------- the stages
-@dataclasses.dataclass
 class _Steps:
     """The stages in order, each a call into golden, rtl or cosim."""
 
-    request: RunRequest
-    recordings: Recordings
-    held: Recordings | None
-    user_config: AcceleratorConfig | None
-    prices: CostModel
-    plan: Plan | None
-    panel: Panel | None
-    network: Record
-    work: _Work
-    stages: Callable[[str], Any]
-    base: list[Any]
-    say: Callable[[str], None]
-    timings: list[Record] = dataclasses.field(default_factory=list)
+    def __init__(self, request: RunRequest, console: Console) -> None:
+        """Read the recordings and find a configuration; what does not work is refused here."""
+        self.request, self.console, self.begin = request, console, time.perf_counter()
+        self.timings: list[Record] = []
+        config = AcceleratorConfig.load(request.config) if request.config else None
+        with self.progress("recordings"):
+            self.recordings = loaded = load_recordings(request.data, config=config)
+            check_units(request.cell, request.hidden)
+            self.prices = cost_model(request.prefer, request.fits)
+            self.panel = panel_of(loaded, request.stress)
+        with self.progress("configuration") as notify:
+            held = load_recordings(request.test, config=config) if request.test else None
+            if held is not None:
+                check_alike(held, loaded)
+                held = held.with_classes(loaded.class_names, f"--data {loaded.source}")
+            if request.groups:
+                check_split(loaded, request.groups, 5)
+            self.plan = None
+            if loaded.image_shape:
+                chosen_config(loaded, config, request.cell)
+            else:
+                self.plan = configure(loaded, config, self.prices, groups=request.groups, progress=notify)
+            planned = self.plan.config if self.plan else config
+            self.held = for_model(held, planned, self.say) if held is not None and planned else held
+        seeds = request.seeds or (1 if loaded.image_shape else 3)
+        network: Record = {"group": request.groups, "cell": request.cell, "hidden": request.hidden}
+        self.user_config, self.network = config, network | {"seeds": seeds}
+        self.base: list[Any] = [loaded.content, planned and planned.to_dict(), config is None, self.network]
+        self.base += [request.prefer, request.fits, self.panel and self.panel.weights]
+
+    def say(self, line: str) -> None:
+        """A line of progress that stays."""
+        self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    @contextmanager
+    def progress(self, name: str) -> Iterator[Progress]:
+        """Progress of a stage, and a line when it ends."""
+        begin = time.perf_counter()
+        with shown(self.console, name) as notify:
+            yield notify
+        self.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
 
     def stage(
         self,
@@ -226,42 +214,38 @@ class _Steps:
         """The folder of a stage: found finished, or made now, by ``make(folder, notify, *given)``."""
         key = content_key([name, code_version(*packages), self.base, options])
         begin, made = time.perf_counter(), []
-        with self.stages(name) as notify:
+        with self.progress(name) as notify:
 
             def fill(folder: Path) -> None:
                 make(folder, notify, *given)
                 made.append(folder)
 
-            folder = Memo(self.work.folder).folder(f"{name.replace(' ', '-')}.{key[:20]}", fill)
+            folder = Memo(self.work).folder(f"{name.replace(' ', '-')}.{key[:20]}", fill)
         self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin, "cached": not made})
         return folder
 
-    def all(self, result: Path, begin: float) -> Record:
-        """Run every stage and fill ``result`` with all but the page. The
-        record, as in run.json."""
+    def all(self, work: Path, result: Path) -> Record:
+        """Run every stage in the folder ``work`` and fill ``result`` with all but the page. The record, as in
+        run.json."""
+        self.work = work
         trained = self.stage("training", (*GOLDEN, *COST), self._train)
         quantised = self.stage("quantisation", GOLDEN, self._quantise, trained)
         model = IntegerModel.load(quantised / "model", images=True)
         training = load_training(quantised / "model")
         config = self.config = model.config
         numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
-        evaluated = self.stage("evaluation", GOLDEN, self._evaluate, quantised)
+
+        def judge(folder: Path, _: Progress) -> None:
+            write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
+
+        evaluated = self.stage("evaluation", GOLDEN, judge)
         self.say(_accuracy(training, config.is_image))
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
         generated = self.stage("Verilog", ("golden", "rtl"), self._generate, model)
-
         if not config.is_image:
             self.say(board_sentence(config, self.prices.board))
-
-        def simulate(name: str, numbers: np.ndarray, *given: Any) -> Path:
-            given = (model, generated / "rtl", numbers, *given)
-            options = list(map(int, numbers))
-            return self.stage(name, ("golden", "rtl", "cosim"), self._simulate, *given, options=options)
-
-        folders = {"cosim": simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)}
-        if not config.is_image:
-            folders |= self._at_the_pace_of_the_sensor(numbers, simulate, _outcome(folders["cosim"]))
+        folders = self._cosimulations(numbers, model, generated / "rtl")
 
         shutil.rmtree(result, ignore_errors=True)
         result.mkdir()
@@ -269,8 +253,6 @@ class _Steps:
         shutil.copytree(generated / "rtl", result / "rtl")
         shutil.copy(evaluated / "evaluate.json", result)
         outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
-        if not config.is_image:
-            outcomes.setdefault("cosim_lowest", None)
         judged = json.loads((evaluated / "evaluate.json").read_text())
         checks = _checks(judged, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
@@ -278,6 +260,7 @@ class _Steps:
             "name": self.request.name,
             "data": self._data(),
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
+            "candidates": training.get("candidates"),
             "baselines": baselines,
             "doubts": found,
             "warnings": doubts.sentences(found),
@@ -286,72 +269,70 @@ class _Steps:
             "checks": checks,
             "passed": all(check["held"] for check in checks),
             "timings": self.timings,
-            "wall_s": round(time.perf_counter() - begin, 3),
+            "wall_s": round(time.perf_counter() - self.begin, 3),
         }
         if config.is_image:
             cycles = {str(part.number): part.cycles(config.hardware.lanes) for part in plan_of(config).passes}
-            record |= {"images": True, "candidates": training.get("candidates"), "layer_cycles": cycles}
+            record |= {"images": True, "layer_cycles": cycles}
         else:
             lowest = outcomes["cosim_lowest"]
-            clock_hz = lowest["clock_hz"] if lowest and lowest["passed"] else None
-            record |= {
-                "front_end": training.get("front_end"),
-                "candidates": training.get("candidates"),
-                "lowest_clock_hz": clock_hz,
-                **_stress(training),
-            }
+            record |= {"front_end": training.get("front_end"), **_stress(training)}
+            record["lowest_clock_hz"] = lowest["clock_hz"] if lowest and lowest["passed"] else None
         write_json(result / RESULT_MARK, record)
         return record
 
-    def _at_the_pace_of_the_sensor(
-        self, numbers: np.ndarray, simulate: Callable[..., Path], full: Record
-    ) -> dict[str, Path]:
-        """The folders of the runs at the configured clock and, where hardware and model agree so far, at the
-        lowest that meets every budget."""
+    def _cosimulations(
+        self, numbers: np.ndarray, model: IntegerModel, design: Path
+    ) -> dict[str, Path | None]:
+        """The folders of the runs: at full pace, and of recordings at the configured clock and, where hardware and
+        model agree so far, at the lowest that meets every budget."""
+
+        def simulate(name: str, numbers: np.ndarray, played: Recordings, **options: Any) -> Path:
+            given = (model, design, numbers, played, options)
+            packages = ("golden", "rtl", "cosim")
+            return self.stage(name, packages, self._simulate, *given, options=[*map(int, numbers)])
+
+        full = simulate("co-simulation", numbers, self.recordings.subset(numbers))
+        if self.config.is_image:
+            return {"cosim": full}
         few = self._few(numbers, self.config.hardware.clock_hz)
-        declared = simulate("pace of the sensor", *few, partial(flow.cosim, pace="declared"))
-        outcome = _outcome(declared)
-        if not (full["bit_exact"] and outcome["bit_exact"]):
-            return {"cosim_declared": declared}
-        cycles = outcome["cycles"]
-        few = self._few(numbers, latency.needed_clock(self.config, cycles))
-        lowest = simulate("lowest clock", *few, partial(_lowest_clock, cycles=cycles))
-        return {"cosim_declared": declared, "cosim_lowest": lowest}
+        declared, lowest = simulate("pace of the sensor", *few, pace="declared"), None
+        if _outcome(full)["bit_exact"] and _outcome(declared)["bit_exact"]:
+            cycles = _outcome(declared)["cycles"]
+            few = self._few(numbers, latency.needed_clock(self.config, cycles))
+            lowest = simulate("lowest clock", *few, play=partial(_lowest_clock, cycles=cycles))
+        return {"cosim": full, "cosim_declared": declared, "cosim_lowest": lowest}
 
     def _baselines(self, training: Record) -> list[Record]:
         """The baselines of the training, and other classifiers on the same folds."""
-        measured = self.stage("other classifiers", GOLDEN, self._yardsticks, training)
+        groups = training["cross_validation"][0]["groups"]
+
+        def measure(folder: Path, notify: Progress) -> None:
+            rows = yardsticks.yardsticks(self.recordings, self.config, groups, 5, notify)
+            write_json(folder / "yardsticks.json", rows)
+
+        measured = self.stage("other classifiers", GOLDEN, measure)
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Progress) -> None:
-        options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, "stress": self.panel, **self.network}
-        choice.train_chosen(
-            self.recordings, self.user_config, self.prices, out=folder / "model", progress=notify, **options
-        )
+        options: Record = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, "stress": self.panel}
+        options |= {"out": folder / "model", "progress": notify, **self.network}
+        choice.train_chosen(self.recordings, self.user_config, self.prices, **options)
 
     def _quantise(self, folder: Path, notify: Progress, trained: Path) -> None:
         shutil.copytree(trained / "model", folder / "model")
         prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
         integers.quantise(folder / "model", self.recordings if prototypes else None)
 
-    def _evaluate(self, folder: Path, notify: Progress, quantised: Path) -> None:
-        write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
-
-    def _yardsticks(self, folder: Path, notify: Progress, training: Record) -> None:
-        first = training["cross_validation"][0]
-        rows = yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify)
-        write_json(folder / "yardsticks.json", rows)
-
     def _test(self, quantised: Path) -> Record | None:
         """The network on the recordings held back, once."""
         if self.held is None:
             return None
-        with self.stages("recordings held back"):
+        with self.progress("recordings held back"):
             trained_on = recording_hashes(self.recordings)
             repeated = sum(recording in trained_on for recording in recording_hashes(self.held))
-            return {"source": self.held.source, "seen_in_training": repeated} | evaluate.evaluate(
-                quantised / "model", self.held
-            )
+            judged = evaluate.evaluate(quantised / "model", self.held)
+        return {"source": self.held.source, "seen_in_training": repeated} | judged
 
     def _doubts(
         self,
@@ -362,22 +343,21 @@ class _Steps:
         model: IntegerModel,
     ) -> list[Record]:
         """The doubts from the training, from the baselines, and from the recordings held back."""
-        found, things = list(training.get("doubts", [])), "recordings"
-        if self.config.is_image:
-            things = "images"
-        else:
+        found, images = list(training.get("doubts", [])), self.config.is_image
+        if not images:
             first = training["cross_validation"][0]
             behind = doubts.below_baselines(first, baselines, training.get("candidates"))
             # the best of all baselines speaks for the split, and the training knew fewer of them
             replaced = {(one["code"], *one["groups"]) for one in behind}
             found = behind + [one for one in found if (one["code"], *one.get("groups", [])) not in replaced]
         if tested and tested["seen_in_training"]:
+            things = "images" if images else "recordings"
             text = (
                 f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are also in the "
                 f"training data, so their accuracy proves little: give --test {things} that are not in --data"
             )
             found.append(doubts.doubt("seen_in_training", text))
-        if not self.config.is_image:
+        if not images:
             known = known_from_first_frames if self.config.opens_at_once else known_without_touch
             leak = known(model, self.recordings)
             if leak and not (leak.frames and any(one["code"] == "level_tells" for one in found)):
@@ -385,35 +365,20 @@ class _Steps:
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
     def _generate(self, folder: Path, notify: Progress, model: IntegerModel) -> None:
-        """Verilog with a bench that plays one recording with a touch, or the first image."""
-        if model.config.is_image:
-            generate_design(model, folder / "rtl", recordings=self.recordings)
-            return
-        number, recording, trace = self._played(model)
-        vectors = write_vectors(folder / "vectors.npz", trace, recording, [number])
-        generate(model.config, model.arrays, folder / "rtl", vectors=vectors)
-        vectors.unlink()
-
-    def _played(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
-        """The first recording, taken evenly over the classes, with a whole touch, else the first with a
-        completed step."""
-        ends_early = None
-        for number in dict.fromkeys(
-            [*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]
-        ):
-            recording = self.recordings.subset([number]).scanned(self.config.sensor.scan_every)
-            trace = pipeline.run(model, recording)
-            touch = int(trace.first[0])
-            if touch >= 0 and trace.touches.completed[touch]:
-                drawn = int(number), recording, trace
-                if not trace.partial[touch]:
-                    return drawn
-                ends_early = ends_early or drawn
-        if ends_early is None:
-            raise InputError(
-                f"recordings '{self.recordings.source}': none has a completed step; check them with 'eskin inspect'"
-            )
-        return ends_early
+        """Verilog with a bench that plays the first image, or the first recording, taken evenly over the classes, with
+        a whole touch, else the first with a completed step."""
+        number = 0
+        if not self.config.is_image:
+            touches, _ = first_touches(self.config, self.recordings)
+            steps = np.zeros(len(self.recordings))
+            steps[touches.recording] = np.sign(touches.completed) + ~touches.partial
+            order = [*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]
+            number = int(max(order, key=steps.__getitem__))
+            if not steps[number]:
+                raise InputError(
+                    f"recordings '{self.recordings.source}': none has a completed step; check them with 'eskin inspect'"
+                )
+        generate_design(model, folder / "rtl", recordings=self.recordings, number=number)
 
     def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
         """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers,
@@ -423,28 +388,20 @@ class _Steps:
         that end soonest are taken. If even the first is too long, it is cut, but not before FEWEST_WINDOWS
         windows.
         """
-        candidates = numbers[
-            self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))
-        ]
-        whole = self.recordings.subset(candidates).scanned(self.config.sensor.scan_every)
-        touches = find_touches(self.config, whole)
-        affordable = int(DECLARED_CYCLES * self.config.sensor.scan_rate_hz / clock_hz)
-        ends, few_windows = whole.lengths.copy(), whole.lengths.copy()
-        first = touches.first_touch()
-        for index, touch in enumerate(first):
-            if touch >= 0:
-                before = touches.start_frame[touch] - 1
-                ends[index] = min(ends[index], before + self.config.last_frame + self.config.windows.hop)
-                few_windows[index] = min(
-                    ends[index],
-                    before + self.config.window_spans[:FEWEST_WINDOWS][-1][1] + self.config.windows.hop,
-                )
+        config, classes = self.config, len(self.recordings.class_names)
+        numbers = numbers[self.recordings.subset(numbers).evenly(PER_CLASS * classes)]
+        whole = self.recordings.subset(numbers).scanned(config.sensor.scan_every)
+        touches, ends = first_touches(config, whole)
+        few_windows = ends.copy()
+        after = touches.start_frame - 1 + config.window_spans[:FEWEST_WINDOWS][-1][1] + config.windows.hop
+        few_windows[touches.recording] = np.minimum(ends[touches.recording], after)
         # recordings with a touch first (without one there is no step to time), of these the shortest
-        order = np.lexsort((ends, first < 0))
+        order = np.lexsort((ends, ~np.isin(np.arange(len(ends)), touches.recording)))
+        affordable = int(DECLARED_CYCLES * config.sensor.scan_rate_hz / clock_hz)
         chosen = np.sort(order[: max(1, int((np.cumsum(ends[order]) <= affordable).sum()))])
         if len(chosen) == 1:
             ends = np.minimum(ends, np.maximum(affordable, few_windows))
-        return candidates[chosen], whole.subset(chosen).until(ends[chosen])
+        return numbers[chosen], whole.subset(chosen).until(ends[chosen])
 
     def _simulate(
         self,
@@ -454,19 +411,17 @@ class _Steps:
         design: Path,
         numbers: np.ndarray,
         played: Recordings,
-        job,
+        options: Record,
     ) -> None:
-        notify("golden model", 0, len(played))
-        vectors = expected_of(model, played, folder / "vectors.npz", numbers)
-        shown = one_of_each(played.labels)
-        notify("golden model done; compiling the simulator and playing", 0, len(played))
-        outcome = job(design, vectors, cocotb=shown, work=folder / "work", builds=BUILDS.resolve())
+        notify("compiling the simulator and playing", 0, len(played))
+        options |= {"cocotb": one_of_each(played.labels), "design": design, "work": folder / "work"}
+        # frames as they were recorded, whatever converter there is
+        outcome = cosimulate(model, played, numbers=numbers.tolist(), converter="none", **options)
         if outcome is not None and outcome["waves"]:
             waves = Path(outcome["waves"])
             os.replace(waves, folder / waves.name)
             outcome["waves"] = waves.name
         write_json(folder / "result.json", outcome)
-        vectors.unlink()
         shutil.rmtree(folder / "work")
 
     def _data(self) -> Record:
@@ -479,9 +434,7 @@ class _Steps:
             "unit": recordings.unit or ("" if recordings.volt_per_code else "V"),
             "sample_rate_hz": recordings.sample_rate_hz,
             "sha256": self.base[0],
-            "classes": {
-                name: int(n) for name, n in zip(recordings.class_names, recordings.class_counts, strict=True)
-            },
+            "classes": dict(zip(recordings.class_names, recordings.class_counts.tolist(), strict=True)),
             "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
             "lengths": {
                 "min": int(lengths.min()),
@@ -513,10 +466,10 @@ def _outcome(folder: Path) -> Any:
     return json.loads((folder / "result.json").read_text())
 
 
-def _take_over(folder: Path, result: Path, name: str) -> Record | None:
+def _take_over(folder: Path | None, result: Path, name: str) -> Record | None:
     """Copy a co-simulation's result and waves; the result."""
-    outcome = _outcome(folder)
-    if outcome is not None:
+    outcome: Record | None = _outcome(folder) if folder else None
+    if folder and outcome:
         if outcome["waves"]:
             waves = f"waves_{name}"
             shutil.copytree(folder / outcome["waves"], result / waves)
@@ -610,13 +563,3 @@ class _Work:
         for entry in self.folder.iterdir():
             if entry.is_dir():
                 shutil.rmtree(entry)
-
-
-@contextmanager
-def _stage(console: Console, name: str) -> Iterator[Progress]:
-    """Progress of a stage, and a line when it ends."""
-    begin = time.perf_counter()
-    with shown(console, name) as notify:
-        yield notify
-    line = f"{name}: done in {time.perf_counter() - begin:.1f} s"
-    console.print(line, highlight=False, markup=False, soft_wrap=True)

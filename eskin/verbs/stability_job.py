@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.device import FOREVER, Design, Device
+from eskin.cosim.device import FOREVER, Accelerator, Design
 from eskin.golden.core import (
     PRESETS,
     AcceleratorConfig,
+    InputError,
     Progress,
     Record,
     check_target,
@@ -35,11 +36,10 @@ from eskin.memo import Memo, code_version
 from eskin.pages.stability_page import PAGE, write_page
 from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
-from eskin.rtl.fpga.generate import boot_writes, pack_decision
-from eskin.rtl.program.memory_map import Control, Register
+from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.study import defences
-from eskin.study.stability import suite as stability
-from eskin.study.stability.core import GROUPS, Bench, Case, Mode, Outcome
+from eskin.study.stability import core as stability
+from eskin.study.stability.core import GROUPS, Bench, Case, Outcome
 from eskin.study.stability.table import MODES
 from eskin.training import LEARNING
 from eskin.training.recipe import choose_recipe
@@ -54,6 +54,9 @@ CONFIRMED = 3
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
+SEEDS = 3
+"""Of the comparison of defences."""
+
 CODE = partial(code_version, *LEARNING, "rtl", "cosim")
 """Code on which records depend beside their data and model."""
 
@@ -67,7 +70,6 @@ def run(
     request: StabilityRequest,
     recordings: Recordings,
     *,
-    seeds: int = 3,
     workers: int | None = None,
     cache: Path = CACHE,
     progress: Progress | None = None,
@@ -81,8 +83,6 @@ def run(
 
     Parameters
     ----------
-    seeds:
-        Of the comparison of defences.
     workers:
         Processes; modes that need the hardware run here.
     bench_options:
@@ -103,35 +103,44 @@ def run(
     begin = time.perf_counter()
     for name in (RESULT, RECOMMENDED, PAGE):
         check_target(out / name)
+    for name in request.mode or ():
+        if name not in MODES:
+            raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
+    asked = [MODES[name] for name in request.mode or MODES]
     models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
     bench = Bench.of(*models, recordings, few=few, **bench_options)
     options = [few, bench.flips, bench.seed, bench.points, bench.long]
     content = content_key(bench.model, recordings, CODE(), options, bench.real)
-    keep = _Records(cache, content, Jobs(workers=workers, dask=request.dask, progress=progress, version=CODE))
-    hardware = _Hardware(bench, keep, progress) if request.cosim else None
+    jobs = Jobs(workers=workers, dask=request.dask, progress=progress, version=CODE)
 
-    def records(modes: Sequence[Mode]) -> list[Record]:
-        golden = {mode.name: mode.name for mode in modes if not isinstance(mode.run, str)}
-        others = [mode for mode in modes if mode.name not in golden]
-        found = keep.results(judge_mode, golden, bench, "modes judged")
-        return found + [hardware.record(mode) for mode in others if hardware]
+    def results(function: Function, pieces: Record, shared: Any, what: str) -> list[Any]:
+        """Records of named pieces, made or found."""
+        keyed = {content_key(content, name): piece for name, piece in pieces.items()}
+        return list(jobs.results(function, keyed, shared, keep=Memo(cache), what=what).values())
 
-    judged = stability.run_modes(
-        bench, names=request.mode or None, judged=records, hardware=hardware is not None
-    )
-    if hardware:
-        hardware.confirm(judged["modes"])
-    compared, chosen = _defences(bench, keep, seeds if compare else 0)
+    reasons = {mode: stability.why_not(mode, bench.config, request.cosim) for mode in asked}
+    ready = [mode for mode, why in reasons.items() if not why]
+    hardware = Hardware(bench)
+    records = results(judge_mode, {mode.name: mode.name for mode in ready}, hardware, "modes judged")
+    if request.cosim:
+        weakest = weakest_cases(records)
+        pieces = {f"rtl {record['name']}": record["name"] for record in weakest}
+        played = results(confirm, pieces, hardware, "weakest cases co-simulated")
+        for record, rtl in zip(weakest, played, strict=True):
+            record["rtl"] = rtl
+    compared, chosen = _defences(bench, results, SEEDS if compare else 0)
     write_json(out / RECOMMENDED, chosen.to_dict())
-    passed = all(
-        record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in judged["modes"]
-    )
+    passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in records)
     result = {
         "model": str(model_dir),
         "data": str(recordings.source),
         "recordings": len(recordings),
         "clean_accuracy": bench.clean_accuracy,
-        **judged,
+        "modes": records,
+        "not_run": [
+            {"name": mode.name, "group": mode.group, "why": why} for mode, why in reasons.items() if why
+        ],
+        "weakest": [record["name"] for record in stability.weakest(records)],
         "defences": compared,
         "passed": passed,
         "wall_s": round(time.perf_counter() - begin, 3),
@@ -141,7 +150,9 @@ def run(
     return result
 
 
-def _defences(bench: Bench, keep: _Records, seeds: int) -> tuple[list[Record], AcceleratorConfig]:
+def _defences(
+    bench: Bench, results: Callable[..., list], seeds: int
+) -> tuple[list[Record], AcceleratorConfig]:
     """Accuracy (cross-validated over ``seeds``; 0: not) without and with defences, and the configuration with the
     recommended ones."""
     recordings, base = bench.recordings, undefended(bench.config)
@@ -151,7 +162,7 @@ def _defences(bench: Bench, keep: _Records, seeds: int) -> tuple[list[Record], A
         f"defences {row[0]} {json.dumps([groups, seeds, row[1].to_dict()])}": row for row in rows if seeds
     }
     shared = recordings, groups, seeds
-    compared = keep.results(defences.judge_defences, pieces, shared, "defences cross-validated")
+    compared = results(defences.judge_defences, pieces, shared, "defences cross-validated")
     chosen = full.replace(checksum=True, watchdog=True)
     if compared:  # an unsure decision offers its class all the same, so the threshold changes no accuracy
         chosen = chosen.replace(margin_threshold=compared[-1]["margin"]["threshold"])
@@ -169,79 +180,45 @@ def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
     return plain
 
 
-class _Records:
-    """Finished records of one content, by names, and where new ones are made."""
-
-    def __init__(self, folder: Path, content: str, jobs: Jobs) -> None:
-        self._kept, self._content, self._jobs = Memo(folder), content, jobs
-
-    def remembered(self, name: str, make: Callable[[], Any]) -> Any:
-        """The stored record of ``name``; without one, that of ``make()``, which is then stored."""
-        return self._kept.remembered(self._key(name), make)
-
-    def results(self, function: Function, pieces: Record, shared: Any, what: str) -> list[Any]:
-        """Records by name -> piece, as ``Jobs.results`` makes and finds them; in the order of ``pieces``."""
-        by_key = {self._key(name): piece for name, piece in pieces.items()}
-        return list(self._jobs.results(function, by_key, shared, keep=self._kept, what=what).values())
-
-    def _key(self, name: str) -> str:
-        return content_key(self._content, name)
-
-
 # ---------------------------------------------------------------------- what workers do
-def judge_mode(bench: Bench, name: str) -> Record:
+def weakest_cases(records: Sequence[Record]) -> list[Record]:
+    """The modes whose golden cases are played into the hardware: the weakest CONFIRMED of each group."""
+    ranked = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
+    return [
+        record for group in GROUPS for record in [one for one in ranked if one["group"] == group][:CONFIRMED]
+    ]
+
+
+def judge_mode(hardware: Hardware, name: str) -> Record:
     """The record of one mode."""
-    return stability.judge(MODES[name], bench)[0]
+    return stability.judge(MODES[name], hardware.bench, hardware.measure)[0]
 
 
-def confirm(shared: tuple[Bench, str, str], name: str) -> Record:
+def confirm(hardware: Hardware, name: str) -> Record:
     """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches
     ...}."""
-    bench, work, simulator = shared
-    _, case = stability.judge(MODES[name], bench)
+    _, case = stability.judge(MODES[name], hardware.bench)
     assert case is not None  # its record says that it has one
-    return play_case(bench, case, Path(work) / content_key(name), simulator)
+    return hardware.play_case(case, name)
 
 
-def play_case(bench: Bench, case: Case, work: Path, simulator: str, **options: Any) -> Record:
-    """Record of a co-simulation for the suite."""
-    result = flow.cosimulate(
-        case.model or bench.model, case.recordings, work=work, simulator=simulator, **options
-    )
-    keys = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list"
-    return {key: result[key] for key in keys.split()}
-
-
-# ---------------------------------------------------------------------- the hardware
-@dataclass
-class _Hardware:
+@dataclass(frozen=True)
+class Hardware:
     """Co-simulation for the suite."""
 
-    bench: Any
-    keep: _Records
-    progress: Progress | None = None
+    bench: Bench
     work: Path = flow.BUILD / "stability"
     simulator: str = "verilator"
 
-    def confirm(self, records: list[Record]) -> None:
-        """Give the weakest modes that have a golden case the verdict of the hardware."""
-        ranked = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
-        of_group = [[record for record in ranked if record["group"] == group][:CONFIRMED] for group in GROUPS]
-        weakest = [record for group in of_group for record in group]
-        pieces = {f"rtl {record['name']}": record["name"] for record in weakest}
-        shared = (self.bench, str(self.work), self.simulator)
-        played = self.keep.results(confirm, pieces, shared, "weakest cases co-simulated")
-        for record, rtl in zip(weakest, played, strict=True):
-            record["rtl"] = rtl
-
-    def record(self, mode: Mode) -> Record:
-        """The record of a mode that only the hardware can show."""
-        return self.keep.remembered(
-            f"rtl {mode.name}", lambda: stability.judge(mode, self.bench, self.measure)[0]
-        )
+    def play_case(self, case: Case, name: str, **options: Any) -> Record:
+        """Record of a co-simulation for the mode ``name``."""
+        work, model = self.work / content_key(name), case.model or self.bench.model
+        result = flow.cosimulate(model, case.recordings, work=work, simulator=self.simulator, **options)
+        keys = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list"
+        return {key: result[key] for key in keys.split()}
 
     def measure(self, key: str, **options: Any) -> Outcome:
-        """The figure of such a mode by its key, always measured; options: of the function that does it."""
+        """The figure of a mode that only the hardware can show, by its key; options: of the function that does it."""
         return self.leave(**options) if key == "reset" else self.play(key, **options)
 
     def leave(self, ways: Sequence[str] = ("reset", "arm")) -> Outcome:
@@ -254,36 +231,30 @@ class _Hardware:
         rows, offsets = run_golden(model, pair).streams["decision"]
         expected = [pack_decision(model.config, row) for row in rows]
         design = Design(export(model.config, model.arrays), flow.BUILD / "simulators")
-        boot = boot_writes(model.config, model.arrays)
+        loaded = design, model.config, register_map(model.config), boot_writes(model.config, model.arrays)
 
         def play(way: str, at: int = FOREVER) -> tuple[list[int], list[int], int]:
             """Decisions of the last recording played, their cycles, and the cycles of the first recording."""
-            device = Device(design, model.config.sensor.sample_bits)
-            device.reset(boot)
-            device.write(Register.CONTROL, Control.ARM)
-            device.cycle()  # it clears the chain at the end of the cycle behind it
-            begun = device.state.cycle
-            device.state.stop_at = min(begun + at + 1, FOREVER)
+            device = Accelerator(*loaded, probes=False)
+            device.command("ARM")
+            begun, state = device.state.cycle, device.state
+            state.stop_at = min(begun + at + 1, FOREVER)
             if way == "reset":
                 device.poke(begun + at, rst=1)
             device.frames(pair.recording(0))
-            if device.state.cycle < device.state.stop_at:
-                device.write(Register.CONTROL, Control.FINISH)
-                device.settle()
-            cycles = device.state.cycle - begun
+            if state.cycle < state.stop_at:
+                device.command("FINISH")
+            cycles = state.cycle - begun
             if way:
-                device.cycle(max(0, device.state.stop_at - device.state.cycle))
-                device.state.stop_at = FOREVER
+                device.cycle(max(0, state.stop_at - state.cycle))
+                state.stop_at = FOREVER
                 if way != "neither":
-                    device.write(Register.CONTROL, Control.ARM)
-                    device.cycle()
+                    device.command("ARM")
                     device.forget()  # what was offered up to here belongs to the first recording
                 device.frames(pair.recording(1))
-                device.write(Register.CONTROL, Control.FINISH)
-                device.settle()
-            events = device.seen()
-            events = events[events["stage"] == 0]
-            return events["value"].tolist(), (events["cycle"] - begun).tolist(), cycles
+                device.command("FINISH")
+            values, offered = device.streams()["decision"]
+            return values.view(np.uint32).tolist(), (offered - begun).tolist(), cycles
 
         first, offered, cycles = play("")
         if first != expected[: offsets[1]]:
@@ -292,19 +263,15 @@ class _Hardware:
         near = {max(at + shift, 0) for at in offered[-2:] for shift in AROUND}
         leavings = [(ways[number % len(ways)], int(at)) for number, at in enumerate(times)]
         leavings += [(way, at) for at in sorted(near) for way in ways]
-        value = 0
-        for number, (way, at) in enumerate(leavings, 1):
-            value += play(way, at)[0] != expected[offsets[1] :]
-            if self.progress:
-                self.progress("resets in simulation", number, len(leavings))
+        value = sum(play(way, at)[0] != expected[offsets[1] :] for way, at in leavings)
         words = f"{len(leavings)} times in a recording, at every cycle around a decision too"
-        return Outcome(value, f"a reset or a new arm {words}", detail={"runs": len(leavings)})
+        return Outcome(value, f"a reset or a new arm {words}")
 
     def play(self, key: str, **options: Any) -> Outcome:
         """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during
         a touch."""
         clean = self.bench.clean
         case = Case(clean.subset(clean.evenly(STREAMED)))
-        rtl = play_case(self.bench, case, self.work, self.simulator, **{key: True}, **options)
+        rtl = self.play_case(case, key, **{key: True}, **options)
         words = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
         return Outcome(rtl["mismatches"], words, rtl=rtl)

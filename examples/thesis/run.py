@@ -29,11 +29,10 @@ from tensor import TENSOR
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.requests import BaselinesRequest
-from eskin.study.baselines import METHODS, Network
+from eskin.study.baselines import METHODS, Network, run
 from eskin.training.derive import derive_config, for_recordings
 from eskin.training.formats import with_network
 from eskin.training.recipe import RECIPES, Recipe
-from eskin.verbs import baselines_job
 
 STEPS = (20, 50, 100, 200, 256)
 """Windows of a touch that the thesis tries."""
@@ -89,7 +88,7 @@ def main() -> None:
     try:
         recordings = load_recordings(asked.data)
         config = for_recordings(AcceleratorConfig.load(asked.config), recordings) if asked.config else None
-        result = baselines_job.run(
+        result = run(
             BaselinesRequest(data=asked.data, group=asked.group, out=asked.out),
             recordings,
             config or derive_config(recordings)[0],

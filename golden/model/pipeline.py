@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.preprocess import Touches, find_touches, normalise, real_features
@@ -22,9 +22,6 @@ STAGES = ("sum", "fault", "feature", "state", "logit", "decision")
 
 DECISION_FIELDS = ("is_global", "step", "class", "margin", "partial", "unsure")
 """Columns of the rows of stage ``decision``."""
-
-Forward = Callable[[np.ndarray, Touches], tuple[np.ndarray, np.ndarray]]
-"""(h' (n, K, H), logits (n, K, C)) of features (n, K, D) of touches."""
 
 Stream = tuple[np.ndarray, np.ndarray]
 """(values, offsets): the values of stage s for recording i are ``values[offsets[i]:offsets[i+1]]``."""
@@ -184,21 +181,10 @@ def global_steps(
     return np.where(early, step, completed - 1)
 
 
-def feature_codes(
-    model: IntegerModel,
-    touches: Touches,
-    normaliser: Callable[..., np.ndarray] = normalise,
-    constants: Arrays | None = None,
-) -> np.ndarray:
-    """Feature codes (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector.
-
-    ``normaliser``: as ``eskin.golden.model.preprocess.normalise``. ``constants``: mean and scale in place of
-    the model's; they may have values that a model must not have.
-    """
-    constants = model.arrays if constants is None else constants
-    return normaliser(
-        model.config, touches.sums, touches.completed, constants["mean"], constants["scale"], touches.faults
-    )
+def feature_codes(model: IntegerModel, touches: Touches) -> np.ndarray:
+    """Feature codes (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector."""
+    constants = model.arrays["mean"], model.arrays["scale"]
+    return normalise(model.config, touches.sums, touches.completed, *constants, touches.faults)
 
 
 def float_features(model: FloatModel, touches: Touches) -> np.ndarray:
@@ -235,9 +221,6 @@ def decide_touches(
     touches: Touches,
     *,
     config: AcceleratorConfig | None = None,
-    forward: Forward | None = None,
-    normaliser: Callable[..., np.ndarray] = normalise,
-    rule: Callable[..., tuple] = decide,
     readout: IntegerModel | None = None,
 ) -> Decided:
     """Decisions of a network on touches, masks included. All decisions from windowed sums are made here.
@@ -246,26 +229,21 @@ def decide_touches(
     ----------
     config:
         Configuration whose decision rule applies; None: the model's.
-    forward, normaliser, rule:
-        Functions in place of the model's own arithmetic, of ``eskin.golden.model.preprocess.normalise``
-        (integer models) and of ``decide``.
     readout:
         Model whose prototypes decide on the states of a float network; None: its logits decide.
     """
     config = config or model.config
     features = (
-        feature_codes(model, touches, normaliser)
-        if isinstance(model, IntegerModel)
-        else float_features(model, touches)
+        feature_codes(model, touches) if isinstance(model, IntegerModel) else float_features(model, touches)
     )
-    hidden, logits = forward(features, touches) if forward else model.forward(features)
+    hidden, logits = model.forward(features)
     scores = logits
     if isinstance(model, IntegerModel) and config.has_prototypes:
         scores = -class_distances(model, trajectory_codes(config, hidden, logits))
     elif readout is not None and readout.config.has_prototypes:
         config = readout.config
         scores = -class_distances(readout, real_trajectory(config, hidden, logits))
-    local, margin, decision, lead = rule(config, scores, touches.completed)
+    local, margin, decision, lead = decide(config, scores, touches.completed)
     step = global_steps(config, local, margin, touches.completed)
     unsure = lead < config.network.margin_threshold
     if scores is not logits and config.readout_rule.unknown_above:

@@ -118,7 +118,7 @@ def test_a_network_for_images_predicts_from_arrays():
     for wrong, words in (
         (images[:, :6], "images of 6 x 9 pixels and configuration 'few' takes 7 x 9"),
         (images + 0.5, "real pixels lie in 0..1"),
-        ([images[0], images[0][:5]], "are not all of one size"),
+        ([images[0], images[0][:5]], "give images of one size"),
     ):
         with refused(words):
             model.predict(wrong)

@@ -1,14 +1,13 @@
 """``make mutants`` on a project of one file and one test: what a test sees is killed, what it does not see
 survives and is explained."""
 
-import json
 import subprocess
-import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from scripts.mutants import KINDS, Scope, choose, is_fault, mutants
+from scripts.mutants import Scope, choose, judge, main, mutants
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = '''"""One unit: 1 + 1."""
@@ -42,14 +41,6 @@ def test_twice():
 def test_slow():
     assert thrice(5) == 15 and negative(5) == -5
 """
-STUMBLES = """status = []
-
-def pytest_sessionfinish(exitstatus):
-    status.append(exitstatus)
-
-def pytest_unconfigure():
-    assert not any(status), "as pytest may after a failed test, over a simulation that it left open"
-"""
 SCOPE = """
 [[named]]
 name = "twice is once"
@@ -59,7 +50,7 @@ new = "value"
 test = "tests/test_unit.py"
 
 [files]
-"golden/unit.py" = ["tests/test_unit.py"]
+"golden/unit.py" = ["tests/test_unit.py", "tests/test_unit.py::test_slow"]
 "golden/slow.py" = ["tests/test_unit.py::test_slow"]
 "golden/unseen.py" = ["tests/test_unit.py"]
 """
@@ -75,61 +66,39 @@ def project(tmp_path):
         "golden/slow.py": "def thrice(value):\n    return 3 * value\n",
         "golden/unseen.py": "def negative(value):\n    return -value\n",
         "tests/test_unit.py": TEST,
-        "tests/conftest.py": STUMBLES,
+        "tests/conftest.py": "import hypothesis\n\nhypothesis.settings.register_profile('mutants')\n",
         "tests/mutants.toml": SCOPE,
         "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\nmarkers = ['slow: x']\naddopts = \"-m 'not slow'\"\n",
     }.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
     (tmp_path / "eskin" / "golden").symlink_to("../golden")
+    subprocess.run("git init -q && git add .", shell=True, cwd=tmp_path, check=True)
     return tmp_path
 
 
-def run(project: Path, *words: str) -> tuple[int, str, dict]:
-    """``make mutants`` on ``project`` in a process of its own, as it forks; torch is not needed here."""
-    code = (
-        "import sys; from pathlib import Path; from scripts import mutants; mutants.HEAVY = ['pytest']; "
-        "sys.exit(mutants.main(sys.argv[2:], Path(sys.argv[1])))"
-    )
-    out = project / "build" / "mutants"
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(project), "--out", str(out), "--limit", "4", *words],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    result = out / "mutants.json"
-    return (
-        done.returncode,
-        done.stdout + done.stderr,
-        json.loads(result.read_text()) if result.exists() else {},
-    )
-
-
 @pytest.mark.slow
-def test_killed_survived_timeout_and_equivalent(project):
-    status, shown, result = run(project)
-    outcomes = {(row["was"], row["now"]): row["outcome"] for row in result["mutants"]}
-    assert outcomes["return value + value", "return value - value"] == "killed"
-    assert outcomes["while value != 3:", "while value != 4:"] == "killed"
-    assert outcomes["value += 1", "value += 0"] == "timeout"
+def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
+    monkeypatch.setattr("scripts.mutants.LIMIT", 4)
+    out = project / "build" / "mutants"
+    rows = judge(project, out, 100, 1)
+    outcomes = {(row.was, row.now): row.outcome for row in rows.itertuples()}
+    assert outcomes["return value + value", "return ((value)-(value))"] == "killed"
+    assert outcomes["while value != 3:", "while value != (4):"] == "killed"
+    assert outcomes["value += 1", "value += (0)"] == "timeout"
     assert outcomes["return not flag", "return (flag)"] == "survived"
     # a slow test that is named goes on judging, those of a file that is named whole do not
-    assert outcomes["return 3 * value", "return 4 * value"] == "killed"
+    assert outcomes["return 3 * value", "return (4) * value"] == "killed"
     assert outcomes["return -value", "return (value)"] == "survived"
     assert all("10**6" not in was and "1 + 1" not in was and "int = 1" not in was for was, _ in outcomes), (
         "texts, refusals, defaults"
     )
-    assert all(row["compared"] == (row["outcome"] == "killed") for row in result["mutants"])
-    assert [row["outcome"] for row in result["mutants"] if row["kind"] == "named"] == ["killed"]
-    assert (
-        status == 1
-        and result["counts"]["survived"] == 2
-        and "+ return (flag)" in shown
-        and "no reason given" in shown
-    )
-    verdicts = {path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()}
+    assert (rows["compared"] == (rows["outcome"] == "killed")).all()
+    assert list(rows["outcome"][rows["kind"] == "named"]) == ["killed"]
+    verdicts = {path.name: path.stat().st_mtime_ns for path in (out / "verdicts").iterdir()}
+    assert main([], project) == 1
+    shown = capsys.readouterr().out
+    assert "+ return (flag)" in shown and "no reason given" in shown and "1 by a" not in shown
     survivors = "".join(
         f'[[survivor]]\nfile = "{file}"\nwas = "{was}"\nnow = "{now}"\nequivalent = true\nreason = "never run"\n'
         for file, was, now in (
@@ -138,13 +107,16 @@ def test_killed_survived_timeout_and_equivalent(project):
         )
     )
     (project / "tests/mutants.toml").write_text(SCOPE + survivors)
-    status, shown, again = run(project)
+    assert main([], project) == 0
+    shown = (out / "mutants.md").read_text()
     assert (
-        status == 0 and again["score"] == 1.0 and again["counts"]["equivalent"] == 2 and "never run" in shown
+        "100.0% killed (seed 1)" in shown
+        and "equivalent: golden/unseen.py:2" in shown
+        and "never run" in shown
     )
-    assert {
-        path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()
-    } == verdicts, "judged twice"
+    assert {path.name: path.stat().st_mtime_ns for path in (out / "verdicts").iterdir()} == verdicts, (
+        "judged twice"
+    )
     assert (project / "golden/unit.py").read_text() == CODE
 
 
@@ -159,24 +131,20 @@ def test_every_test_that_judges_is_there():
 
 def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even():
     scope = Scope.load(ROOT)
-    texts = {file: (ROOT / file).read_text() for file in scope.tests}
-    chosen = choose(texts, 120, 1, scope.skip)
-    assert len({(mutant.file, mutant.begin, mutant.old, mutant.new) for mutant in chosen}) == 120
-    assert {mutant.file for mutant in chosen} == set(texts)
-    assert min(sum(mutant.kind == kind for mutant in chosen) for kind in KINDS) >= 7
+    chosen = choose(scope.texts, 120, 1, scope.skip)
+    assert len(set(chosen)) == 120
+    assert {mutant.file for mutant in chosen} == set(scope.texts)
+    kinds = Counter(mutant.kind for mutant in chosen)
+    assert len(kinds) == 9 and min(kinds.values()) >= 7
 
 
 def test_every_named_fault_is_one_of_the_code_there_is():
     for mutant in Scope.load(ROOT).named:
-        assert is_fault(mutant, (ROOT / mutant.file).read_text()), mutant.name
+        assert mutant.is_fault(), mutant.name
 
 
 def test_every_reason_is_that_of_a_mutant_there_is():
     scope = Scope.load(ROOT)
-    for (file, was, now), entry in scope.reasons.items():
-        text = (ROOT / file).read_text()
-        assert any(mutant.lines(text) == (was, now) for mutant in mutants(file, text, scope.skip)), (
-            file,
-            was,
-        )
-        assert entry["reason"]
+    for file, was, now in scope.reasons:
+        found = (mutant.lines() for mutant in mutants(file, scope.texts[file], scope.skip))
+        assert (was, now) in found, (file, was)

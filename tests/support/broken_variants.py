@@ -1,4 +1,5 @@
-"""Broken variants of the failure modes: what each mode must report as failed, bench -> broken bench."""
+"""Broken variants of the failure modes: what each mode must report as failed; a bench with another configuration or
+arrays, or a part of the golden model that is patched."""
 
 import dataclasses
 from collections.abc import Callable
@@ -6,12 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, QFormat, narrow
+from eskin.golden.core import AcceleratorConfig, QFormat, Record, narrow
 from eskin.golden.data import Recordings
-from eskin.golden.model import Fixed, Touches, find_touches, network_formats, normalise, pipeline
+from eskin.golden.model import (
+    Fixed,
+    Touches,
+    find_touches,
+    model,
+    network_formats,
+    normalise,
+    pipeline,
+    preprocess,
+)
+from eskin.golden.model.pipeline import decide
 from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.study.stability.core import Bench, rebuilt
 from eskin.study.stability.table import MODES
+from tests.support import stability_case
+from tests.support.stability_case import changed
 
 
 # ---------------------------------------------------------------------- parts that are wrong
@@ -58,8 +71,9 @@ def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None):
 
 
 def _no_weights(bench: Bench) -> Bench:
-    return bench.changed(
-        arrays={name: np.zeros_like(bench.model.arrays[name]) for name in network_formats(bench.config)}
+    return changed(
+        bench,
+        arrays={name: np.zeros_like(bench.model.arrays[name]) for name in network_formats(bench.config)},
     )
 
 
@@ -81,7 +95,7 @@ def last_sample_windows(config: AcceleratorConfig, recordings: Recordings, **opt
 
 def lowest_bits(config, logits, completed):
     """A broken decision: by the lowest bits of the last logits, so that any change shows."""
-    local, margin, _, lead = pipeline.decide(config, logits, completed)
+    local, margin, _, lead = decide(config, logits, completed)
     last = logits[np.arange(len(logits)), np.maximum(completed - 1, 0)]
     return local, margin, last.sum(axis=-1) % config.classes, lead
 
@@ -91,36 +105,34 @@ def _sensitive(bench: Bench) -> Bench:
     config = bench.config
     if config.onset_rule.onset == "band":
         level = (config.onset_rule.band_low + config.onset_rule.band_high) // 2
-        return bench.changed({"band_low": level, "band_high": level})
-    return bench.changed(
-        {"onset_threshold": 1, "onset_mean_frames": config.onset_rule.onset_check_frames, "clip": 0}
+        return changed(bench, {"band_low": level, "band_high": level})
+    return changed(
+        bench, {"onset_threshold": 1, "onset_mean_frames": config.onset_rule.onset_check_frames, "clip": 0}
     )
 
 
 def full_scale(bench: Bench) -> Bench:
     """A normaliser with the largest scale and the smallest mean: every feature is at full scale."""
     sums = QFormat(bench.config.sum_bits, 0)
-    return bench.changed(
+    return changed(
+        bench,
         arrays={
             "scale": np.full_like(bench.model.arrays["scale"], bench.config.scale_format.max_code),
             "mean": np.full_like(bench.model.arrays["mean"], sums.min_code),
-        }
+        },
     )
 
 
-def _as_recorded(clean: Recordings) -> Callable[..., Touches]:
+def _as_recorded(config: AcceleratorConfig, recordings: Recordings, **options: Any) -> Touches:
     """A broken search: it looks into the recording as it was, told by its first frames."""
+    clean = stability_case.bench().clean
     numbers = {clean.recording(i)[:8].tobytes(): i for i in range(len(clean))}
-
-    def find(config: AcceleratorConfig, recordings: Recordings, **options: Any) -> Touches:
-        which = [numbers[recordings.recording(i)[:8].tobytes()] for i in range(len(recordings))]
-        return find_touches(config, clean.subset(which), **options)
-
-    return find
+    which = [numbers[recordings.recording(i)[:8].tobytes()] for i in range(len(recordings))]
+    return find_touches(config, clean.subset(which), **options)
 
 
 def _last_step_only(config, logits, completed):
-    local, margin, decision, lead = pipeline.decide(config, logits, completed)
+    local, margin, decision, lead = decide(config, logits, completed)
     return local, margin, np.where(completed == config.windows.steps, decision, -1), lead
 
 
@@ -144,42 +156,46 @@ def _one_listener(bench: Bench, *, deaf: bool = False) -> Bench:
         arrays[f"W_{gate}"] = np.zeros_like(bench.model.arrays[f"W_{gate}"])
         if not deaf:
             arrays[f"W_{gate}"][:, heard] = bench.model.arrays[f"W_{gate}"][:, heard]
-    return bench.changed(arrays=arrays)
+    return changed(bench, arrays=arrays)
 
 
 def _undefended(bench: Bench) -> Bench:
     """No detector, no clip, and a network that hears one taxel."""
-    return _one_listener(bench).changed({"fault_frames": 0, "clip": 0})
+    return changed(_one_listener(bench), {"fault_frames": 0, "clip": 0})
 
 
 # ---------------------------------------------------------------------- the variants
 Variant = Callable[[Bench], Bench]
+PARTS_OF: dict[Variant, Record] = {}
+"""Parts of the golden model that are replaced, too."""
 
 
-def _with(**changes: Any) -> Variant:
-    """The same bench with other parts."""
-    return lambda bench: bench.changed(**changes)
+def _with(config=None, **parts) -> Variant:
+    """The same bench with fields of the configuration replaced, and parts of the golden model."""
+    variant = lambda bench: changed(bench, config)
+    PARTS_OF[variant] = parts
+    return variant
 
 
 def _frozen_rest(bench: Bench) -> Bench:
     tracked = bench.config.rest_level.rest == "tracked"
-    return bench.changed(
-        {"rest": "initial"} if tracked else {"band_low": bench.config.onset_rule.band_low + 1}
+    return changed(
+        bench, {"rest": "initial"} if tracked else {"band_low": bench.config.onset_rule.band_low + 1}
     )
 
 
 def _noise_is_silence(bench: Bench) -> Bench:
     frames = max(bench.config.faults.fault_frames, bench.config.onset_rule.onset_check_frames, 16)
-    return bench.changed({"fault_frames": frames, "fault_activity": 65535})
+    return changed(bench, {"fault_frames": frames, "fault_activity": 65535})
 
 
 BY_VARIANT: dict[Variant, tuple[str, ...]] = {
-    _with(arithmetic=Growing): ("state error without reset",),
+    _with(Fixed=Growing): ("state error without reset",),
     # logits and states wrap
-    _with(arithmetic=Wrap, normalise=_wrapping_normaliser): ("touches outside the profiled range",),
+    _with(Fixed=Wrap, normalise=_wrapping_normaliser): ("touches outside the profiled range",),
     _no_weights: ("weight bits",),
     # the state keeps its sign only
-    _with(arithmetic=SignOnly): ("state bits",),
+    _with(Fixed=SignOnly): ("state bits",),
     # features lose their sign
     _with(normalise=_unsigned_normaliser): ("feature bits",),
     # one sample, one code off, is a touch
@@ -191,7 +207,7 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
     # the rest level is frozen after settling
     _frozen_rest: ("slow ramp through the band",),
     # the touch is still there
-    lambda bench: bench.changed(find_touches=_as_recorded(bench.clean)): ("class without the touch",),
+    _with(find_touches=_as_recorded): ("class without the touch",),
     # every feature at full scale
     full_scale: (
         "drift of all taxels",
@@ -229,17 +245,25 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
         "one taxel sticks high before the touch",
     ),
     # a window is one sample
-    lambda bench: bench.changed({"clip": 0}, find_touches=last_sample_windows): ("one noisy taxel",),
+    _with({"clip": 0}, find_touches=last_sample_windows): ("one noisy taxel",),
     # no detector
-    lambda bench: bench.changed({"fault_frames": 0}): ("failed taxels not found",),
+    _with({"fault_frames": 0}): ("failed taxels not found",),
     # a detector that takes rest noise for silence
     _noise_is_silence: ("sound taxels masked",),
 }
 """A variant, and the modes that must report it as failed."""
 
-BROKEN: dict[str, Variant] = {
-    **{name: _with(decide=lowest_bits) for name, mode in MODES.items() if callable(mode.run)},
-    **{name: variant for variant, names in BY_VARIANT.items() for name in names},
-}
+BROKEN: dict[str, Variant] = dict.fromkeys(
+    (name for name, mode in MODES.items() if callable(mode.run)), _with(decide=lowest_bits)
+)
+BROKEN |= {name: variant for variant, names in BY_VARIANT.items() for name in names}
 """The broken variant of each mode, by the mode's name; where none is named, the lowest bits of the last logits
 decide."""
+
+
+def broken(name, bench, patch) -> Bench:
+    """A mode's broken variant of a bench; ``patch`` as of pytest's monkeypatch: setattr."""
+    other, places = BROKEN[name](bench), {"Fixed": model, "find_touches": preprocess}
+    for part, replacement in PARTS_OF.get(BROKEN[name], {}).items():
+        patch(places.get(part, pipeline), part, replacement)
+    return other

@@ -4,11 +4,13 @@ for the failure modes."""
 import dataclasses
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel
 from eskin.study.stability.core import Bench
 from eskin.training import datasets
 from eskin.training import fit as fitting
@@ -103,3 +105,16 @@ def model_folder(folder: Path) -> Path:
     of.real.save(folder, {})
     of.model.save(folder)
     return folder
+
+
+def changed(of: Bench, config: Any = None, arrays: Any = None) -> Bench:
+    """A bench with fields of the configuration or arrays of the integer model replaced; disturbances and bounds are
+    those of the sound one."""
+    fields = of.config.replace(**(config or {}))
+    model = IntegerModel(fields, of.model.arrays | (arrays or {}))
+    whole, few = (dataclasses.replace(each, config=fields, model=model, memo={}) for each in (of, of.sample))
+    for other, sound in ((whole, of), (few, of.sample)):
+        for name in ("clean", "onsets", "sigma", "rest_noise", "clean_accuracy"):
+            vars(other)[name] = getattr(sound, name)
+    vars(whole)["sample"] = few
+    return whole

@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 
 from eskin.choose.front_ends import FrontEndScorer
 from eskin.cli import main as command_line
-from eskin.study.stability import suite as stability
+from eskin.study.stability import core as stability
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S, PROCESSOR_S = 150.0, 40

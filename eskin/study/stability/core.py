@@ -1,26 +1,27 @@
 """Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with
 its reason, and a curve.
 
-An experiment is a function of a ``Bench`` (a model on a ``Scene``: recordings, and the parts of the golden
-model under test): an ``Experiment`` (``eskin.study.stability.shapes``) with a disturbance, or a function of its
-own. ``eskin.study.stability.table`` has a row for each. A broken variant changes the bench:
-the same experiment must then report a failure. The tests check this for every mode
-(tests/support/broken_variants.py). A property that depends on neither weights nor recordings (a width, a
-table entry) is not a mode; the tests check it.
+An experiment is a function of a ``Bench`` (a model on a ``Scene`` of recordings): an ``Experiment``
+(``eskin.study.stability.shapes``) with a disturbance, or a function of its own.
+``eskin.study.stability.table`` has a row for each. With a broken model or front end the same experiment must
+report a failure. The tests check this for every mode (tests/support/broken_variants.py). A property that depends
+on neither weights nor recordings (a width, a table entry) is not a mode; the tests check it.
 """
 
 import dataclasses
-from collections.abc import Callable, Hashable, Mapping, Sequence
+import time
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.data.codes import UNEVEN
-from eskin.golden.model import Fixed, FloatModel, IntegerModel, Touches, pipeline, preprocess
+from eskin.golden.model import FloatModel, IntegerModel, Touches, pipeline, preprocess
+from eskin.study.first_touches import first_touches
 from eskin.training.datasets import scaling
 from eskin.training.derive import find_onsets
 
@@ -53,20 +54,6 @@ def per_kind(own: np.ndarray, common: float, told_by: np.ndarray | None = None) 
 
 
 # ---------------------------------------------------------------------- what an experiment works on
-@dataclass(frozen=True)
-class Parts:
-    """The parts of the golden model under test; a broken variant replaces one.
-
-    find_touches, normalise, decide: as in eskin.golden.model.preprocess and eskin.golden.model.pipeline.
-    arithmetic: configuration -> Fixed.
-    """
-
-    find_touches: Callable[..., Touches] = preprocess.find_touches
-    normalise: Callable[..., np.ndarray] = preprocess.normalise
-    decide: Callable[..., tuple] = pipeline.decide
-    arithmetic: Callable[[AcceleratorConfig], Fixed] = Fixed
-
-
 @dataclass(frozen=True, kw_only=True)
 class Scene:
     """Recordings to disturb under a front end. The inputs of a disturbance depend on the front end only:
@@ -74,18 +61,14 @@ class Scene:
 
     config: the front end's. few: recordings (spread evenly) that the points of a curve take; the figure itself
     takes all. points: of a curve at most; 0 = all. turns: taxels that are disturbed in turn at most; 0 = all.
-    origin: the scene that a changed one came from; it says
-    where the touches are, so that a broken variant meets the same disturbances.
     """
 
     config: AcceleratorConfig
     recordings: Recordings
-    parts: Parts = field(default_factory=Parts)
     few: int = 100
     points: int = 0
     turns: int = 0
     seed: int = 1
-    origin: Any = field(default=None, compare=False, repr=False)
     memo: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -94,18 +77,8 @@ class Scene:
         object.__setattr__(self, "recordings", scanned)
 
     def __getstate__(self) -> Record:
-        """State for another process: the fields, without values computed from them here."""
-        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}
-
-    def changed(self, config: Record | None = None, **parts: Any) -> Self:
-        """The same with fields of the configuration or parts replaced."""
-        return dataclasses.replace(
-            self,
-            config=self.config.replace(**(config or {})),
-            parts=dataclasses.replace(self.parts, **parts),
-            origin=self.origin or self,
-            memo={},
-        )
+        """State for another process, which cannot read the keys of the memo."""
+        return vars(self) | {"memo": {}}
 
     def rng(self, *key: int) -> np.random.Generator:
         """Random numbers that depend on the seed and ``key`` alone."""
@@ -125,54 +98,36 @@ class Scene:
     def clean(self) -> Recordings:
         """The recordings up to the end of their first touch and a hop: what follows cannot change its
         decision. All, without an onset."""
-        if self.origin:
-            return self.origin.clean
-        touches = preprocess.find_touches(self.config, self.recordings)
-        first = touches.first_touch()
-        ends = np.where(
-            first >= 0,
-            touches.start_frame[first] - 1 + self.config.last_frame + self.config.windows.hop,
-            self.recordings.lengths,
-        )
-        return self.recordings.until(ends)
+        return self.recordings.until(first_touches(self.config, self.recordings)[1])
 
     @cached_property
     def sample(self) -> Self:
         """The same on ``few`` of the clean recordings."""
-        if self.origin:
-            few = self.origin.sample
-            return dataclasses.replace(self, recordings=few.recordings, origin=few, memo={})
         few = self.clean.subset(self.clean.evenly(self.few))
-        return dataclasses.replace(self, recordings=few, origin=None, memo={})
+        return dataclasses.replace(self, recordings=few, memo={})
 
     @cached_property
     def touches(self) -> Touches:
-        """First touches (with a completed step) of the clean recordings, by the parts under test."""
-        every_touch = self.parts.find_touches(self.config, self.clean)
-        rows = every_touch.first_touch()
-        rows = rows[rows >= 0]
-        rows = rows[every_touch.completed[rows] > 0]
-        if not len(rows):
+        """First touches (with a completed step) of the clean recordings."""
+        touches = first_touches(self.config, self.clean)[0]
+        touches = touches.take(touches.completed > 0)
+        if not len(touches):
             raise InputError(
                 f"stability: no touch was found in {self.recordings.source}; check the onset rule with "
                 "'eskin inspect'"
             )
-        return every_touch.take(rows)
+        return touches
 
     @cached_property
     def onsets(self) -> np.ndarray:
         """Onset frame (from 1) of the first touch of each clean recording; 1 where the gate opens at once or
         no onset is found."""
-        if self.origin:
-            return self.origin.onsets
         return np.maximum(find_onsets(self.config, self.clean), 1)
 
     @cached_property
     def sigma(self) -> np.ndarray:
         """(taxels) standard deviation of the window means, codes: one for all taxels, or with columns of different
         kinds (`per_kind`) one per taxel."""
-        if self.origin:
-            return self.origin.sigma
         plain = sums_alone(self.config)
         touches = preprocess.find_touches(plain, self.clean)
         means = preprocess.real_features(plain, touches.sums)
@@ -223,57 +178,28 @@ class Bench(Scene):
         """The bench of a model, under the model's configuration."""
         return cls(config=model.config, model=model, real=real, recordings=recordings, **options)
 
-    def changed(self, config: Record | None = None, *, arrays: Arrays | None = None, **parts: Any) -> Self:
-        """The same with fields of the configuration, arrays of the integer model, or parts replaced."""
-        other = super().changed(config, **parts)
-        arrays = {**self.model.arrays, **(arrays or {})}
-        return dataclasses.replace(other, model=IntegerModel(other.config, arrays, self.model.source))
-
     @cached_property
     def codes(self) -> np.ndarray:
         """Feature codes (n, K, D) of ``touches``."""
-        return self.features(self.touches)
+        return pipeline.feature_codes(self.model, self.touches)
 
     @cached_property
     def clean_accuracy(self) -> float:
-        """Accuracy on the undisturbed recordings."""
-        return self.accuracy(self.clean)
+        """Accuracy on the undisturbed recordings; a missing decision counts as wrong."""
+        return float(np.mean(self.decide(self.clean) == self.clean.labels))
 
-    # -- running the parts
-    def features(self, touches: Touches) -> np.ndarray:
-        """Feature codes of touches."""
-        return pipeline.feature_codes(self.model, touches, self.parts.normalise)
+    def decided(
+        self, recordings: Recordings, config: AcceleratorConfig | None = None
+    ) -> tuple[Touches, pipeline.Decided]:
+        """Every touch of recordings and its decisions. config: of another front end; None: the model's."""
+        model = dataclasses.replace(self.model, config=config or self.config)
+        touches = preprocess.find_touches(model.config, recordings)
+        return touches, pipeline.decide_touches(model, touches)
 
-    def forward(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """(h', logits) of feature codes (n, K, D) by the arithmetic under test."""
-        return self.model.run(arithmetic or self.parts.arithmetic(self.config), codes)
-
-    def decide_all(self, recordings: Recordings) -> tuple[Touches, np.ndarray, np.ndarray]:
-        """(touches, local decisions (n, K), global decision (n)) of every touch of recordings."""
-        touches = self.parts.find_touches(self.config, recordings)
-        if not len(touches):
-            return (
-                touches,
-                np.zeros((0, self.config.windows.steps), dtype=np.int64),
-                np.zeros(0, dtype=np.int64),
-            )
-        local, _, decision, _ = self.parts.decide(
-            self.config, self.forward(self.features(touches))[1], touches.completed
-        )
-        return touches, local, decision
-
-    def decide(self, recordings: Recordings) -> np.ndarray:
+    def decide(self, recordings: Recordings, config: AcceleratorConfig | None = None) -> np.ndarray:
         """Global decision of the first touch of each recording, -1 none."""
-        touches, _, decision = self.decide_all(recordings)
-        return pipeline.by_recording(decision, touches.first_touch())
-
-    def accuracy(self, recordings: Recordings) -> float:
-        """Share of recordings that are classified correctly; a missing decision counts as wrong."""
-        return float(np.mean(self.decide(recordings) == recordings.labels))
-
-    def local(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> np.ndarray:
-        """Local decisions (n, K) of feature codes of ``touches``."""
-        return self.parts.decide(self.config, self.forward(codes, arithmetic)[1], self.touches.completed)[0]
+        touches, decided = self.decided(recordings, config)
+        return pipeline.by_recording(decided.decision, touches.first_touch())
 
 
 def rebuilt(
@@ -298,32 +224,43 @@ def rebuilt(
     )
 
 
-Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
-"""A disturbance: (samples (frames, taxels), float, a copy, onset frame from 1, random numbers) -> samples."""
+class At(NamedTuple):
+    """Where a disturbance acts: a scene, how strong it is, the taxels, the recording's place among the clean ones
+    (of a quiet stretch: among them), its onset frame (from 1), random numbers of its own."""
+
+    scene: Scene
+    level: float
+    taxels: Sequence[int]
+    place: int
+    onset: int
+    rng: np.random.Generator
 
 
-def disturbed(scene: Scene, change: Change) -> Recordings:
+Change = Callable[[np.ndarray, At], np.ndarray]
+"""A disturbance: (samples (frames, taxels), float, a copy; where) -> samples."""
+
+
+def disturbed(scene: Scene, change: Change, level: float, taxels: Sequence[int]) -> Recordings:
     """The clean recordings of a scene, each through ``change``; random numbers depend on the recording's
     place alone."""
-    clean, onsets = scene.clean, scene.onsets
+    clean = scene.clean
     streams = [
-        change(clean.recording(i).astype(np.float32), int(onsets[i]), scene.rng(3, i))
-        for i in range(len(clean))
+        change(
+            clean.recording(i).astype(np.float32), At(scene, level, taxels, i, int(onset), scene.rng(3, i))
+        )
+        for i, onset in enumerate(scene.onsets)
     ]
     return rebuilt(clean, streams)
 
 
 # ---------------------------------------------------------------------- what an experiment says
-@dataclass(frozen=True)
-class Curve:
-    """Curve of an experiment: ``lines`` (name -> y at each x, in order of severity). The bound holds for the
-    first line; log: the x axis is."""
-
-    xlabel: str
-    ylabel: str
-    x: Sequence[float]
-    lines: Mapping[str, Sequence[float]]
-    log: bool = False
+def curve(
+    xlabel: str, ylabel: str, x: Iterable[float], lines: Mapping[str, Iterable[float]], log: bool = False
+) -> Record:
+    """Curve of an experiment, as in stability.json: ``lines`` (name -> y at each x, in order of severity). The
+    bound holds for the first line; log: the x axis is."""
+    drawn = {name: [float(y) for y in line] for name, line in lines.items()}
+    return {"xlabel": xlabel, "ylabel": ylabel, "x": [float(at) for at in x], "lines": drawn, "log": log}
 
 
 @dataclass(frozen=True)
@@ -338,14 +275,13 @@ class Case:
 @dataclass(frozen=True)
 class Outcome:
     """Result of an experiment. worst_case: in words. case: for the hardware, if one can be played. rtl:
-    the comparison in co-simulation, if one was played. detail: counts behind the figure."""
+    the comparison in co-simulation, if one was played."""
 
     value: float
     worst_case: str
-    curve: Curve | None = None
+    curve: Record | None = None
     case: Case | None = None
     rtl: Record | None = None
-    detail: Any = None
 
 
 Bound = float | Callable[[Any], float]
@@ -359,7 +295,7 @@ class Mode:
     (eskin/verbs/stability_job.py). at_most, at_least: the bound, one of the two: a number (of an accuracy:
     times the accuracy on undisturbed recordings), or a function of the bench. measures: what is measured,
     where ``run`` is a shape and does not say it. needs: what a configuration must have, words of
-    `eskin.study.stability.suite.NEEDS`.
+    NEEDS.
     """
 
     group: str
@@ -371,7 +307,7 @@ class Mode:
     _: dataclasses.KW_ONLY
     at_most: Bound | None = None
     at_least: Bound | None = None
-    needs: tuple[str, ...] = ()
+    needs: str = ""
 
     def __post_init__(self) -> None:
         if (self.at_most is None) == (self.at_least is None) or self.group not in GROUPS:
@@ -392,7 +328,7 @@ class Mode:
         if callable(bound):
             return bound(bench)
         relative = self.unit == "accuracy" and self.at_least is not None
-        return round(bound * (bench.origin or bench).clean_accuracy, 6) if relative else float(bound)
+        return round(bound * bench.clean_accuracy, 6) if relative else float(bound)
 
     def holds(self, value: float, bound: float) -> bool:
         """True if a figure is within a bound, the bound included."""
@@ -407,4 +343,66 @@ class Mode:
 
 def harmless(bench: Bench) -> float:
     """Bound of a harmless disturbance: the accuracy on the undisturbed recordings less HARMLESS."""
-    return round((bench.origin or bench).clean_accuracy - HARMLESS, 6)
+    return round(bench.clean_accuracy - HARMLESS, 6)
+
+
+# ---------------------------------------------------------------------- a mode, judged
+NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
+    "onset": (lambda config: not config.opens_at_once, "the gate opens at once: no onset is looked for"),
+    "detector": (
+        lambda config: config.faults.fault_frames,
+        "the fault detector is off; fault_frames of the configuration switches it on",
+    ),
+    "state": (lambda config: config.recurrent, "a linear cell has no state, no gates and no tables"),
+    "loadable": (lambda config: config.hardware.loadable, "weights are in ROM: there is nothing to write"),
+}
+"""Parts of a configuration that a mode may need, and the sentence for a mode that is not run without them."""
+
+
+def why_not(mode: Mode, config: AcceleratorConfig, hardware: bool = True) -> str:
+    """The reason why a mode is not run; empty if it is. hardware: modes that only the hardware can show may run."""
+    if isinstance(mode.run, str) and not hardware:
+        return "needs a co-simulation"
+    return next((why for holds, why in map(NEEDS.__getitem__, mode.needs.split()) if not holds(config)), "")
+
+
+def judge(
+    mode: Mode, bench: Any, simulate: Callable[[str], Outcome] | None = None
+) -> tuple[Record, Case | None]:
+    """The record of a mode, as in stability.json, and its case for the hardware; ``simulate`` measures what
+    has a key for it."""
+    begin = time.perf_counter()
+    bound = mode.bound(bench)
+    if isinstance(mode.run, str):
+        assert simulate is not None  # else it is not run
+        outcome = simulate(mode.run)
+    else:
+        outcome = mode.run(bench)
+    value, curve, fails_at = float(outcome.value), outcome.curve, None
+    if curve:
+        points = zip(curve["x"], next(iter(curve["lines"].values())), strict=True)
+        fails_at = next((x for x, y in points if not mode.holds(y, bound)), None)
+    record = {
+        "name": mode.name,
+        "group": mode.group,
+        "value": value,
+        "bound": bound,
+        "unit": mode.unit,
+        "passed": bool(mode.holds(value, bound)),
+        "sense": "at most" if mode.at_least is None else "at least",
+        "reason": mode.reason,
+        "room": mode.room(value, bound),
+        "fails_at": fails_at,
+        "curve": curve,
+        "has_case": outcome.case is not None,
+        "rtl": outcome.rtl,
+        "worst_case": outcome.worst_case,
+        "measures": mode.description,
+        "wall_s": round(time.perf_counter() - begin, 3),
+    }
+    return record, outcome.case
+
+
+def weakest(records: Sequence[Record], count: int = 3) -> list[Record]:
+    """The ``count`` modes with the least room to their bounds, failed ones first."""
+    return sorted(records, key=lambda record: (record["passed"], record["room"]))[:count]

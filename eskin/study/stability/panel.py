@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,8 @@ from eskin.choose.first_touches import GATE_BATCH
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
-from eskin.study.stability.core import Mode, Scene
-from eskin.study.stability.shapes import Experiment, Played, opened_early
-from eskin.study.stability.suite import NEEDS
+from eskin.study.stability.core import Mode, Scene, why_not
+from eskin.study.stability.shapes import Experiment, Played
 from eskin.study.stability.table import MODES
 from eskin.training.datasets import front_end_key
 
@@ -93,22 +93,19 @@ class _OnFrontEnd:
     """The panel under one front end.
 
     modes: of each case. wrong (cases, recordings): 1 where no touch is found or the gate opens when it must not,
-    0 else, NaN where a case has no such recording. touches, faults: of all cases, and what is masked in them;
-    case, row: of each touch.
+    0 else, NaN where a case has no such recording. found: first touches, with the numbers of the recordings that
+    were disturbed, and the case of each.
     """
 
     modes: list[str]
-    wrong: np.ndarray
-    touches: Touches
-    faults: np.ndarray
-    case: np.ndarray
-    row: np.ndarray
+    wrong: list[np.ndarray]
+    found: list[tuple[Touches, np.ndarray]]
 
 
 class Panel:
     """The panel on one set of recordings.
 
-    rows: those that are disturbed. weights: of the modes in a mean.
+    rows: those that are disturbed. weights: of the modes in a mean. modes: by name.
 
     Raises
     ------
@@ -122,30 +119,30 @@ class Panel:
         weights: Mapping[str, float] | None = None,
         count: int = RECORDINGS,
         turns: int = TURNS,
+        modes: Mapping[str, Mode] = MODES,
     ) -> None:
         weights = dict.fromkeys(PANEL, 1.0) if weights is None else weights
         for name, weight in weights.items():
-            if name not in MODES or not isinstance(MODES[name].run, Experiment):
-                known = ", ".join(name for name, mode in MODES.items() if isinstance(mode.run, Experiment))
+            if name not in modes or not isinstance(modes[name].run, Experiment):
+                known = ", ".join(name for name, mode in modes.items() if isinstance(mode.run, Experiment))
                 raise InputError(f"--stress, mode '{name}': is unknown here; the modes are {known}")
             if weight < 0:
                 raise InputError(f"--stress, mode '{name}': has the weight {weight}; give 0 or more")
         self.weights = {name: weight for name, weight in weights.items() if weight > 0}
         if not self.weights:
             raise InputError("--stress: gives no mode a weight above 0; give one, or --stress off")
-        self._turns = turns
+        self._turns, self._all, self._by_name = turns, recordings, modes
         self.rows = recordings.evenly(min(count, len(recordings)))
-        self._place = np.full(len(recordings), -1)
-        self._place[self.rows] = np.arange(len(self.rows))
-        self._all, self._recordings = recordings, recordings.subset(self.rows)
+        self._recordings = recordings.subset(self.rows)
         self._known: dict[str, _OnFrontEnd] = {}
         self._gates: dict[Any, float] = {}
 
-    def _modes(self, config: AcceleratorConfig) -> Iterator[Mode]:
+    def _modes(self, config: AcceleratorConfig) -> Iterator[tuple[Mode, Experiment]]:
         """The modes that apply to a front end."""
         for name in self.weights:
-            if all(NEEDS[need][0](config) for need in MODES[name].needs):
-                yield MODES[name]
+            mode = self._by_name[name]
+            if not why_not(mode, config) and isinstance(mode.run, Experiment):
+                yield mode, mode.run
 
     def _on(self, config: AcceleratorConfig) -> _OnFrontEnd:
         key = front_end_key(config)
@@ -155,46 +152,28 @@ class Panel:
 
     def _played(self, config: AcceleratorConfig) -> _OnFrontEnd:
         scene = Scene(config=config, recordings=self._recordings, turns=self._turns)
-        modes: list[str] = []
-        wrong, found = [], []
-        waiting: dict[AcceleratorConfig, list[tuple[int, Played]]] = {}
+        on = _OnFrontEnd([], [], [])
+        waiting: list[tuple[int, Played]] = []
 
-        def find(where: AcceleratorConfig) -> None:
-            if cases := waiting.pop(where, []):
-                found.append(_first_touches(where, cases))
+        def find() -> None:
+            if waiting:
+                on.found.append(_first_touches(waiting))
+                waiting.clear()
 
-        for mode in self._modes(config):
-            assert isinstance(mode.run, Experiment)
-            for played in mode.run.cases(scene).values():
-                share = np.full(len(self.rows), np.nan)
-                by_gate, where = mode.run.wrong_by_gate(played), played.scene.config
-                share[played.rows] = 1.0 if by_gate is None else by_gate
-                if by_gate is None:
-                    cases = waiting.setdefault(where, [])
-                    cases.append((len(modes), played))
-                    if sum(one.recordings.samples.size for _, one in cases) > GATE_BATCH:
-                        find(where)
-                modes.append(mode.name)
-                wrong.append(share)
-        for where in list(waiting):
-            find(where)
-        if not found:  # gates alone, or nothing that applies
-            none = np.zeros(0, dtype=np.int64)
-            shares = np.array(wrong).reshape(-1, len(self.rows))
-            return _OnFrontEnd(modes, shares, scene.touches, none.astype(bool), none, none)
-        touches, case, row = zip(*found, strict=True)
-        joined = {
-            name: np.concatenate([getattr(part, name) for part in touches])
-            for name in ("completed", "sums", "faults")
-        }
-        return _OnFrontEnd(
-            modes,
-            np.array(wrong),
-            dataclasses.replace(touches[0], **joined),
-            joined["faults"],
-            np.concatenate(case),
-            np.concatenate(row),
-        )
+        for mode, experiment in self._modes(config):
+            for played in experiment.cases(scene).values():
+                played = dataclasses.replace(played, rows=self.rows[played.rows])
+                wrong = np.full(len(self._all), np.nan)
+                wrong[played.rows] = experiment.opened(scene, played) if experiment.gate_only else 1.0
+                if not experiment.gate_only:
+                    size = sum(one.recordings.samples.size for _, one in waiting)
+                    if size > GATE_BATCH or (waiting and waiting[0][1].config != played.config):
+                        find()
+                    waiting.append((len(on.modes), played))
+                on.modes.append(mode.name)
+                on.wrong.append(wrong)
+        find()
+        return on
 
     def false_onsets(self, config: AcceleratorConfig) -> float:
         """Sum over modes of the shares of recordings in which the gate opens when it must not: those of gates
@@ -204,15 +183,10 @@ class Panel:
         if key not in self._gates:
             brief = self.brief
             scene, total = Scene(config=config, recordings=brief._recordings, turns=brief._turns), 0.0
-            for mode in self._modes(config):
-                assert isinstance(mode.run, Experiment)
-                if mode.run.gate_only or mode.name in LOUDER:
-                    opened = [
-                        opened_early(played) if found is None else found
-                        for played in mode.run.cases(scene).values()
-                        for found in [mode.run.wrong_by_gate(played)]
-                    ]
-                    total += max(float(np.mean(share)) for share in opened)
+            for mode, experiment in self._modes(config):
+                if experiment.gate_only or mode.name in LOUDER:
+                    cases = experiment.cases(scene).values()
+                    total += max(float(np.mean(experiment.opened(scene, played))) for played in cases)
             self._gates[key] = total
         return self._gates[key]
 
@@ -232,23 +206,14 @@ class Panel:
             Recordings that it has not seen.
         """
         on = self._on(config)
-        place = self._place[test]
-        wrong = np.full((len(on.modes), len(test)), np.nan)
-        wrong[:, place >= 0] = on.wrong[:, place[place >= 0]]
-        to = np.full(len(self.rows), -1)
-        to[place[place >= 0]] = np.flatnonzero(place >= 0)
-        asked = np.flatnonzero(to[on.row] >= 0)
-        if len(asked):
-            touches = dataclasses.replace(
-                on.touches,
-                completed=on.touches.completed[asked],
-                sums=on.touches.sums[asked].astype(np.int64),
-                faults=on.faults[asked],
-            )
-            at = to[on.row[asked]]
-            right = decide_touches(model, touches).decision == self._recordings.labels[on.row[asked]]
-            wrong[on.case[asked], at] = ~right
-        return wrong
+        wrong = np.array(on.wrong).reshape(-1, len(self._all))
+        for touches, case in on.found:
+            asked = np.isin(touches.recording, test)
+            some = touches.take(asked)
+            some = dataclasses.replace(some, sums=some.sums.astype(np.int64))
+            right = decide_touches(model, some).decision == self._all.labels[some.recording]
+            wrong[case[asked], some.recording] = ~right
+        return wrong[:, test]
 
     def stressed(self, config: AcceleratorConfig, wrong: np.ndarray) -> np.ndarray:
         """(recordings) the share of disturbances under which each was decided rightly, NaN where it was not
@@ -265,10 +230,9 @@ class Panel:
 
     def figures(self, config: AcceleratorConfig, wrong: np.ndarray, accuracy: float) -> list[Record]:
         """{mode, figure, bound, held} of each mode; accuracy: on undisturbed recordings."""
-        names, clean, rows = np.array(self._on(config).modes), _Clean(accuracy), []
-        for mode in self._modes(config):
-            assert isinstance(mode.run, Experiment)
-            figure = mode.run.figure(np.nanmean(wrong[names == mode.name], axis=1))
+        names, clean, rows = np.array(self._on(config).modes), SimpleNamespace(clean_accuracy=accuracy), []
+        for mode, experiment in self._modes(config):
+            figure = experiment.figure(np.nanmean(wrong[names == mode.name], axis=1))
             bound = mode.bound(clean)
             rows.append(
                 {"mode": mode.name, "figure": figure, "bound": bound, "held": bool(mode.holds(figure, bound))}
@@ -276,20 +240,10 @@ class Panel:
         return rows
 
 
-@dataclass(frozen=True)
-class _Clean:
-    """Reference of the bounds."""
-
-    clean_accuracy: float
-    origin: None = None
-
-
-def _first_touches(
-    config: AcceleratorConfig, cases: Sequence[tuple[int, Played]]
-) -> tuple[Touches, np.ndarray, np.ndarray]:
-    """The first touches of cases under one configuration, the case of each and the recording it comes from. A
-    taxel that is masked is masked as the fault detector does, so that one model decides all cases."""
-    parts = [played.recordings for _, played in cases]
+def _first_touches(cases: Sequence[tuple[int, Played]]) -> tuple[Touches, np.ndarray]:
+    """The first touches of cases under one configuration, and the case of each. A taxel that is masked is masked as
+    the fault detector does, so that one model decides all cases."""
+    config, parts = cases[0][1].config, [played.recordings for _, played in cases]
     together = dataclasses.replace(
         parts[0],
         samples=np.concatenate([part.samples for part in parts]),
@@ -301,9 +255,12 @@ def _first_touches(
     first = touches.first_touch()
     touches = touches.take(first[first >= 0])
     faults = np.zeros(touches.sums.shape, dtype=bool) if touches.faults is None else touches.faults
-    touches = dataclasses.replace(
-        touches, sums=touches.sums.astype(np.int32), faults=faults | np.array(config.input_mask)
-    )
     case = np.concatenate([np.full(len(played.rows), number) for number, played in cases])
     row = np.concatenate([played.rows for _, played in cases])
-    return touches, case[first >= 0], row[first >= 0]
+    touches = dataclasses.replace(
+        touches,
+        recording=row[touches.recording],
+        sums=touches.sums.astype(np.int32),
+        faults=faults | np.array(config.input_mask),
+    )
+    return touches, case[first >= 0]

@@ -7,6 +7,7 @@ a row.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from itertools import combinations
@@ -16,8 +17,8 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import pipeline
-from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, Scene, disturbed, rebuilt
+from eskin.golden.model import FloatModel, IntegerModel, Touches, pipeline, preprocess
+from eskin.study.stability.core import At, Bench, Case, Change, Outcome, Scene, curve, disturbed, rebuilt
 from eskin.training.quantise import profile, quantise_model
 
 PAIRS = 28
@@ -46,20 +47,12 @@ def lead_ins(scene: Scene) -> tuple[list[np.ndarray], list[int]]:
 # ---------------------------------------------------------------------- recordings under a disturbance
 @dataclass(frozen=True)
 class Played:
-    """A case of an experiment: recordings, the scene that they are played to (a taxel may be masked there),
-    and which of the clean ones they come from."""
+    """A case of an experiment: recordings, the configuration that they are played to (a taxel may be masked
+    there), and which of the clean ones they come from."""
 
-    scene: Any
+    config: AcceleratorConfig
     recordings: Recordings
     rows: np.ndarray
-
-
-@dataclass(frozen=True)
-class Found:
-    """Result of a case: the share that went wrong, and recordings for the hardware, wrong ones first."""
-
-    wrong: float
-    case: Case
 
 
 @dataclass(frozen=True)
@@ -69,8 +62,7 @@ class Experiment:
     Parameters
     ----------
     change:
-        (scene, level, taxels) -> the disturbance, or the disturbed recordings. Of quiet stretches it gets the
-        place of a stretch among them for the onset.
+        The disturbance; of quiet stretches it gets the place of a stretch among them.
     levels:
         Of the curve; none: numbers of taxels, from 0 to all.
     what:
@@ -89,7 +81,7 @@ class Experiment:
         Counted are onsets more than a window earlier than recorded.
     """
 
-    change: Callable[[Any, float, Sequence[int]], Change | Recordings]
+    change: Change
     nominal: float
     levels: Sequence[float]
     xlabel: str
@@ -120,35 +112,33 @@ class Experiment:
         return {self.over: self._played(scene, level, scene.live)}
 
     def _played(self, scene: Scene, level: float, taxels: Sequence[int]) -> Played:
-        masks = tuple(sorted({*scene.config.sensor.masked_taxels, *taxels}))
-        where = scene.changed({"masked_taxels": masks}) if self.masked else scene
-        change, rows = self.change(scene, level, taxels), np.arange(len(scene.clean))
-        if isinstance(change, Recordings):
-            return Played(where, change, rows)
+        config = scene.config
+        if self.masked:
+            config = config.replace(masked_taxels=tuple(sorted({*config.sensor.masked_taxels, *taxels})))
         if self.over != "quiet":
-            return Played(where, disturbed(scene, change), rows)
+            return Played(config, disturbed(scene, self.change, level, taxels), np.arange(len(scene.clean)))
         streams, of = lead_ins(scene)
-        count = scene.few if self.sampled else len(streams)
-        streams = [
-            change(stream.astype(np.float32), place, scene.rng(4, place))
-            for place, stream in enumerate(streams[:count])
+        count = scene.few if self.sampled else len(of)
+        changed = [
+            self.change(stream.astype(np.float32), At(scene, level, taxels, i, len(stream), scene.rng(4, i)))
+            for i, stream in enumerate(streams[:count])
         ]
-        return Played(where, rebuilt(scene.clean, streams, of[:count]), np.array(of[:count]))
+        return Played(config, rebuilt(scene.clean, changed, of[:count]), np.array(of[:count]))
 
     @property
     def gate_only(self) -> bool:
         """The gate alone can go wrong."""
         return self.over == "quiet" or self.early
 
-    def wrong_by_gate(self, played: Played) -> np.ndarray | None:
-        """(n) bool: the gate opened where it must not; None where a decision has to tell."""
-        if not self.gate_only:
-            return None
-        scene, recordings = played.scene, played.recordings
-        if self.over != "quiet":
-            return opened_early(played)
-        touches = scene.parts.find_touches(scene.config, recordings, steps=0)
-        return touches.first_touch() >= 0
+    def opened(self, scene: Scene, played: Played) -> np.ndarray:
+        """(n) bool: the gate opened where it must not: at all, or in a recording with a touch more than a window
+        earlier than recorded."""
+        touches = preprocess.find_touches(played.config, played.recordings, steps=0)
+        first = touches.first_touch()
+        if self.over == "quiet":
+            return first >= 0
+        onsets = pipeline.by_recording(touches.onset_frame, first, none=1 << 30)
+        return onsets < scene.onsets - scene.config.windows.window
 
     # -- what becomes of it
     def figure(self, wrong: Iterable[float]) -> float:
@@ -157,52 +147,46 @@ class Experiment:
         share = float(np.mean(shares) if self.mean else max(shares))
         return share if self.gate_only else 1.0 - share
 
-    def _found(self, bench: Bench, level: float | None = None) -> dict[str, Found]:
+    def _found(self, bench: Bench, level: float | None = None) -> dict[str, tuple[float, Case]]:
+        """Of each case the share that went wrong, and recordings for the hardware, wrong ones first."""
         found = {}
         for name, played in self.cases(bench, level).items():
-            recordings, wrong = played.recordings, self.wrong_by_gate(played)
-            if wrong is None:
-                wrong = played.scene.decide(recordings) != recordings.labels
+            recordings = played.recordings
+            if self.gate_only:
+                wrong = self.opened(bench, played)
+            else:
+                wrong = bench.decide(recordings, played.config) != recordings.labels
             order = np.argsort(~wrong, kind="stable")[:3]
-            case = Case(recordings.subset(np.sort(order)), played.scene.model)
-            found[name] = Found(float(np.mean(wrong)), case)
+            model = replace(bench.model, config=played.config)
+            found[name] = float(np.mean(wrong)), Case(recordings.subset(np.sort(order)), model)
         return found
 
-    def _curve(self, bench: Bench, accuracy: bool) -> list[Curve]:
-        """The curve of the worst and that of the mean."""
+    def _curve(self, bench: Bench) -> dict[float, list[float]]:
+        """The share of each case that went wrong, by level."""
         counts = range(0, len(bench.live) + 1, 1 if len(bench.live) < 12 else 2)
         levels = bench.thin(self.levels or counts)
-        shares = [[one.wrong for one in self._found(bench.sample, level).values()] for level in levels]
-        worst, mean = ([replace(self, mean=way).figure(of) for of in shares] for way in (False, True))
-        ylabel = "accuracy" if accuracy else "share with a false onset"
-        in_turn = self.over not in ("recordings", "quiet")
-        lines = {"worst": worst, "mean": mean} if in_turn else {ylabel: worst}
-        backwards = dict(reversed(lines.items()))
-        return [Curve(self.xlabel, ylabel, levels, of, self.log) for of in (lines, backwards)]
+        return {level: [wrong for wrong, _ in self._found(bench.sample, level).values()] for level in levels}
 
     def __call__(self, bench: Bench) -> Outcome:
-        accuracy = not self.gate_only
-        found, curves = bench.remember(
-            replace(self, mean=False), lambda: (self._found(bench), self._curve(bench, accuracy))
+        found, along = bench.remember(
+            replace(self, mean=False), lambda: (self._found(bench), self._curve(bench))
         )
-        worst = max(found, key=lambda name: found[name].wrong)
+        wrong = {name: share for name, (share, _) in found.items()}
+        worst = max(wrong, key=wrong.__getitem__)
         words = self.what if isinstance(self.what, str) else self.what(bench)
         if len(found) > 1:
-            shares = [one.wrong for one in found.values()]
-            words = f"{worst}: {1 - found[worst].wrong:.4f}; mean of {len(found)} {1 - np.mean(shares):.4f}"
-        if accuracy:
-            words += f"; clean {bench.clean_accuracy:.4f}"
-        value = self.figure(one.wrong for one in found.values())
-        return Outcome(value, words, curves[self.mean], found[worst].case)
-
-
-def opened_early(played: Played) -> np.ndarray:
-    """(n) bool: an onset was found more than a window earlier than recorded."""
-    scene = played.scene
-    touches = scene.parts.find_touches(scene.config, played.recordings, steps=0)
-    first = touches.first_touch()
-    onsets = np.where(first >= 0, touches.onset_frame[first], 1 << 30)
-    return onsets < scene.onsets - scene.config.windows.window
+            mean = 1 - np.mean([*wrong.values()])
+            words = f"{worst}: {1 - wrong[worst]:.4f}; mean of {len(found)} {mean:.4f}"
+        ylabel = "share with a false onset"
+        if not self.gate_only:
+            ylabel, words = "accuracy", f"{words}; clean {bench.clean_accuracy:.4f}"
+        ways = {"worst": False, "mean": True} if self.over not in ("recordings", "quiet") else {ylabel: False}
+        lines = {
+            name: [replace(self, mean=mean).figure(shares) for shares in along.values()]
+            for name, mean in sorted(ways.items(), key=lambda way: way[1] != self.mean)
+        }
+        drawn = curve(self.xlabel, ylabel, along, lines, self.log)
+        return Outcome(self.figure(wrong.values()), words, drawn, found[worst][1])
 
 
 def _sets(scene: Scene, count: int) -> list[list[int]]:
@@ -213,10 +197,17 @@ def _sets(scene: Scene, count: int) -> list[list[int]]:
     return [scene.rng(6, count, k).permutation(scene.live)[:count].tolist() for k in range(DRAWS)]
 
 
-def float_decisions(bench: Bench, touches: Any) -> np.ndarray:
-    """Local decisions (n, K) of the float network on the window sums of ``touches``."""
-    features = pipeline.float_features(bench.real, touches)
-    return pipeline.decide(bench.config, bench.real.forward(features)[1], bench.touches.completed)[0]
+# ---------------------------------------------------------------------- integers against float
+def agreement(model: IntegerModel, real: FloatModel, touches: Touches) -> float:
+    """Share of the local decisions of an integer network that are those of a float one."""
+    own, ideal = (
+        pipeline.decide(each.config, logits, touches.completed)[0]
+        for each, logits in (
+            (model, model.forward(pipeline.feature_codes(model, touches))[1]),
+            (real, real.forward(pipeline.float_features(real, touches))[1]),
+        )
+    )
+    return float(np.mean(own == ideal))
 
 
 @dataclass(frozen=True)
@@ -238,28 +229,12 @@ class AsInFloat:
     now: Callable[[AcceleratorConfig], int]
 
     def __call__(self, bench: Bench) -> Outcome:
-        ideal = float_decisions(bench, bench.touches)
-        line = self._agreements(bench, ideal)
-        own = float(np.mean(bench.local(bench.codes) == ideal))
-        few = min(
-            (count for count, share in zip(self.counts, line, strict=True) if share >= AGREED),
-            default=self.counts[-1],
-        )
-        curve = Curve(self.xlabel, "share of local decisions as in float", self.counts, {"agreement": line})
-        return Outcome(own, f"now {self.now(bench.config)}; {few} would do on these recordings", curve)
-
-    def _agreements(self, bench: Bench, ideal: np.ndarray) -> list[float]:
-        """The share with each width; 0 where no format of that width works."""
-        ranges, line = profile(bench.real, bench.touches), []
+        ranges, line = profile(bench.real, bench.touches), dict.fromkeys(self.counts, 0.0)
         for count in self.counts:
-            try:
+            with contextlib.suppress(InputError):  # no format of that width works
                 model = quantise_model(bench.real, ranges, **{self.key: count})
-            except InputError:
-                line.append(0.0)
-                continue
-            codes = pipeline.feature_codes(model, bench.touches, bench.parts.normalise)
-            logits = model.run(bench.parts.arithmetic(model.config), codes)[1]
-            line.append(
-                float(np.mean(bench.parts.decide(model.config, logits, bench.touches.completed)[0] == ideal))
-            )
-        return line
+                line[count] = agreement(model, bench.real, bench.touches)
+        few = min((count for count, share in line.items() if share >= AGREED), default=self.counts[-1])
+        drawn = curve(self.xlabel, "share of local decisions as in float", line, {"agreement": line.values()})
+        own = agreement(bench.model, bench.real, bench.touches)
+        return Outcome(own, f"now {self.now(bench.config)}; {few} would do on these recordings", drawn)

@@ -10,7 +10,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from eskin.choose.networks import network
-from eskin.data import load_recordings, piezo_array, turns
+from eskin.data import load_recordings, turns
 from eskin.data.fit import check_fit
 from eskin.data.turns import turn_recordings
 from eskin.golden.core import PRESETS
@@ -52,7 +52,7 @@ def test_shape_and_balance(scene):
 def test_the_second_stroke_turns_as_the_class_says(monkeypatch):
     """Eastward first, on taxels that see static force: where it lies in the last tenth of the touch."""
     monkeypatch.setattr(turns, "MIRRORED", 0.0)
-    monkeypatch.setattr(piezo_array, "CORNER_HZ", 1e-4)
+    monkeypatch.setattr(turns, "CORNER_HZ", 1e-4)
     scene = turn_recordings(persons=3, trials=2)
     ends = {"on": [1, 0], "left": [0, -1], "back": [-1, 0], "right": [0, 1]}
     for number in range(len(scene)):

@@ -19,7 +19,7 @@ from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model import FloatModel, constants_shape, network_shapes
-from eskin.verbs.export_job import export_onnx
+from eskin.verbs.generate_job import export_onnx
 from tests.support.c_played import front_end
 from tests.support.c_played import model_of as model_on
 from tests.support.small_designs import TRACKED
@@ -146,6 +146,11 @@ def first_step(made):
     made.graph.node.append(helper.make_node("Gather", ["by_step", "zero"], ["logits"], "first", axis=0))
 
 
+def biased_twice(made):
+    made.graph.node.insert(-1, helper.make_node("Add", ["by_step", "dense_bias"], ["again"], "again"))
+    node(made, "steps_behind_batch").input[0] = "again"
+
+
 def start(made):
     made.graph.initializer.append(numpy_helper.from_array(np.ones((1, 1, 6), np.float32), "h0"))
     node(made, "cell").input.extend(["", "h0"])
@@ -178,6 +183,8 @@ def not_numbers(made):
     "change, said",
     [
         (first_step, "output 'logits': is not the dense layer behind the last step"),
+
+        (biased_twice, "output 'logits': is not the dense layer behind the last step"),
 
         (lambda made: setattr(made.opset_import[0], "version", 3), "has opset 3"),
 

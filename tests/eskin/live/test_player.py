@@ -72,21 +72,21 @@ def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch)
 def test_pause_next_class_and_the_end(model, recordings):
     stage = Stage(ModelSource(model), recordings, speed=0.2, once=False).start()
     stage.until(lambda: len(stage.seen("frames")) > 2)
-    stage.controls.pause(True)
+    stage.controls.change(paused=True)
     stage.until(lambda: stage.seen("state")[-1]["paused"])
     frames = stage.player.tally.frames
     time.sleep(0.2)
     assert stage.player.tally.frames == frames > 0
-    stage.controls.next()
+    stage.controls.change(skip=True)
     stage.until(lambda: len(stage.seen("begin")) == 2)
     assert stage.seen("end")[0]["whole"] is False and not stage.seen("result")
-    stage.controls.choose(2)
-    stage.controls.pause(False)
+    stage.controls.change(label=2)
+    stage.controls.change(paused=False)
     stage.until(lambda: stage.seen("begin")[-1]["label"] == 2)
-    stage.controls.pace(math.inf)
+    stage.controls.change(speed=math.inf)
     stage.until(lambda: stage.seen("state")[-1]["ended"])
     assert [begun["number"] for begun in stage.seen("begin")] == [0, 1, 2, 5, 8]
-    stage.controls.next()
+    stage.controls.change(skip=True)
     stage.until(lambda: len(stage.seen("begin")) == 8)
     assert [begun["number"] for begun in stage.seen("begin")][5:] == [2, 5, 8]
     stage.stop()

@@ -27,8 +27,8 @@ def test_failures_are_what_they_say():
     data = stability_case.recordings(4)
     scene, top = Scene(config=CONFIG, recordings=data), CONFIG.sample_format.max_code
     for name, failure in defences.FAILURES.items():
-        played = failure.cases(scene)["taxel 2"]
-        assert (played.scene.config.sensor.masked_taxels == (2,)) == (name == "stuck, masked")
+        played = failure.run.cases(scene)["taxel 2"]
+        assert (played.config.sensor.masked_taxels == (2,)) == (name == "stuck, masked")
         for i in range(4):
             before, after = scene.clean.recording(i), played.recordings.recording(i)
             assert np.array_equal(np.delete(before, 2, axis=1), np.delete(after, 2, axis=1))
@@ -67,14 +67,8 @@ def test_the_comparison_counts_what_unseen_recordings_get(monkeypatch):
     (reference,) = crossval.cross_validate(data, CONFIG, [["trial"]], [0], folds=2, recipe=recipe)
     assert record["accuracy"] == pytest.approx(reference["integer_accuracy"])
     assert all(0 <= record[name]["worst"] <= record[name]["mean"] <= 1 for name in defences.FAILURES)
-    deaf = Experiment(
-        lambda scene, level, taxels: lambda stream, onset, rng: stream * (3 not in taxels),
-        0,
-        (),
-        "",
-        over="taxels",
-    )
-    monkeypatch.setitem(defences.FAILURES, "dead", deaf)
+    deaf = Experiment(lambda stream, at: stream * (3 not in at.taxels), 0, (), "", over="taxels")
+    monkeypatch.setitem(defences.FAILURES, "dead", dataclasses.replace(defences.FAILURES["dead"], run=deaf))
     again = compared()
     assert (again["dead"]["worst"], again["dead"]["worst_taxel"]) == (0.0, "taxel 3")
     assert again["stuck"] == record["stuck"]

@@ -1,4 +1,4 @@
-"""eskin/verbs/cosim_job.py: parts of the recordings give what one run gives, wherever they are played."""
+"""eskin/verbs/flow.py: parts of the recordings give what one run gives, wherever they are played."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from eskin.cosim.flow import joined
 from eskin.data.archive import save_archive
 from eskin.golden.model import IntegerModel
 from eskin.jobs import Jobs
-from eskin.verbs import cosim_job, flow
+from eskin.verbs import flow
 from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import SMALL, scene
 
@@ -42,31 +42,31 @@ def here(tmp_path, monkeypatch) -> Path:
 
 @pytest.mark.slow
 def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
-    monkeypatch.setitem(cosim_job.PART, "verilator", 4)
+    monkeypatch.setitem(flow.PART, "verilator", 4)
     recordings, numbers = scene(10), list(range(30, 40))
     whole = flow.cosimulate(
         model, recordings, numbers=numbers, work=here / "whole", pace="declared", clock_hz=1e5, stalls=True
     )
     moves = []
     options = {"pace": "declared", "clock_hz": 1e5, "stalls": True, "work": here / "work"}
-    parts = cosim_job.cosimulate(
+    parts = flow.cosimulate_parts(
         model, recordings, numbers, jobs=Jobs(workers=1, progress=lambda *move: moves.append(move)), **options
     )
     assert moves[-1] == ("parts co-simulated", 3, 3)
-    gaps = ("cycles", "budgets")  # random stalls begin anew in each part
+    gaps = ("cycles", "budgets", "overruns")  # random stalls begin anew in each part
     assert without(parts, *TIMES, *LOADING, *gaps) == without(whole, *TIMES, *LOADING, *gaps)
-    plain = cosim_job.cosimulate(model, recordings, numbers, jobs=Jobs(workers=2), work=here / "work")
+    plain = flow.cosimulate_parts(model, recordings, numbers, jobs=Jobs(workers=2), work=here / "work")
     again = flow.cosimulate(model, recordings, numbers=numbers, work=here / "whole")
     ways = ("cocotb_recordings", "bulk_recordings")  # one of each class under cocotb, and all
     assert without(plain, *TIMES, *LOADING, *ways) == without(again, *TIMES, *LOADING, *ways)
     assert [plain[way] for way in ways] == [3, 7] and [again[way] for way in ways] == [10, 0]
     assert plain["bit_exact"] and plain["recordings"] == 10 and plain["compared_values"] > 1000
-    assert not list((here / cosim_job.CACHE).glob("*.json")), "kept only until all are done"
+    assert not list((here / flow.CACHE).glob("*.json")), "kept only until all are done"
 
 
 @pytest.mark.slow
 def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, monkeypatch):
-    monkeypatch.setitem(cosim_job.PART, "icarus", 2)
+    monkeypatch.setitem(flow.PART, "icarus", 2)
     real = flow.run
 
     def other(model, recordings):
@@ -76,7 +76,7 @@ def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, m
 
     monkeypatch.setattr(flow, "run", other)
     where = {"jobs": Jobs(workers=1), "work": here / "work"}
-    result = cosim_job.cosimulate(model, scene(6), [20, 21, 22, 23, 24, 25], simulator="icarus", **where)
+    result = flow.cosimulate_parts(model, scene(6), [20, 21, 22, 23, 24, 25], simulator="icarus", **where)
     assert not result["bit_exact"] and not result["passed"]
     assert result["mismatches"] == result["stages"]["logit"]["mismatches"] == len(result["mismatch_list"]) > 0
     assert result["mismatch_list"][0].startswith("recording 21,") and Path(result["waves"]).is_dir()

@@ -28,7 +28,7 @@ class Watched:
 
         def told(address, controls) -> None:
             self.address, self.controls = address, controls
-            controls.pace(speed)
+            controls.change(speed=speed)
             ready.set()
 
         def work() -> None:

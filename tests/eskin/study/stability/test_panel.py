@@ -26,7 +26,7 @@ MASKED = "one taxel stuck at full scale, masked, worst"
 
 def undetected():
     """Without the fault detector, which would mask what is masked anyway."""
-    return stability_case.bench().changed({"fault_frames": 0, "fault_activity": 0, "clip": 0})
+    return stability_case.changed(stability_case.bench(), {"fault_frames": 0, "fault_activity": 0, "clip": 0})
 
 
 @pytest.mark.parametrize("make", [stability_case.bench, stability_case.linear_bench, undetected])

@@ -1,0 +1,349 @@
+"""Failure modes of a network's numbers: roundings that pile up, ranges, and single bit flips in weights, tables,
+constants, configuration and state."""
+
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat, Record
+from eskin.golden.model import (
+    Fixed,
+    FloatModel,
+    IntegerModel,
+    constants_shape,
+    network_formats,
+    network_shapes,
+    pipeline,
+    preprocess,
+)
+from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Outcome, curve
+from eskin.study.stability.shapes import agreement
+
+GROWTH_STEPS = (20, 200, 2000, 20000)
+SEQUENCES = 32
+"""Sequences that run without a reset."""
+
+
+def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.ndarray:
+    """Sums that the windows would have (as ``sums``, int64) if the touches were ``gain`` times as strong;
+    clipped to +-2**40."""
+    scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
+    features = config.features
+    if "integral" not in features.feature_kinds:
+        return scaled
+    # A gain acts on the integral, not on its logarithm: undo the companding, amplify, compand again.
+    unit = 1 << features.integral_frac
+    whole, part = np.divmod(np.abs(sums), unit)
+    before = np.sign(sums) * (
+        (unit + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac)
+        - 2.0**features.integral_knee
+    )
+    after = preprocess.companded(
+        np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac
+    )
+    integral = [features.feature_kinds[kind] == "integral" for kind in config.input_kinds]
+    return np.where(integral, after, scaled)
+
+
+def _ideal(bench: Bench, codes: np.ndarray) -> np.ndarray:
+    """h' in real arithmetic of the very weights and features that the integers stand for."""
+    config, constants = bench.config, constants_shape(bench.config)
+    real = {name: fmt.to_real(bench.model.arrays[name]) for name, fmt in network_formats(config).items()}
+    second = network_shapes(config, real=True).keys() - real.keys()
+    real |= {name: np.zeros_like(real["b_n"]) for name in second}
+    real |= {"mu": np.zeros(constants), "sigma": np.ones(constants)}
+    return FloatModel(config, real).forward(config.formats.feature_format.to_real(codes))[0]
+
+
+def _endless(bench: Bench, steps: int) -> np.ndarray:
+    """(SEQUENCES, steps, D) feature codes: touches of the recordings one after the other, in random order."""
+    codes = bench.codes[bench.touches.completed == bench.config.windows.steps]
+    if not len(codes):
+        raise InputError("stability: no touch has all its steps; use whole recordings")
+    order = bench.rng(1).integers(0, len(codes), (SEQUENCES, -(-steps // bench.config.windows.steps)))
+    return codes[order].reshape(SEQUENCES, -1, codes.shape[2])[:, :steps]
+
+
+def growth(bench: Bench) -> Outcome:
+    """Error of the hidden state against real arithmetic with the same weights, root mean square over the last
+    touch's worth of steps, over touches strung together without a reset: the median of the sequences, the
+    largest of steps 200 to 20000 over that of step 20.
+
+    The median, because a touch that follows another one without a reset can bring a sequence to a point where
+    the real network itself decides by a hair: there the two part for some steps, whatever the arithmetic. The
+    curve shows the worst sequence too.
+    """
+    config, steps = bench.config, [t for t in GROWTH_STEPS if t <= bench.long]
+    codes = _endless(bench, steps[-1])
+    # in LSB
+    error = bench.model.forward(codes)[0] - _ideal(bench, codes) * 2.0**config.formats.state_format.frac_bits
+    ends = [error[:, max(t - config.windows.steps, 0) : t] for t in steps]
+    rms = np.array([np.sqrt(np.mean(end**2, axis=(1, 2))) for end in ends])  # (steps, sequences)
+    middle, highest = np.median(rms, axis=1), rms.max(axis=1)
+    ratios, of_worst = (line / max(line[0], 1e-12) for line in (middle, highest))
+    worst = int(np.argmax(ratios[1:])) + 1 if len(steps) > 1 else 0
+    words = (
+        f"step {steps[worst]}: {middle[worst]:.2g} LSB against {middle[0]:.2g} at step 20; worst sequence "
+    )
+    words += f"{highest.max():.3g} LSB"
+    lines = {"median of the sequences": ratios, "worst sequence": of_worst}
+    drawn = curve("steps without a reset", "error / error at step 20", steps, lines, log=True)
+    return Outcome(ratios[worst], words, drawn)
+
+
+def outside_range(bench: Bench) -> Outcome:
+    """Window sums of the recordings times 2: local decisions equal to the float network's on the same; the
+    curve: other factors."""
+    line = {}
+    for gain in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0):
+        louder = replace(bench.touches, sums=amplified(bench.config, bench.touches.sums, gain))
+        line[gain] = agreement(bench.model, bench.real, louder)
+    xlabel, ylabel = "strength of the touch / recorded", "share of local decisions as in float"
+    drawn = curve(xlabel, ylabel, line, {"agreement": line.values()}, log=True)
+    return Outcome(line[2.0], f"twice the recorded strength; 16 times: {line[16.0]:.3f}", drawn)
+
+
+# ---------------------------------------------------------------------- bits that turn over
+Site = tuple[Any, int, int]
+"""A bit: the array, the value's place in it (flat), the bit of the value."""
+
+
+def flipped(codes: np.ndarray, bit: int | np.ndarray, fmt: QFormat) -> np.ndarray:
+    """``codes`` with one bit of their two's-complement words inverted."""
+    word = (np.asarray(codes, dtype=np.int64) ^ (1 << bit)) & ((1 << fmt.width) - 1)
+    return np.where(fmt.signed & (word >> (fmt.width - 1) == 1), word - (1 << fmt.width), word)
+
+
+def upset(array: np.ndarray, place: int, bit: int, fmt: QFormat) -> np.ndarray:
+    """A copy of ``array`` with one bit of one value inverted."""
+    array = array.copy()
+    array.flat[place] = flipped(array.flat[place], bit, fmt)
+    return array
+
+
+def every_bit(arrays: Arrays, formats: Mapping[str, QFormat]) -> list[Site]:
+    """Every bit of the arrays that have a format."""
+    return [
+        (name, place, bit)
+        for name, fmt in formats.items()
+        for place in range(arrays[name].size)
+        for bit in range(fmt.width)
+    ]
+
+
+def by_bit(sites: Sequence[Site], changed: np.ndarray) -> Record:
+    """The curve of the share of decisions that flips change against the bit that was inverted."""
+    bit_of = np.array([bit for *_, bit in sites])
+    bits = np.unique(bit_of)
+    shares = [changed[bit_of == bit] for bit in bits]
+    lines = {
+        "mean of the flips": [share.mean() for share in shares],
+        "worst flip": [share.max() for share in shares],
+    }
+    return curve("bit (0 = lowest)", "share of decisions changed", bits, lines)
+
+
+@dataclass(frozen=True)
+class Flips:
+    """Single bits inverted, one at a time, each a share of the decisions changed: their mean, or the worst.
+
+    Parameters
+    ----------
+    sites:
+        Every bit that may be hit; of ``bench.flips`` one in ``of`` are tried at most, at random.
+    flip:
+        The model, or a part of it, with that bit inverted; with None as it is.
+    decide:
+        Decisions by that.
+    """
+
+    sites: Callable[[Bench], list[Site]]
+    flip: Callable[[Bench, Site | None], Any]
+    decide: Callable[[Bench, Any], np.ndarray]
+    of: int = 1
+    worst: bool = False
+
+    def __call__(self, bench: Bench) -> Outcome:
+        sites, changed = bench.remember(replace(self, worst=False), lambda: self._tried(bench))
+        if not sites:
+            return Outcome(0.0, "no bit is among them")
+        name, place, bit = worst = sites[int(np.argmax(changed))]
+        words = (
+            f"{name}[{place}] bit {bit}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change "
+            "nothing"
+        )
+        few, spoiled = bench.sample.clean, self.flip(bench, worst)
+        playable = isinstance(spoiled, IntegerModel)
+        case = Case(few.subset(range(min(3, len(few)))), spoiled) if playable else None
+        value = float(changed.max() if self.worst else changed.mean())
+        return Outcome(value, words, by_bit(sites, changed), case)
+
+    def _tried(self, bench: Bench) -> tuple[list[Site], np.ndarray]:
+        sites, most = self.sites(bench), max(bench.flips // self.of, 16)
+        if len(sites) > most:
+            sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[:most])]
+        clean, *spoiled = (self.decide(bench, self.flip(bench, site)) for site in (None, *sites))
+        return sites, np.array([float(np.mean(decisions != clean)) for decisions in spoiled])
+
+
+def _decisions(bench: Bench, logits: np.ndarray) -> np.ndarray:
+    """Global decisions of a bench's touches by their logits."""
+    return pipeline.decide(bench.config, logits, bench.touches.completed)[2]
+
+
+# ---------------------------------------------------------------------- words that stay
+def _with_weight(bench: Bench, site: Site | None) -> IntegerModel:
+    arrays = dict(bench.model.arrays)
+    if site:
+        name, place, bit = site
+        arrays[name] = upset(arrays[name], place, bit, network_formats(bench.config)[name])
+    return replace(bench.model, arrays=arrays)
+
+
+weight_flips = Flips(
+    lambda bench: every_bit(bench.model.arrays, network_formats(bench.config)),
+    _with_weight,
+    lambda bench, model: _decisions(bench.sample, model.forward(bench.sample.codes)[1]),
+)
+
+
+def _table_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
+    """Formats of the words of the activation tables in memory."""
+    formats = config.formats
+    return {"sigmoid": QFormat(formats.gate_frac + 1, 0, signed=False), "tanh": formats.state_format}
+
+
+def _with_table(bench: Bench, site: Site | None) -> Fixed:
+    arithmetic = Fixed(bench.config)
+    if site:
+        name, entry, bit = site
+        table = upset(getattr(arithmetic, f"_{name}"), entry, bit, _table_formats(bench.config)[name])
+        setattr(arithmetic, f"_{name}", table)
+    return arithmetic
+
+
+def _table_bits(bench: Bench) -> list[Site]:
+    formats, entries = _table_formats(bench.config), np.zeros(bench.config.formats.table_entries)
+    return every_bit(dict.fromkeys(formats, entries), formats)
+
+
+table_flips = Flips(
+    _table_bits,
+    _with_table,
+    lambda bench, arithmetic: _decisions(bench.sample, bench.model.run(arithmetic, bench.sample.codes)[1]),
+    of=8,
+)
+
+
+def _with_constant(bench: Bench, site: Site | None) -> np.ndarray:
+    """Feature codes; a constant may become one that a model must not have."""
+    config, touches = bench.config, bench.touches
+    constants = {name: bench.model.arrays[name] for name in ("mean", "scale")}
+    if site:
+        name, place, bit = site
+        constants[name] = upset(constants[name], place, bit, getattr(config, f"{name}_format"))
+    return preprocess.normalise(config, touches.sums, touches.completed, faults=touches.faults, **constants)
+
+
+def _small_constant_bits(bench: Bench) -> list[Site]:
+    """Bits of mean and scale that move no input by more than a supply step does, root mean square."""
+    formats = {"mean": bench.config.mean_format, "scale": bench.config.scale_format}
+    most = COMMON_OFFSET * 2.0**bench.config.formats.feature_format.frac_bits
+    return [
+        site
+        for site in every_bit(bench.model.arrays, formats)
+        if np.sqrt(np.square(_with_constant(bench, site) - bench.codes).mean((0, 1))).max() <= most
+    ]
+
+
+constant_flips = Flips(
+    _small_constant_bits,
+    _with_constant,
+    lambda bench, codes: _decisions(bench, bench.model.forward(codes)[1]),
+    worst=True,
+)
+
+
+def _registers(bench: Bench) -> list[Site]:
+    """Bits of onset threshold, band, clip, rearm count and mask that the configuration does not refuse."""
+    config, bits = bench.config, {"rearm_frames": 16}
+    if config.onset_rule.onset == "baseline":
+        bits["onset_threshold"] = 16
+    if config.onset_rule.onset == "band":
+        bits |= dict.fromkeys(("band_low", "band_high"), config.sensor.sample_bits)
+    if config.rest_level.clip:
+        bits["clip"] = 16
+    sites: list[Site] = []
+    for site in ((name, 0, bit) for name, width in bits.items() for bit in range(width)):
+        with contextlib.suppress(InputError):  # a value the configuration refuses, as the register does
+            replace(bench.model, config=_with_register(bench, site))
+            sites.append(site)
+    return [*sites, *(("masked_taxels", taxel, 0) for taxel in range(config.sensor.taxels))]
+
+
+def _with_register(bench: Bench, site: Site | None) -> AcceleratorConfig:
+    config = bench.config
+    if site is None:
+        return config
+    name, taxel, bit = site
+    if name == "masked_taxels":
+        return config.replace(masked_taxels=tuple(sorted({*config.sensor.masked_taxels} ^ {taxel})))
+    return config.replace(**{name: config.value(name) ^ (1 << bit)})
+
+
+register_flips = Flips(
+    _registers,
+    _with_register,
+    lambda bench, config: bench.decide(
+        bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8))), config
+    ),
+)
+
+
+# ---------------------------------------------------------------------- the state
+class Upset(Fixed):
+    """Inverts one bit of one unit's state after one step, a different one in each row (touch)."""
+
+    def __init__(self, config, step: np.ndarray, unit: np.ndarray, bit: np.ndarray) -> None:
+        super().__init__(config)
+        self._step, self._unit, self._bit, self._calls = step, unit, bit, 0
+
+    def state(self, products):
+        values = super().state(products)
+        step, second = divmod(self._calls, 2)  # every cell narrows two values a step; the second is the new h
+        self._calls += 1
+        if second:
+            rows = np.flatnonzero(self._step == step)
+            values = values.copy()
+            old = values[rows, self._unit[rows]].astype(np.int64)
+            values[rows, self._unit[rows]] = flipped(old, self._bit[rows], self._config.formats.state_format)
+        return values
+
+
+def state_flips(bench: Bench) -> Outcome:
+    """One bit of one unit's state inverted after a random step of each touch: share of global decisions
+    changed. Curve: which step."""
+    few, config = bench.sample, bench.config
+    # times the sample's touches, each with an upset of its own
+    tries = max(1, bench.flips // (4 * len(few.codes)))
+    codes, rng = np.concatenate([few.codes] * tries), bench.rng(11)
+    completed = np.tile(few.touches.completed, tries)
+    limits = (config.windows.steps, config.network.hidden, config.formats.state_format.width)
+    step, unit, bit = (rng.integers(0, limit, len(codes)) for limit in limits)
+    decisions, clean = (
+        pipeline.decide(config, few.model.run(arithmetic, codes)[1], completed)[2]
+        for arithmetic in (Upset(config, step, unit, bit), Fixed(config))
+    )
+    changed = decisions != clean
+
+    def means(of: np.ndarray, count: int) -> list[float]:
+        return [float(changed[of == k].mean()) if np.any(of == k) else 0.0 for k in range(count)]
+
+    shares = means(bit, limits[2])
+    worst = int(np.argmax(shares))
+    lines = {"all bits": means(step, limits[0])}
+    drawn = curve("step of the upset", "share of decisions changed", range(1, limits[0] + 1), lines)
+    return Outcome(float(changed.mean()), f"bit {worst}: {shares[worst]:.4f}; {len(changed)} upsets", drawn)
