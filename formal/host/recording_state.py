@@ -27,10 +27,10 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 )
 def finish_ends(m: Module) -> None:
     dut = placed_free(RecordingState(CONFIG))
+    work = dut.passing | dut.engine.working
     still = ~Cat(
-        dut.passing,
+        work,
         dut.moving,
-        dut.engine.working,
         dut.detector.started,
         dut.global_taken,
         dut.finish_asked,
@@ -40,10 +40,8 @@ def finish_ends(m: Module) -> None:
     calm = Signal(range(21))  # cycles without anything under way and without a command
     m.d.sync += calm.eq(Mux(still, calm + (calm < 20), 0))
     prove((calm < 20) | ~still | ~dut.busy, "busy falls")
-    worked = dut.engine.working | dut.passing
-    prove(
-        ~dut.finish | (dut.decider_idle & ~before(worked, "worked")), "finish comes when nothing is under way"
-    )
+    worked = before(work, "worked")
+    prove(~dut.finish | (dut.decider_idle & ~worked), "finish comes when nothing is under way")
     prove(~before(dut.finish_asked, "asked_now") | dut.finishing, "what is asked for is begun")
     asked = Signal()
     given = Signal()

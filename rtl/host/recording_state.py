@@ -65,19 +65,20 @@ class RecordingState(wiring.Component):
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving = Signal()
         idle = Signal()
-        beats = self.moving | self.engine.working | (finishing & self.passing)
-        m.d.sync += [moving.eq(beats), quiet.eq(Cat(1, quiet[:-1]))]
+        m.d.sync += [
+            moving.eq(self.moving | self.engine.working | (finishing & self.passing)),
+            quiet.eq(Cat(1, quiet[:-1])),
+        ]
         # (What a command changes follows the beats that are on their way.)
-        late = self.passing & ~quiet.all() if self._config.hardware.clock_gate else 0
+        late = self.passing & ~quiet.all() & self._config.hardware.clock_gate
         with m.If(moving | self.finish_asked | late):
             m.d.sync += quiet.eq(0)
         m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
-        telling = undecided.any() ^ self.touch
         drive(
             m,
             self,
             finish=finishing & ~finished & idle,
-            busy=~idle | self.passing | finishing | self.clear | telling,
+            busy=~idle | self.passing | finishing | self.clear | (undecided.any() ^ self.touch),
         )
         decided = self.global_taken & undecided.any()
         # (`touch` is registered, as it decides on writes.)
