@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +42,8 @@ from eskin.golden.model.prototypes import forget
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from eskin.requests import CellChoice
 
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
 """One recording (frames, taxels), several of them, or a set of recordings."""
@@ -120,8 +122,7 @@ class Model(Estimator):
         self,
         config: str | Path | AcceleratorConfig | None = None,
         *,
-        cell: Literal["auto", "gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean"]
-        | None = None,
+        cell: CellChoice | None = None,
         hidden: int | None = None,
         groups: Sequence[str] | str | None = None,
         folds: int = 5,

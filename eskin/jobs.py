@@ -200,12 +200,8 @@ def _processes(workers: int, shared: Any) -> Iterator[Submit]:
 # ---------------------------------------------------------------------- a cluster
 @contextlib.contextmanager
 def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> Iterator[Submit]:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError(
-            f"--dask {address}: dask.distributed is not installed; install eskin[cluster]"
-        ) from None
+    from distributed import Client
+
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError) as error:

@@ -11,13 +11,11 @@ from typing import Any, Literal, TypeVar, dataclass_transform
 
 import typer
 
+from eskin.choose.cost import Prefer
 from eskin.golden.core import InputError, Record
+from eskin.golden.core.groups import Readout, Reset
 
-Prefer = Literal["energy", "cells", "latency"]
-Readout = Literal["dense", "prototypes"]
-"""Rule of the decision: the logits of the dense layer, or the nearest stored trajectory."""
 Cell = Literal["gru", "lstm", "linear"]
-Reset = Literal["before", "after"]
 CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean", "auto"]
 """Cells, networks for images, and auto: the smallest network that is enough."""
 FORMATS = ("feature_bits", "gate_bits", "table_entries")

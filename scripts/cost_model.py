@@ -8,15 +8,15 @@ instead, which takes a second.
 Weights and signals are random: the model is of shapes, not of what was learnt.
 """
 
-import argparse
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import typer
 from scipy.optimize import nnls
 
 from eskin.golden.core import AcceleratorConfig, Record, content_key
@@ -32,6 +32,7 @@ from eskin.verbs.build_job import suited
 from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
 from eskin.verbs.flow import BUILD, expected_of
+from scripts.tables import Row, printed
 from tests.support.random_models import random_integer_model
 
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
@@ -138,11 +139,15 @@ def counted(name: str, config: AcceleratorConfig) -> list[float]:
 def rows() -> pd.DataFrame:
     """The rows of `DESIGNS`, printed as soon as they are known, from the memo where they are in it."""
     keep, made = Memo(BUILD / "cost_rows"), {}
-    print("| design | " + " | ".join(COLUMNS) + " |\n|---|" + "--:|" * len(COLUMNS), flush=True)
-    for name, config in DESIGNS.items():
-        key = content_key(config.to_dict(), code_version("golden", "rtl", "cosim"))
-        made[name] = row = keep.remembered(key, partial(counted, name, config))
-        print(f"| {name} | " + " | ".join(f"{figure:.4g}" for figure in row) + " |", flush=True)
+
+    def each() -> Iterator[Row]:
+        for name, config in DESIGNS.items():
+            key = content_key(config.to_dict(), code_version("golden", "rtl", "cosim"))
+            made[name] = keep.remembered(key, partial(counted, name, config))
+            yield name, *map("{:.4g}".format, made[name])
+
+    for line in printed(" | ".join(["design", *COLUMNS]), each()):
+        print(line, flush=True)
     return pd.DataFrame(made, COLUMNS).T
 
 
@@ -195,24 +200,20 @@ def show(counted_rows: pd.DataFrame) -> None:
     constants = fit(counted_rows)
     print("\nSTEP_TOGGLES {:.0f}, FRAME_TOGGLES {:.0f}, ONSET_TOGGLES {:.0f}".format(*constants[0]))
     print("CELLS " + ", ".join(map("{} {:.1f}".format, CELLS, constants[1])))
-    print(
-        "\n| design | energy | by the others | LUT | by the others | block memories |\n|---|--:|--:|--:|--:|--:|"
-    )
-    figures = np.stack([errors(counted_rows, constants), without_it(counted_rows)], axis=1)
-    for name, *of in zip(counted_rows.index, *100 * figures.reshape(4, -1), strict=True):
-        blocks = f"{blocks_of(DESIGNS[name], BOARD)} of {counted_rows['block memories'][name]:.0f}"
-        print(f"| {name} | " + " | ".join([*map("{:+.1f} %".format, of), blocks]) + " |")
+    each = np.stack([errors(counted_rows, constants), without_it(counted_rows)], axis=1).reshape(4, -1)
+    blocks = [
+        f"{blocks_of(DESIGNS[name], BOARD)} of {count:.0f}"
+        for name, count in counted_rows["block memories"].items()
+    ]
+    shown = (map("{:+.1f} %".format, 100 * shares) for shares in each)
+    columns = "design | energy | by the others | LUT | by the others | block memories"
+    print("", *printed(columns, zip(counted_rows.index, *shown, blocks, strict=True)), sep="\n")
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print rows, constants and errors."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0], epilog="example: --fit docs/figures.md"
-    )
-    parser.add_argument("--fit", type=Path, metavar="FILE", help="take the rows of a document")
-    asked = parser.parse_args(arguments)
-    show(read_rows(asked.fit.read_text()) if asked.fit else rows())
+def main(fit: Path | None = None) -> None:
+    """Print rows, constants and errors; with --fit FILE of the rows of a document."""
+    show(read_rows(fit.read_text()) if fit else rows())
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -2,7 +2,6 @@
 (``make budget``) compares this checkout with the caps of budget.toml. A token is one of Python's
 tokenizer, without comments, line ends and indentation."""
 
-import argparse
 import ast
 import io
 import re
@@ -11,6 +10,9 @@ import sys
 import tokenize
 import tomllib
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 COLUMNS = "folder | files | lines | tokens | longest file | longest function | lines over 110 (%) | tests"
 SHAPE = {"COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENCODING", "ENDMARKER"}
@@ -76,8 +78,6 @@ def row(texts: list[str]) -> tuple[float, ...]:
 
 def options() -> int:
     """Options and arguments of all verbs and their sub-commands, ``--help`` not counted."""
-    import typer
-
     from eskin.cli.main import app
 
     def count(command) -> int:
@@ -124,31 +124,27 @@ def lowered(text: str, today: dict[str, int]) -> str:
     return re.sub(r"(?m)^(\w+) = (\d+)$", least, text)
 
 
-def main() -> None:
-    """Print the table of the Python files that git knows, links left out; or the budget."""
-    parser = argparse.ArgumentParser(
-        description=main.__doc__, epilog="example: scripts/house.py ../eskin-0.2.0"
-    )
-    parser.add_argument("root", nargs="?", default=".", type=Path, help="a checkout (default: this folder)")
-    parser.add_argument("--budget", action="store_true", help=f"today's figures beside the caps of {BUDGET}")
-    parser.add_argument("--lower", action="store_true", help="lower the caps to today's figures first")
-    given = parser.parse_args()
+def main(
+    root: Annotated[Path, typer.Argument()] = Path("."), budget: bool = False, lower: bool = False
+) -> None:
+    """Print the table of the Python files that git knows in ROOT, links left out; with --budget today's
+    figures beside the caps of budget.toml, with --lower after lowering them."""
     texts: dict[str, list[str]] = {}
-    for path in tracked(given.root, "*.py"):
-        texts.setdefault(path.parts[0], []).append((given.root / path).read_text())
-    if not (given.budget or given.lower):
+    for path in tracked(root, "*.py"):
+        texts.setdefault(path.parts[0], []).append((root / path).read_text())
+    if not (budget or lower):
         print(f"| {COLUMNS} |\n| --- |" + " --: |" * COLUMNS.count("|"))
         for folder, files in texts.items():
             print(f"| {' | '.join(map(str, (folder, *row(files))))} |")
         return
-    today, budget = figures(given.root, texts), given.root / BUDGET
-    if given.lower:
-        budget.write_text(lowered(budget.read_text(), today))
-    caps = {name: cap for table in tomllib.loads(budget.read_text()).values() for name, cap in table.items()}
+    today, file = figures(root, texts), root / BUDGET
+    if lower:
+        file.write_text(lowered(file.read_text(), today))
+    caps = {name: cap for table in tomllib.loads(file.read_text()).values() for name, cap in table.items()}
     for name, figure in today.items():
         print(f"{name:14}{figure:8} of {caps.get(name, 0):8}")
     sys.exit("\n".join(over_budget(today, caps)) or 0)
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -15,7 +15,6 @@ No library does this: cosmic-ray knows four of the nine kinds of fault and one t
 mutmut neither.
 """
 
-import argparse
 import ast
 import contextlib
 import hashlib
@@ -35,6 +34,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import typer
 
 from eskin.golden.core import Record, content_key
 from eskin.jobs import Jobs
@@ -42,7 +42,7 @@ from eskin.memo import Memo
 from scripts.house import tracked
 
 ROOT = Path(__file__).resolve().parents[1]
-SCOPE = "tests/mutants.toml"
+SCOPE, OUT = "tests/mutants.toml", "build/mutants"
 REQUIRED = 0.95
 PYTEST = "-m pytest -x -q -p no:cacheprovider --hypothesis-profile=mutants --tb=line".split()
 ENDED = (-signal.SIGXCPU, -signal.SIGKILL)
@@ -114,7 +114,8 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
         case ast.FunctionDef(name=name, body=body):
             special = name.startswith("__") and name not in ("__init__", "__post_init__")
             below = [] if special or name in skip else body
-            names = sorted(set(_signals(node)))
+            made = re.findall(r"(?<![.\w])(\w+) = (?:self\.\w+ = )?Signal\(", ast.unparse(node))
+            names = sorted(set(made))
         case ast.ClassDef(body=body):
             below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
         case ast.AnnAssign(value=value):
@@ -168,13 +169,11 @@ def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
     name, args, show = _name(node.func), node.args, ast.unparse
     swapped: list[ast.expr] = []
     match name, args:
-        case "range", [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size]:
-            yield "off-by-one", size, f"({show(size)}) - 1"
         case (
-            ("signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
+            ("range" | "signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
             [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size],
         ):
-            yield "width", size, f"({show(size)}) - 1"
+            yield "off-by-one" if name == "range" else "width", size, f"({show(size)}) - 1"
         case "If", [test]:
             yield "condition", test, f"~({show(test)})"
         case (("Mux" | "where"), [test, yes, no]):
@@ -214,18 +213,7 @@ def _is_text(node: ast.AST) -> bool:
 
 def _refuses(statement: ast.stmt) -> bool:
     """Only reports a user's mistake."""
-    match statement:
-        case ast.Expr(value=ast.Call(func=function)):
-            return _name(function) == "refuse"
-    return isinstance(statement, ast.Raise)
-
-
-def _signals(function: ast.FunctionDef) -> Iterator[str]:
-    """Names that the function gives to ``Signal(...)``."""
-    for node in ast.walk(function):
-        match node:
-            case ast.Assign([ast.Name(id=name), *_], ast.Call(func=ast.Name(id="Signal"))):
-                yield name
+    return isinstance(statement, ast.Raise) or bool(re.match(r"(\w+\.)*refuse\(", ast.unparse(statement)))
 
 
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:
@@ -332,7 +320,7 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
     }
 
 
-def judge(root: Path, out: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
+def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
     """Choose mutants, run what is not yet known: file, line, kind, was, now, outcome, compared and reason of each.
 
     Parameters
@@ -343,10 +331,10 @@ def judge(root: Path, out: Path, count: int, seed: int, only: str = "") -> pd.Da
 
     Raises
     ------
-    RuntimeError
+    SystemExit
         Tests fail without a mutant: nothing would be known.
     """
-    scope, copies, keep = Scope.load(root), out / "copies", Memo(out / "verdicts")
+    scope, copies, keep = Scope.load(root), root / OUT / "copies", Memo(root / OUT / "verdicts")
     texts = {file: text for file, text in scope.texts.items() if re.search(only, file)}
     tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)}
     tests_of |= {} if only else scope.named
@@ -366,8 +354,8 @@ def judge(root: Path, out: Path, count: int, seed: int, only: str = "") -> pd.Da
     same = Mutant("pyproject.toml", (root / "pyproject.toml").read_text())
     for row in judged([(same, [test]) for test in every], "tests as they are"):
         if row["outcome"] != "survived":
-            shutil.rmtree(out / "verdicts")
-            raise RuntimeError(f"a test fails without a mutant:\n{row['log']}")
+            shutil.rmtree(root / OUT / "verdicts")
+            sys.exit(f"a test fails without a mutant:\n{row['log']}")
     rows = []
     for mutant, row in zip(tests_of, judged(list(tests_of.items()), "mutants"), strict=True):
         was, now = mutant.lines()
@@ -399,26 +387,22 @@ def table(rows: pd.DataFrame, seed: int) -> str:
     return text
 
 
-def main(words: list[str] | None = None, root: Path = ROOT) -> int:
-    """The command; returns its exit status: 1 below the required score, or where a named fault is not found
-    by a comparison."""
-    parser = argparse.ArgumentParser(prog="make mutants", description=__doc__.partition("\n")[0])
-    parser.add_argument("--count", type=int, default=154, help="mutants that are drawn (default 154)")
-    parser.add_argument("--seed", type=int, default=1)
-    only = "all mutants in files in whose path this regular expression is found; the result is not written"
-    parser.add_argument("--only", default="", help=only)
-    asked, out = parser.parse_args(words), root / "build" / "mutants"
-    try:
-        rows = judge(root, out, asked.count, asked.seed, asked.only)
-    except RuntimeError as error:
-        print(error, file=sys.stderr)
-        return 2
-    shown = table(rows, asked.seed)
-    if not asked.only:
-        (out / "mutants.md").write_text(shown)
+def report(root: Path, count: int, seed: int, only: str = "") -> bool:
+    """Judge, print the table and write it, but for ``only``; False below the required score, or where a
+    named fault is not found by a comparison."""
+    rows = judge(root, count, seed, only)
+    shown = table(rows, seed)
+    if not only:
+        (root / OUT / "mutants.md").write_text(shown)
     print(shown)
-    return int(score(rows) < REQUIRED or not rows["compared"][rows["kind"] == "named"].all())
+    return score(rows) >= REQUIRED and bool(rows["compared"][rows["kind"] == "named"].all())
+
+
+def main(count: int = 154, seed: int = 1, only: str = "") -> None:
+    """Break the code in COUNT small ways; with --only all in files in whose path this regular expression is
+    found, and the table is not written. The status is 1 where the tests miss too many."""
+    sys.exit(not report(ROOT, count, seed, only))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    typer.run(main)

@@ -31,19 +31,20 @@ Cells are Yosys' counts on an iCE40 UP5K before placement where nothing else is 
 without the serial link.
 """
 
-import argparse
 import json
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import typer
 
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
+from eskin.golden.core import PRESETS, AcceleratorConfig, Record
 from eskin.rtl.fpga.implementation import place
 from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
@@ -95,6 +96,7 @@ CHECKS = {
 """Fields that are on, by the name of the row."""
 
 Row = tuple[Any, ...]
+Table = Literal["designs", "buses", "features", "readouts", "steps", "runs", "stress", "checks", "figures"]
 
 
 CELLS = dict(
@@ -309,13 +311,18 @@ MADE = re.compile(
 """A table of docs/figures.md, from the line that says how it was made."""
 
 
-def lines(table: str, *asked: str) -> Iterator[str]:
-    """The lines of a table."""
-    columns, rows = TABLES[table]
+def printed(columns: str, rows: Iterable[Row]) -> Iterator[str]:
+    """The lines of a table, as they are known."""
     yield f"| {columns} |"
     yield "| --- |" + " --: |" * columns.count("|")
-    for row in rows(asked):
+    for row in rows:
         yield "| " + " | ".join(map(str, row)) + " |"
+
+
+def lines(table: str, *asked: str) -> Iterator[str]:
+    """`printed` of a table of TABLES."""
+    columns, rows = TABLES[table]
+    return printed(columns, rows(asked))
 
 
 def rewritten(page: str, chosen: Sequence[str], commit: str) -> str:
@@ -330,28 +337,17 @@ def rewritten(page: str, chosen: Sequence[str], commit: str) -> str:
     return MADE.sub(made, page)
 
 
-def main(words: Sequence[str] | None = None) -> None:
+def main(table: Table, rows: Annotated[list[str] | None, typer.Argument()] = None) -> None:
     """Print the table row by row, or write the page of figures."""
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        prog="python -m scripts.tables",
-    )
-    parser.add_argument("table", choices=[*TABLES, "figures"])
-    parser.add_argument("rows", nargs="*", metavar="ROW")
-    asked = parser.parse_args(words)
-    try:
-        if asked.table == "figures":
-            commit = subprocess.run(
-                ["git", "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True, check=True
-            ).stdout.strip()
-            PAGE.write_text(rewritten(PAGE.read_text(), asked.rows, commit))
-        else:
-            for line in lines(asked.table, *asked.rows):
-                print(line, flush=True)
-    except InputError as error:
-        parser.error(str(error))
+    if table != "figures":
+        for line in lines(table, *(rows or ())):
+            print(line, flush=True)
+        return
+    asked = ["git", "rev-parse", "--short=8", "HEAD"]
+    commit = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+    PAGE.write_text(rewritten(PAGE.read_text(), rows or [], commit))
 
 
 if __name__ == "__main__":
-    main()
+    main.__doc__ = __doc__
+    typer.run(main)

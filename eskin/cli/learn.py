@@ -1,7 +1,6 @@
 """Verbs that make models and judge them."""
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -109,17 +108,25 @@ def enrol(request: EnrolRequest) -> Record:
 )
 def import_(request: ImportRequest) -> Record:
     """Convert a network of another tool to a model folder. Quantise it with --data afterwards."""
-    from eskin.exchange.import_network import import_network
+    from eskin.exchange.import_network import ONNX_SUFFIX, import_network
 
     check_model_target(request.out)
     recordings: Recordings | None = None
-    if request.config is not None:
-        chosen = AcceleratorConfig.load(request.config)
-    else:
-        chosen, recordings = _imported_config(request.file, request.data)
-    if request.mean is not None or request.std is not None:
-        recordings = None
-    elif request.data is not None and recordings is None:
+    chosen = None if request.config is None else AcceleratorConfig.load(request.config)
+    if chosen is None and request.file.suffix == ONNX_SUFFIX:
+        from eskin.exchange.import_onnx import Graph
+
+        chosen = Graph(request.file).configuration
+    if chosen is None:
+        if request.data is None:
+            raise InputError(
+                f"--config: is missing, and '{request.file}' does not define the array; give it, or --data to derive one"
+            )
+        recordings, _ = load_data(request.data)
+        chosen, reasons = derive_config(recordings)
+        for reason in reasons:
+            warn(f"configuration: {reason}")
+    elif request.data is not None and request.mean is None:
         recordings = recordings_for(request.data, chosen)
     record = import_network(
         request.file,
@@ -138,28 +145,6 @@ def import_(request: ImportRequest) -> Record:
     }
     show("import", **{"check": None, "passed": True} | record, **scale, out=request.out)
     return record
-
-
-def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, Recordings | None]:
-    """Configuration for an .onnx file without --config, and the recordings it is derived from, if it is."""
-    from eskin.exchange.import_network import ONNX_SUFFIX
-
-    if file.suffix != ONNX_SUFFIX:
-        raise InputError("--config: is missing; weights alone do not define the array, so give it")
-    from eskin.exchange.import_onnx import Graph
-
-    configuration = Graph(file).configuration
-    if configuration is not None:
-        return configuration, None
-    if data is None:
-        raise InputError(
-            f"network '{file}': does not define the array; give --config, or --data to derive one"
-        )
-    recordings, _ = load_data(data)
-    chosen, reasons = derive_config(recordings)
-    for reason in reasons:
-        warn(f"configuration: {reason}")
-    return chosen, recordings
 
 
 @app.command(

@@ -111,7 +111,7 @@ class _Arrays:
             of_name = TIME.match(name)
             units = (*[""] * taxels, (of_name and of_name[1]) or ("s" if name.lower() == "seconds" else ""))
         frame.index += 1
-        return Table(frame, (), (f"'{self.path}', {where}",), paths=(above,), attributes=(attributes,),
+        return Table(frame, (), f"'{self.path}', {where}", path=above, attributes=attributes,
                      units=units, clock=taxels if clock else None, row_is="row", **more)  # fmt: skip
 
     # ------------------------------------------------------------------ an array of all recordings
@@ -215,7 +215,7 @@ class _Arrays:
         if not tables and alike and not all(map(TIME.match, columns)):
             where = f"'{self.path}', dataset {'/'.join(above)}"
             frame = pd.DataFrame(columns)
-            yield table_of(frame, where, paths=(above,), attributes=(known,), row_is="row")
+            yield table_of(frame, where, path=above, attributes=known, row_is="row")
         for name in sorted(group.groups, key=natural):
             yield from self.group_tables(group.groups[name], (*above, name), known)
 

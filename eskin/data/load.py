@@ -119,7 +119,7 @@ def open_file(path: Path, reading: Reading, *, alone: bool = False) -> list[Tabl
         check_regular(path, refuse)
     try:
         if is_log(path):
-            return [read_log(path, reading)]
+            return [read_log(path, reading, refuse)]
         if suffix == ".parquet":
             return [_parquet(path, refuse)]
         root = ARRAYS[suffix](path, refuse)
@@ -202,8 +202,8 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     for file in kept:
         tables_of_file, parts = open_file(file, reading), file.relative_to(folder).parts
         for table in tables_of_file:
-            inner = table.paths[0] if len(tables_of_file) > 1 else ()
-            tables.append(replace(table, paths=((*parts, *inner),)))
+            inner = table.path if len(tables_of_file) > 1 else ()
+            tables.append(replace(table, path=(*parts, *inner)))
     left = len(files) - len(kept)
     notes = [f"{left} files that are not recordings were left out"] if left else []
     return understand(tables, reading, config, str(folder), notes=notes)

@@ -15,7 +15,7 @@ from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from eskin.data.table import (
     table_of,
 )
 from eskin.data.text import read_text
-from eskin.golden.core import InputError
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 TYPES = ("MultiArray", "TactileState")
@@ -51,7 +50,7 @@ def is_log(path: Path) -> bool:
     return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() in SUFFIXES
 
 
-def read_log(path: Path, reading: Reading) -> Table:
+def read_log(path: Path, reading: Reading, refuse: Refuse) -> Table:
     """One row a frame: ``time`` in seconds, then ``t0``, ``t1`` and so on; where ``reading`` names a topic or
     a table of labels also ``recording``, ``class`` and the table's other columns, without the frames of no
     recording.
@@ -64,9 +63,6 @@ def read_log(path: Path, reading: Reading) -> Table:
     """
     import pandas as pd
 
-    def refuse(why: str) -> NoReturn:
-        raise InputError(f"recordings '{path}': {why}")
-
     _check_unpacked(path, refuse)
     log = (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, refuse)
     topic = _topic(log, reading, refuse)
@@ -78,18 +74,16 @@ def read_log(path: Path, reading: Reading) -> Table:
         labels = _intervals(reading.labels, times) if reading.labels else _marks(log, reading, refuse)
         spans = pd.IntervalIndex.from_arrays(labels["start"], labels["end"], closed="left")
         number = spans.get_indexer(times)
-        inside = number >= 0
         empty = labels[~labels.index.isin(number)]
-        if reading.labels is None and inside.any():
+        if reading.labels is None and (number >= 0).any():
             empty = empty[:0]
         for _, row in empty.iterrows():
             where = f"'{row['class']}' from {(row['start'] - times[0]) / 1e9:g} s on"
             refuse(
                 f"no frame lies in the label {where}; give seconds from the first frame or on the log's clock"
             )
-        told = labels.drop(columns=["start", "end"]).iloc[number[inside]].reset_index(drop=True)
-        told.insert(0, "recording", number[inside])
-        frame = pd.concat([told, frame[inside].reset_index(drop=True)], axis=1)
+        told = labels.drop(columns=["start", "end"]).rename_axis("recording").reset_index()
+        frame = told.merge(frame.assign(recording=number), on="recording")
     return table_of(frame, f"'{path}'", row_is="message", notes=tuple(_of_clocks(stamps, topic, reading)))
 
 

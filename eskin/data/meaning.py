@@ -111,9 +111,10 @@ class _Meaning:
         self.rates: list[tuple[float, str]] = []
         self.taken: list[int] = []
         self.starts = self.labels = np.zeros(1, dtype=np.int64)
-        every = self.table.attributes
+        self.paths = [table.path for table in tables]
+        every = [table.attributes for table in tables]
         self.attributes = [name for name in every[0] if all(name in each for each in every)]
-        self.on_path = all(len(path) > 1 for path in self.table.paths)
+        self.on_path = all(len(path) > 1 for path in self.paths)
         self.chosen = self._chosen()
         self.time = self._clock()
 
@@ -125,7 +126,7 @@ class _Meaning:
     @property
     def sources(self) -> list[int]:
         """The number of the source of each recording."""
-        return [self.table.source(row) for row in self.starts.tolist()]
+        return [self.table.part(row) for row in self.starts.tolist()]
 
     # ------------------------------------------------------------------ roles
     def _chosen(self) -> list[int]:
@@ -198,7 +199,7 @@ class _Meaning:
         named = [each for each in self._named(_RECORDING) if each != label]
         named = named[:1] if asked is None else [table.find(asked, "--recording")]
         breaks = [] if named else self._breaks()
-        if not named and not breaks and isinstance(label, int) and len(table.sources) == 1:
+        if not named and not breaks and isinstance(label, int) and len(self.tables) == 1:
             why = f"has no column that names the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
             table.refuse(f"{why}; name it with --recording", 0)
         self.taken = [each for each in (*named, label) if isinstance(each, int)]
@@ -223,16 +224,16 @@ class _Meaning:
     def _levels(self, of_one_file: bool) -> str:
         """As ``part``, by the first level of the paths."""
         table = self.table
-        self.labels = np.array([table.paths[source][0] for source in self.sources])
+        self.labels = np.array([self.paths[source][0] for source in self.sources])
         classes = sorted(set(map(str, self.labels)), key=natural)
         some = ", ".join(classes[:6])
         if of_one_file and len(classes) == len(self.labels) > 1:
             why = f"its groups {some} would be as many classes as recordings; name what says the class with --class"
             table.refuse(f"{why}: there are the attributes {', '.join(self.attributes) or 'none'}")
-        if all(len(path) > 2 for path in table.paths) and all(map(_CALLED_AS_GROUP.fullmatch, classes)):
+        if all(len(path) > 2 for path in self.paths) and all(map(_CALLED_AS_GROUP.fullmatch, classes)):
             why = f"{some} stand above other folders and are called as groups are; put the folders of the classes first"
             table.refuse(f"{why}, or name the column or attribute of the class with --class")
-        return f"{len(classes)} folders are classes, {len(table.sources)} files recordings"
+        return f"{len(classes)} folders are classes, {len(self.tables)} files recordings"
 
     def _breaks(self) -> list[int]:
         """The breaks of the sources over which the clock does not run on."""
@@ -254,7 +255,7 @@ class _Meaning:
         """(recordings) what a column or an attribute says of each."""
         if isinstance(what, int):
             return whole(self.table.frame[what].iloc[self.starts])
-        return whole([self.table.attributes[source][what] for source in self.sources])
+        return whole([self.tables[source].attributes[what] for source in self.sources])
 
     def _group(self, name: str, values: np.ndarray, called: str, why: str = "") -> None:
         """Keep a group, which ``why`` says, or leave it out, since it is none."""
@@ -268,13 +269,13 @@ class _Meaning:
         """Groups that attributes tell, and names of files and of the folders between: their parts of letters
         and a number that every one has, separated by ``_``, ``-``, ``.`` or a blank; of levels without such
         parts their names."""
-        table, sources = self.table, self.sources
+        sources = self.sources
         for name in self.attributes:
             if name not in (*UNIT, self.reading.label, *CLASS[:2]) and not RATE.fullmatch(name):
                 self._group(name, self.fact(name), f"attribute {name}")
         if not self.on_path:
             return
-        paths = [(*path[1:-1], re.sub(r"\.\w+$", "", path[-1])) for path in table.paths]
+        paths = [(*path[1:-1], re.sub(r"\.\w+$", "", path[-1])) for path in self.paths]
         tag = re.compile(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])")
         tags = [dict(tag.findall("_".join(path))) for path in paths]
         words = [word for word in tags[0] if all(word in each for each in tags)]
@@ -286,7 +287,7 @@ class _Meaning:
             if not any(all(re.search(rf"{word}\d", name) for name in names) for word in words):
                 values = np.array([names[source] for source in sources])
                 self._group(f"folder{level}", values, f"level {level} of the folders")
-        self.groups["source_file"] = np.array(["/".join(table.paths[source]) for source in sources])
+        self.groups["source_file"] = np.array(["/".join(self.paths[source]) for source in sources])
 
     # ------------------------------------------------------------------ columns
     def taxels(self) -> list[int]:
@@ -380,7 +381,7 @@ class _Meaning:
 
     # ------------------------------------------------------------------ rates
     def _called(self, recording: int) -> str:
-        path = self.table.paths[self.sources[recording]]
+        path = self.paths[self.sources[recording]]
         names = self.groups.get("recording")
         return "/".join(path) or f"recording {recording + 1 if names is None else names[recording]}"
 
@@ -404,7 +405,7 @@ class _Meaning:
                     f"{called} {why}, {how}; split the recording there, or give {instead}", first + row
                 )
             dates = table.frame[time].dtype.kind == "M"
-            unit = 1.0 if dates else _second(self.tables[table.source(first)], time)
+            unit = 1.0 if dates else _second(self.tables[table.part(first)], time)
             rate = len(steps) / float(part[-1] - part[0]) / (unit or 1.0)
             if not unit and rate < 2:
                 why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"

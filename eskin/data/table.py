@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -52,21 +52,21 @@ class Table:
     """Rows of one source, or of several, one after the other.
 
     frame: the cells; a column is called by its number in the source, from 0, and a row by its line, from 1. names:
-    the header, empty without one. sources: what each is called in messages, in quotation
-    marks. firsts: the first row of each. breaks: rows before which a source itself has a blank line or a new
-    head. paths: the class's folder, levels between, file of each source. attributes: of each source, values
-    that hold for all of its rows. units: of each column. clock: the time column, where the source's form says
-    it.
-    class_names: the classes in order, where the source lists them.
+    the header, empty without one. source: what it is called in messages, in quotation marks. path: the class's
+    folder, levels between, file. attributes: values that hold for all rows. breaks: rows before which the source
+    itself has a blank line or a new head. units: of each column. clock: the time column, where the source's form
+    says it. class_names: the classes in order, where the source lists them. parts, firsts: of several sources the
+    tables, and the first row of each; source, path and attributes are then those of the first.
     """
 
     frame: DataFrame
     names: tuple[str, ...]
-    sources: tuple[str, ...]
-    firsts: tuple[int, ...] = (0,)
+    source: str
+    path: tuple[str, ...] = ()
+    attributes: Record = field(default_factory=dict)
     breaks: tuple[int, ...] = ()
-    paths: tuple[tuple[str, ...], ...] = ((),)
-    attributes: tuple[Record, ...] = ({},)
+    parts: tuple[Table, ...] = ()
+    firsts: tuple[int, ...] = (0,)
     units: tuple[str, ...] = ()
     clock: int | None = None
     row_is: str = "line"
@@ -85,7 +85,7 @@ class Table:
         import pandas as pd
 
         first = tables[0]
-        called = f"'{'/'.join(first.paths[0])}'" if first.paths[0] else first.sources[0]
+        called = f"'{'/'.join(first.path)}'" if first.path else first.source
         for table in tables[1:]:
             count, expected = table.frame.shape[1], first.frame.shape[1]
             if count != expected:
@@ -98,11 +98,9 @@ class Table:
         return replace(
             first,
             frame=pd.concat([table.frame.set_axis(first.frame.columns, axis=1) for table in tables]),
-            sources=tuple(table.sources[0] for table in tables),
+            parts=tuple(tables),
             firsts=tuple(firsts),
             breaks=tuple(at + row for at, table in zip(firsts, tables, strict=True) for row in table.breaks),
-            paths=tuple(table.paths[0] for table in tables),
-            attributes=tuple(table.attributes[0] for table in tables),
             notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
         )
 
@@ -138,14 +136,15 @@ class Table:
                 row,
             )
 
-    def source(self, row: int) -> int:
+    def part(self, row: int) -> int:
         """The number of the source of a row."""
         return int(np.searchsorted(self.firsts, row, side="right")) - 1
 
     def refuse(self, why: str, row: int | None = None) -> NoReturn:
         """Raise InputError about the table, or a row of it."""
         line = "" if row is None else f", {self.row_is} {self.lines[row]}"
-        raise InputError(f"recordings {self.sources[self.source(row or 0)]}{line}: {why}")
+        source = self.parts[self.part(row or 0)].source if self.parts else self.source
+        raise InputError(f"recordings {source}{line}: {why}")
 
     def called(self, column: int) -> str:
         """A column in words."""
@@ -215,10 +214,10 @@ def table_of(frame: DataFrame, source: str, **more: Any) -> Table:
     frame = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
     names = [str(name) for name in frame.columns]
     frame = frame.set_axis(range(len(names)), axis=1).set_axis(range(1, len(frame) + 1))
-    for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iufM")]:
+    for column in frame.select_dtypes(exclude=["number", "datetime", "datetimetz"]):
         frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
     units = (str(units_of),) * len(names) if units_of else ()
-    return Table(frame, tuple(names), (source,), units=units, **more)
+    return Table(frame, tuple(names), source, units=units, **more)
 
 
 def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:

@@ -66,7 +66,7 @@ def read_text(path: Path, reading: Reading) -> Table:
         quoting=file.quoting,
         decimal="," if comma else ".",
     )
-    for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
+    for column in frame.select_dtypes(exclude="number"):
         cells = frame[column].fillna("").astype(str).str.strip()
         if comma:
             cells = cells.str.replace(r"^([-+]?\d*),(\d)", r"\1.\2", regex=True)
@@ -76,8 +76,9 @@ def read_text(path: Path, reading: Reading) -> Table:
     # two lines or more between two such places: a blank line behind every line parts nothing
     if len(frame) > 1 and np.diff([0, *breaks, len(frame)]).max() < 2:
         breaks = []
-    table = Table(frame, names[:width], (f"'{path}'",), units=units[:width])
-    table = replace(table, breaks=tuple(breaks), notes=tuple(file.notes))
+    table = Table(
+        frame, names[:width], f"'{path}'", breaks=tuple(breaks), units=units[:width], notes=tuple(file.notes)
+    )
     return _of_labview(table, file) if file.lvm else table
 
 
@@ -288,7 +289,7 @@ def _of_labview(table: Table, file: _File) -> Table:
     unit = "V" if unit.lower() in ("volts", "volt", "v") else unit
     names = table.names or ("x_value", *[""] * (table.frame.shape[1] - 1))
     units = table.units or tuple("s" if name.lower().startswith("x_value") else unit for name in names)
-    return replace(table, frame=frame, units=units, clock=0 if 0 in frame else None, attributes=(rate,))
+    return replace(table, frame=frame, units=units, clock=0 if 0 in frame else None, attributes=rate)
 
 
 # ---------------------------------------------------------------------- cells

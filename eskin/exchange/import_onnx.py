@@ -16,7 +16,7 @@ import onnx
 import onnxruntime
 from onnx import numpy_helper
 
-from eskin.exchange.network import MOST_VALUES, ROLES, Network, check_readable
+from eskin.exchange.network import MOST_VALUES, ROLES, Network
 from eskin.exchange.onnx_file import METADATA, ORDERS
 from eskin.exchange.reference import TOLERANCE, differences
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
@@ -61,13 +61,13 @@ class Graph:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        check_readable(path)
         if path.stat().st_size > MOST_BYTES:
             raise InputError(
                 f"network '{path}': has over {MOST_BYTES >> 20} MB, beyond any that the accelerator takes"
             )
+        content = path.read_bytes()
         try:
-            model = onnx.load_model_from_string(path.read_bytes())
+            model = onnx.load_model_from_string(content)
             versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
         except Exception:  # protobuf's errors have no common class of their own
             raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None

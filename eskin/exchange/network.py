@@ -124,15 +124,6 @@ class Network:
         return config, "weights", notes
 
 
-def check_readable(path: Path) -> None:
-    """Raise InputError for a file that cannot be opened, so that later errors concern its content."""
-    try:
-        path.open("rb").close()
-    except OSError as error:
-        why = f"cannot be read ({error.strerror or error}); check the path and its permissions"
-        raise InputError(f"network '{path}': {why}") from None
-
-
 def fitted(
     network: Network, config: AcceleratorConfig, cell: str | None, reset: str | None
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:

@@ -10,7 +10,7 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from eskin.exchange.network import MOST_VALUES, ROLES, Network, check_readable
+from eskin.exchange.network import MOST_VALUES, ROLES, Network
 from eskin.golden.core import ArchiveError, InputError
 from eskin.golden.core.files import check_unpacked
 
@@ -33,7 +33,6 @@ def read_layers(path: str | Path) -> Network:
         raise InputError(
             f"network '{path}': is not a torch state_dict (.pt, .pth); save one, or export the network as .onnx"
         )
-    check_readable(path)
     state = _state(path)
     names = _names(path, {name: tuple(tensor.shape) for name, tensor in state.items()})
     layers = {role: _plain(path, name, state[name]) for role, name in names.items()}
@@ -59,6 +58,8 @@ def _state(path: Path) -> dict[str, torch.Tensor]:
         ):
             return {str(name): tensor for name, tensor in state.items()}
         why = "holds objects other than tensors"
+    except OSError:
+        raise
     except ArchiveError as error:
         why = str(error)
     except pickle.UnpicklingError as error:

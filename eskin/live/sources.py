@@ -18,7 +18,7 @@ import numpy as np
 from eskin.cosim.scoreboard import UNEXPECTED_FAULTS, pack_decision, unpack_decision
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream
-from eskin.golden.model.position import Position, PositionStream
+from eskin.golden.model.position import PositionStream
 from eskin.golden.model.stream import Decision
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
 from eskin.live.link import Link, LinkError
@@ -56,7 +56,14 @@ class ModelSource:
     def take(self, samples: np.ndarray) -> list[Event]:
         """The next frames (n, taxels)."""
         scanned = self.scanned(samples)
-        return [*self.events(self.stream.push(samples)), *self.where(scanned)]
+        decisions = self.stream.push(samples)
+        return [*self.events(decisions), *self.compared(samples, scanned, decisions), *self.where(scanned)]
+
+    def compared(
+        self, samples: np.ndarray, scanned: np.ndarray, decisions: Sequence[Decision]
+    ) -> list[Event]:
+        """What hardware makes of frames, beside the model's decisions. ``scanned``: those that the chain takes."""
+        return []
 
     def scanned(self, samples: np.ndarray) -> np.ndarray:
         """Those of ``frames`` that the chain takes."""
@@ -67,11 +74,20 @@ class ModelSource:
         """Positions of the next frames that the chain takes: of the last of them, and of those that end a touch."""
         positions = self._positions.push(samples) if self._positions else []
         told = (position for position in positions if position.ended or position is positions[-1])
-        return [_where(position, self.config.sensor.source_frame(position.frame + 1)) for position in told]
+        frame_of = self.config.sensor.source_frame
+        return [
+            Where(frame_of(made.frame + 1), made.x, made.y, made.peak, made.ended, made.direction)
+            for made in told
+        ]
 
     def finish(self) -> list[Event]:
         """The recording is over."""
-        return self.events(self.stream.finish())
+        decisions = self.stream.finish()
+        return [*self.events(decisions), *self.ended(decisions)]
+
+    def ended(self, decisions: Sequence[Decision]) -> list[Event]:
+        """What hardware has left at the end of a recording, beside the model's decisions."""
+        return []
 
     @property
     def decision(self) -> int:
@@ -119,10 +135,6 @@ class ModelSource:
         return [Differs(sentence) for sentence in sentences]
 
 
-def _where(made: Position, frame: int) -> Where:
-    return Where(frame, made.x, made.y, made.peak, made.ended, made.direction)
-
-
 class SimulationSource(ModelSource):
     """The simulated RTL in lock step with the model: every value of every stage of each frame is compared."""
 
@@ -137,24 +149,19 @@ class SimulationSource(ModelSource):
         self._device.brought()
         return super().arm()
 
-    def take(self, samples: np.ndarray) -> list[Event]:
-        first, scanned = self.stream.frame + 1, self.scanned(samples)
-        decisions = self.stream.push(samples)
-        brought = [self._device.brought(frame[None]) for frame in samples]
-        by_frame: dict[int, list[Decision]] = {}
-        for decision in decisions:
-            by_frame.setdefault(decision.frame, []).append(decision)
-        compared: list[Event] = []
-        for frame, came in enumerate(brought, first):
-            compared += self._compare(by_frame.get(frame, []), came, f"frame {frame}")
-        return [*self.events(decisions), *self.where(scanned), *compared]
+    def compared(
+        self, samples: np.ndarray, scanned: np.ndarray, decisions: Sequence[Decision]
+    ) -> list[Event]:
+        events: list[Event] = []
+        for number, sample in enumerate(samples, self.stream.frame - len(samples) + 1):
+            completed = [decision for decision in decisions if decision.frame == number]
+            events += self._compare(completed, self._device.brought(sample[None]), f"frame {number}")
+        return events
 
-    def finish(self) -> list[Event]:
-        decisions = self.stream.finish()
+    def ended(self, decisions: Sequence[Decision]) -> list[Event]:
         self._device.command("FINISH")
         compared = self._compare(decisions, self._device.brought(), "the recording's end")
-        registers = map(self._device.register, ("TOUCHES", "FAULTS"))
-        return [*self.events(decisions), *compared, *self._registers("register", *registers)]
+        return compared + self._registers("register", *map(self._device.register, ("TOUCHES", "FAULTS")))
 
     def close(self) -> None:
         self._device.close()
@@ -217,20 +224,17 @@ class BoardSource(ModelSource):
         self._heard = 0
         return super().arm()
 
-    def take(self, samples: np.ndarray) -> list[Event]:
-        scanned = self.scanned(samples)
+    def compared(
+        self, samples: np.ndarray, scanned: np.ndarray, decisions: Sequence[Decision]
+    ) -> list[Event]:
         with on_port(self._port):
             self._link.feed(scanned)
-        decisions = self.stream.push(samples)
         self._waiting.extend(decisions)
-        return [
-            *self.events(decisions),
-            *self._compare(),
-            *self._held_against_the_boards(self.where(scanned)),
-        ]
+        return self._compare()
 
-    def _held_against_the_boards(self, events: list[Event]) -> list[Event]:
-        """The board's registers of position against the model's last position."""
+    def where(self, samples: np.ndarray) -> list[Event]:
+        """Also the board's registers of position against the model's last position."""
+        events = super().where(samples)
         last = events[-1] if events else None
         if not isinstance(last, Where):
             return events
@@ -241,12 +245,11 @@ class BoardSource(ModelSource):
         difference = f"frame {last.frame}: the board says {board}; the model {model}"
         return [*events[:-1], dataclasses.replace(last, wrong=wrong), *[Differs(difference)] * wrong]
 
-    def finish(self) -> list[Event]:
-        decisions = self.stream.finish()
+    def ended(self, decisions: Sequence[Decision]) -> list[Event]:
         self._waiting.extend(decisions)
         with on_port(self._port):
             played = self._link.end()
-        events = [*self.events(decisions), *self._compare()]
+        events = self._compare()
         if self._link.lost:
             sentence = "the line lost decisions of this recording, so its end was not compared"
             return [*events, Differs(sentence, mismatch=False)]

@@ -57,21 +57,20 @@ def svg(figure: Figure) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def share_bars(shares: Sequence[float], spreads: Sequence[float | None]) -> np.ndarray:
-    """Error bars (2, n), down and up, of shares between 0 and 1: no bar leaves that range. A spread of None
-    has none."""
-    share, spread = np.asarray(shares, dtype=float), np.array([value or 0.0 for value in spreads])
-    return np.array([np.minimum(spread, share), np.minimum(spread, 1.0 - share)])
+def share_bar(share: float, spread: float | None) -> list[list[float]]:
+    """Error bar, down and up, of a share between 0 and 1, which it does not leave. A spread of None has none."""
+    spread = spread or 0.0
+    return [[min(spread, share)], [min(spread, 1.0 - share)]]
 
 
-def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor: float) -> None:
-    """Accuracy of ``rows`` against a cost, with the front of those that none beats in both; the chosen one is named.
+def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str) -> None:
+    """Accuracy of ``rows`` against a cost in millionths of its unit, with the front of those that none beats in both; the chosen one is named.
 
     rows: accuracy, standard_error, the cost, chosen, fits (its mark is filled), name; of those judged under
     disturbance also stress and stressed_accuracy, to which a line leads down.
     """
     # rounded, so that costs that are equal but for their last bits are one
-    shown = [row | {cost: float(f"{factor * row[cost]:.6g}")} for row in rows]
+    shown = [row | {cost: float(f"{1e6 * row[cost]:.6g}")} for row in rows]
     line = [(shown[index][cost], shown[index]["accuracy"]) for index in pareto(shown, cost)]
     axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
     for row in shown:
@@ -85,7 +84,7 @@ def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor
             axes.plot([place[0]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
         axes.errorbar(
             *place,
-            yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
+            yerr=share_bar(row["accuracy"], row["standard_error"]),
             fmt="o",
             capsize=2,
             elinewidth=0.8,

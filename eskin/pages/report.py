@@ -143,7 +143,7 @@ def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> 
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     axes = figure.subplots()
     named = [row | {"name": network_name(row)} for row in rows]
-    draw_costs(axes, named, "energy_touch_j", "energy of a touch (µJ)", 1e6)
+    draw_costs(axes, named, "energy_touch_j", "energy of a touch (µJ)")
     scans = fewer_scans(front_end) if front_end else []
     if len(scans) > 1:
         places = [(1e6 * row["energy_touch_j"], row["accuracy"]) for row in scans]

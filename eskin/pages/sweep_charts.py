@@ -34,6 +34,6 @@ def accuracy_chart(result: Record) -> Figure:
                 for place, point in enumerate(result["points"])
             ]
             for axes, (cost, label) in zip(panels[number], COSTS.items(), strict=True):
-                draw_costs(axes, rows, cost, label, 1e6)
+                draw_costs(axes, rows, cost, label)
                 axes.set_title(f"left out: {split_name(split['groups'])}")
     return figure

@@ -127,7 +127,7 @@ def follows(m: Module, program: Program, dut: Sequencer, reset: Value | int = 0)
     bugs=(
         Bug(
             "a repeated word that does not count",
-            "(count if name in self._code.counted else 0)",
+            "(count if name in self.spec.counted else 0)",
             "0",
             eager=True,
         ),

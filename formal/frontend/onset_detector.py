@@ -48,7 +48,7 @@ FORGOTTEN = Bug(
 def _stages(dut: OnsetDetector, gone: Signal):
     """Prove that the stages of the pipeline, the last first, hold taxel after taxel; how many hold one.
     ``gone``: the next to leave."""
-    taxels = dut.config.sensor.taxels
+    taxels = dut.spec.sensor.taxels
     ahead = Const(0)
     for name, stage in reversed(dut.stages.items()):
         prove(~stage.valid | (stage.index == (gone + ahead) % taxels), f"the taxel in stage {name}")

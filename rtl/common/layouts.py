@@ -6,6 +6,7 @@ from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import shape_of
+from eskin.rtl.common.ports import struct
 
 MARGIN_SHIFT = 2
 """Bits of a logit that are one unit of the margin in the decision word."""
@@ -13,7 +14,7 @@ MARGIN_SHIFT = 2
 
 def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One A/D code as it comes in; ``first`` and ``last`` mark taxels 0 and taxels-1 of a frame."""
-    return data.StructLayout({"sample": shape_of(config.sample_format), "first": 1, "last": 1})
+    return struct(sample=shape_of(config.sample_format), first=1, last=1)
 
 
 def _marked(config: AcceleratorConfig, *flags: str) -> data.StructLayout:
@@ -99,9 +100,7 @@ def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
 def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One centred sum, with the window's length index, first and last input, last window of the touch."""
     length = sum_layout(config)["length"].shape
-    return data.StructLayout(
-        {"value": shape_of(config.centred_format), "length": length, "first": 1, "last": 1, "final": 1}
-    )
+    return struct(value=shape_of(config.centred_format), length=length, first=1, last=1, final=1)
 
 
 def decision_layout(config: AcceleratorConfig) -> data.StructLayout:

@@ -1,9 +1,9 @@
 """The port by which the host writes memories."""
 
 from amaranth.lib import wiring
-from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common.ports import outputs
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
 from eskin.rtl.program.memory_map import ImageMemory, memories
 
@@ -28,4 +28,4 @@ def load_signature(config: AcceleratorConfig) -> wiring.Signature:
 
 def lines_signature(lines: int) -> wiring.Signature:
     """`load_signature` with this number of lines."""
-    return wiring.Signature({"select": Out(lines), "address": Out(16), "data": Out(16), "enable": Out(1)})
+    return wiring.Signature(outputs(select=lines, address=16, data=16, enable=1))

@@ -6,15 +6,13 @@ its behaviour.
 """
 
 from amaranth.hdl import Cat, ClockSignal, Const, Instance, Module, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.rtl.common.collisions import UNFILLED, working_memory
 from eskin.rtl.common.memory_style import LARGE_WORDS, SMALL_FAMILY
-from eskin.rtl.common.ports import drive
+from eskin.rtl.common.ports import Block, drive, inputs, outputs
 
 
-class OnePortMemory(wiring.Component):
+class OnePortMemory(Block):
     """``words`` words of 16 bits behind one port.
 
     Members
@@ -30,24 +28,15 @@ class OnePortMemory(wiring.Component):
     Nothing may rely on a word that was not written.
     """
 
-    def __init__(self, words: int):
-        self._words = words
-        super().__init__(
-            {
-                "address": In(range(max(2, words))),
-                "enable": In(1),
-                "write": In(2),
-                "data": In(16),
-                "word": Out(16),
-            }
-        )
+    def ports(self, words: int):
+        return inputs("enable", address=range(max(2, words)), write=2, data=16) | outputs(word=16)
 
     def elaborate(self, platform):
-        m = Module()
-        if platform == SMALL_FAMILY and self._words <= LARGE_WORDS:
+        m, words = Module(), self.spec
+        if platform == SMALL_FAMILY and words <= LARGE_WORDS:
             self._block(m)
             return m
-        read, write = working_memory(m, "memory", 16, self._words, attrs=UNFILLED, granularity=8)
+        read, write = working_memory(m, "memory", 16, words, attrs=UNFILLED, granularity=8)
         drive(m, read, addr=self.address, en=self.enable & ~self.write.any())
         m.d.comb += self.word.eq(read.data)
         drive(m, write, addr=self.address, data=self.data, en=self.write & self.enable.replicate(2))

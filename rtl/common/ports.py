@@ -1,20 +1,37 @@
-"""Ports of components: declared, driven, forwarded to an owner."""
+"""Ports and structs of components: declared, driven, forwarded to an owner."""
 
 from typing import Any
 
 from amaranth.hdl import Module
-from amaranth.lib import wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 
-def inputs(*names: str) -> dict[str, wiring.Member]:
-    """Inputs of one bit."""
-    return {name: In(1) for name in names}
+def inputs(*bits: str, **shapes: Any) -> dict[str, wiring.Member]:
+    """Inputs by name: of one bit; of a shape or signature."""
+    return {name: In(shape) for name, shape in (dict.fromkeys(bits, 1) | shapes).items()}
 
 
-def outputs(*names: str) -> dict[str, wiring.Member]:
-    """Outputs of one bit."""
-    return {name: Out(1) for name in names}
+def outputs(*bits: str, **shapes: Any) -> dict[str, wiring.Member]:
+    """Outputs by name: of one bit; of a shape or signature."""
+    return {name: Out(shape) for name, shape in (dict.fromkeys(bits, 1) | shapes).items()}
+
+
+def struct(*bits: str, **shapes: Any) -> data.StructLayout:
+    """Fields in this order, the first in the lowest bits: of one bit; of a shape."""
+    return data.StructLayout(dict.fromkeys(bits, 1) | shapes)
+
+
+class Block(wiring.Component):
+    """A component made of one thing, its ``spec``: a configuration, a plan, a number; ``ports`` gives its members."""
+
+    def __init__(self, spec: Any):
+        self.spec = spec
+        super().__init__(self.ports(spec))
+
+    def ports(self, spec: Any) -> dict[str, wiring.Member]:
+        """The members by name."""
+        raise NotImplementedError
 
 
 def drive(m: Module, part: Any, **values: Any) -> None:

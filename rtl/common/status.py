@@ -2,15 +2,15 @@
 
 from amaranth.hdl import signed
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common.ports import outputs
+from eskin.rtl.common.ports import inputs, outputs
 
 
 def probe(bits: int = 32) -> wiring.Signature:
     """One value a cycle, for benches: ``value`` where ``valid``."""
-    return wiring.Signature({"valid": Out(1), "value": Out(signed(bits))})
+    return wiring.Signature(outputs("valid", value=signed(bits)))
 
 
 FRAMES = wiring.Signature(outputs("offered", "taken", "first", "last"))
@@ -38,8 +38,8 @@ def detector_status(config: AcceleratorConfig) -> wiring.Signature:
 
 
 TEACHING = wiring.Signature(
-    outputs("teach", "forget", "option", "loaded", "locked", "look")
-    | {"label": Out(7), "refused": In(1), "done": In(1), "in_use": In(8), "place": In(9)}
+    outputs("teach", "forget", "option", "loaded", "locked", "look", label=7)
+    | inputs("refused", "done", in_use=8, place=9)
 )
 """Commands to a readout that is taught, and its answers.
 

@@ -2,11 +2,10 @@
 (docs/specification.md, section 7)."""
 
 from amaranth.hdl import Array, Const, Module, Signal, Value, signed
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import stream
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import decision_layout, drive, exceeds, margin_units, outputs
+from eskin.rtl.common import Block, decision_layout, drive, exceeds, inputs, margin_units, outputs, struct
 from eskin.rtl.decision.early_rule import EarlyRule
 from eskin.rtl.decision.score_search import make_search
 
@@ -25,7 +24,7 @@ def below_threshold(config: AcceleratorConfig, margin: Signal) -> Value:
     )
 
 
-class Classifier(wiring.Component):
+class Classifier(Block):
     """argmax and margin of each step's logits (or of other scores in ``score_format``), and the global
     decision: the last step's, an early one or the vote's (ties: lowest index).
 
@@ -49,21 +48,16 @@ class Classifier(wiring.Component):
         one came early. Also when the recording ends after an early decision.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        super().__init__(
-            {
-                "logit": In(data.StructLayout({"valid": 1, "value": signed(config.score_format.width)})),
-                "o": Out(stream.Signature(decision_layout(config))),
-                "finish": In(1),
-                **outputs("idle", "ended"),
-            }
-            | ({"far": In(1)} if config.readout_rule.unknown_above else {})
+    def ports(self, config: AcceleratorConfig):
+        return (
+            inputs("finish", logit=struct("valid", value=signed(config.score_format.width)))
+            | outputs("idle", "ended", o=stream.Signature(decision_layout(config)))
+            | (inputs("far") if config.readout_rule.unknown_above else {})
         )
 
     def elaborate(self, platform):
         m = Module()
-        config = self._config
+        config = self.spec
         m.submodules.search = search = self.search = make_search(config)
         number, best, margin = search.number, search.best, search.margin
         last = number == config.classes - 1

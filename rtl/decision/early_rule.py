@@ -2,9 +2,9 @@
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common import inputs, outputs
 
 
 class EarlyRule(wiring.Component):
@@ -27,13 +27,7 @@ class EarlyRule(wiring.Component):
     def __init__(self, config: AcceleratorConfig, margin_bits: int):
         self._config = config
         super().__init__(
-            {
-                "best": In(range(config.classes)),
-                "margin": In(margin_bits),
-                "taken": In(1),
-                "ended": In(1),
-                "met": Out(1),
-            }
+            inputs("taken", "ended", best=range(config.classes), margin=margin_bits) | outputs("met")
         )
 
     def elaborate(self, platform):

@@ -4,14 +4,13 @@ from collections.abc import Callable
 from types import SimpleNamespace
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed, unsigned
-from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import (
     NO_COLLISION,
     TEACHING,
+    Block,
     drive,
     exceeds,
     greater,
@@ -19,10 +18,12 @@ from eskin.rtl.common import (
     load_lines,
     load_signature,
     narrow,
+    outputs,
     parity_wrong,
     prototypes_memory,
     reaches,
     shape_of,
+    struct,
     working_memory,
     wrapping_increment,
 )
@@ -50,7 +51,7 @@ def _odd_of_next(counter: Value) -> Value:
     return odd
 
 
-class PrototypeReadout(wiring.Component):
+class PrototypeReadout(Block):
     """Distances of the current touch from all prototypes, one code per cycle and without a multiplier; writes
     the touch into the slot of a taught one.
 
@@ -88,26 +89,26 @@ class PrototypeReadout(wiring.Component):
         Of `eskin.rtl.common.status`.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        self._teaches = config.readout_rule.taught > 0
+    def ports(self, config: AcceleratorConfig):
         score = shape_of(config.score_format)
-        super().__init__(
-            {
-                "vector": In(data.StructLayout({"valid": 1, "value": shape_of(config.trajectory_format)})),
-                **inputs("logit_valid", "step_done", "ended", "clear"),
-                "score": Out(data.StructLayout({"valid": 1, "value": score})),
-                "idle": Out(1),
-                "load": In(load_signature(config)),
-            }
-            | ({"wrong": Out(1)} if config.hardware.checksum else {})
-            | ({"far": Out(1)} if config.readout_rule.unknown_above else {})
-            | ({"commands": In(TEACHING)} if self._teaches else {})
+        return (
+            inputs(
+                "logit_valid",
+                "step_done",
+                "ended",
+                "clear",
+                vector=struct("valid", value=shape_of(config.trajectory_format)),
+                load=load_signature(config),
+            )
+            | outputs("idle", score=struct("valid", value=score))
+            | (outputs("wrong") if config.hardware.checksum else {})
+            | (outputs("far") if config.readout_rule.unknown_above else {})
+            | (inputs(commands=TEACHING) if config.readout_rule.taught else {})
         )
 
     def elaborate(self, platform):
         m = Module()
-        config, rule, teaches = self._config, self._config.readout_rule, self._teaches
+        config, rule, teaches = self.spec, self.spec.readout_rule, self.spec.readout_rule.taught > 0
         width, bits, checks = config.trajectory_width, rule.state_code_bits, int(config.hardware.checksum)
         stored = bits + checks  # a code and its parity
         places, words = rule.prototypes + rule.taught, prototype_words(config)
@@ -330,12 +331,12 @@ class PrototypeReadout(wiring.Component):
     def _slots(self) -> tuple[Signal, Value, Value, Value]:
         """Place of a class: its number among prototypes, or with the highest bit among taught ones. (That,
         the next one, whether it is the last, whether it is a taught one.)"""
-        rule = self._config.readout_rule
+        rule = self.spec.readout_rule
         bits = max(1, (max(rule.prototypes, rule.taught) - 1).bit_length())
-        slot = Signal(bits + self._teaches, name="slot")
+        slot = Signal(bits + (rule.taught > 0))
         number = slot[:bits]
         ends, more = number == rule.prototypes - 1, wrapping_increment(number, 1 << bits)
-        if not self._teaches:
+        if not rule.taught:
             return slot, Mux(ends, 0, more), ends, Const(0, 1)
         ends = Mux(slot[-1], number == rule.taught - 1, ends)
         return slot, Mux(ends, Cat(Const(0, bits), ~slot[-1]), Cat(more, slot[-1])), ends & slot[-1], slot[-1]
@@ -352,7 +353,7 @@ class PrototypeReadout(wiring.Component):
     ) -> tuple[Value, Value, Value]:
         """Commands, and the numbers of touches taught: whether the current slot is in use, the number of the
         requested class, whether one has another parity than was written."""
-        config, rule = self._config, self._config.readout_rule
+        config, rule = self.spec, self.spec.readout_rule
         words, places, classes = prototype_words(config), rule.taught, config.classes
         checks = config.hardware.checksum
         numbers = [Signal(range(2 * places), name=f"count_{k}") for k in range(classes)]

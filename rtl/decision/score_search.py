@@ -2,16 +2,14 @@
 cycles."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
-from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import before_an_adder, drive
+from eskin.rtl.common import Block, before_an_adder, drive, inputs, outputs, struct
 from eskin.rtl.program.timing import holds_two_largest
 
 
-class Search(wiring.Component):
+class Search(Block):
     """The ports of a search.
 
     Members
@@ -28,16 +26,10 @@ class Search(wiring.Component):
         Pulse: the search ends with this cycle.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._classes, width = config.classes, max(config.score_format.width, 10)  # votes are scores too
-        super().__init__(
-            {
-                "score": In(data.StructLayout({"valid": 1, "value": width})),
-                "number": Out(range(config.classes)),
-                "best": Out(range(config.classes)),
-                "margin": Out(width),
-                "found": Out(1),
-            }
+    def ports(self, config: AcceleratorConfig):
+        width = max(config.score_format.width, 10)  # votes are scores too
+        return inputs(score=struct("valid", value=width)) | outputs(
+            "found", number=range(config.classes), best=range(config.classes), margin=width
         )
 
 
@@ -54,7 +46,7 @@ class SearchTwice(Search):
         m = Module()
         score = self.score
         number = Signal.like(self.number)
-        classes = self._classes
+        classes = self.spec.classes
         best = Signal.like(self.best, reset_less=True)
         held = Signal.like(self.margin, reset_less=True)
         m.submodules.scores = scores = Memory(
@@ -116,7 +108,7 @@ class SearchOnce(Search):
         m = Module()
         score = self.score
         number = Signal.like(self.number)
-        last_class = self._classes - 1
+        last_class = self.spec.classes - 1
         best = Signal.like(self.best, reset_less=True)
         margin = Signal.like(self.margin, reset_less=True)
         compared = self.compared = Signal.like(number, reset_less=True)

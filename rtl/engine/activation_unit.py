@@ -1,16 +1,14 @@
 """Sigmoid and tanh by table (docs/specification.md, section 6)."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed, unsigned
-from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, sigmoid_table, tanh_table
-from eskin.rtl.common import drive, inputs, short_of_blocks
-from eskin.rtl.program.signature import parity
+from eskin.rtl.common import Block, drive, inputs, outputs, short_of_blocks
+from eskin.rtl.program.signature import with_parity
 
 
-class ActivationUnit(wiring.Component):
+class ActivationUnit(Block):
     """ROM with the tables of golden/core/activation.py: the sigmoid's in the lower half, tanh's in the upper.
 
     ``tanh(x) = 2 s(2x) - 1``. If a gate has one fraction bit more than a state, the codes of the two tables
@@ -38,34 +36,28 @@ class ActivationUnit(wiring.Component):
     Latency 1 cycle, one look-up a cycle.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being
-        # made. With one lane the block memories of an iCE40 UP5K do not reach for both, which costs more
-        # cells than it spares.
-        self._may_share = config.hardware.lane_type != "dsp" or not 1 < config.hardware.lanes <= 4
-        super().__init__(
-            {
-                "index": In(signed(config.index_bits)),
-                **inputs("tanh", "enable"),
-                "gate": Out(signed(config.gate_format.width)),
-                "not_state": Out(signed(config.formats.state_format.width)),
-                "walk": In(1),
-                "wrong": Out(1),
-            }
+    def ports(self, config: AcceleratorConfig):
+        return inputs("tanh", "enable", "walk", index=signed(config.index_bits)) | outputs(
+            "wrong",
+            gate=signed(config.gate_format.width),
+            not_state=signed(config.formats.state_format.width),
         )
 
     def elaborate(self, platform):
         m = Module()
-        config = self._config
+        config = self.spec
         sigmoid, tanh = sigmoid_table(config), tanh_table(config)
         half = config.gate_one >> 1
-        may_share = self._may_share or short_of_blocks(config, platform)
+        # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being
+        # made. With one lane the block memories of an iCE40 UP5K do not reach for both, which costs more
+        # cells than it spares.
+        may_share = config.hardware.lane_type != "dsp" or not 1 < config.hardware.lanes <= 4
+        may_share = may_share or short_of_blocks(config, platform)
         alike = may_share and bool((sigmoid - half == tanh).all())
         table = [int(code) for code in (sigmoid if alike else (*sigmoid, *~tanh))]
         bits = max(config.gate_format.width, config.formats.state_format.width)
         checked = int(config.hardware.checksum)
-        init = [code & (1 << bits) - 1 | checked * parity(code, bits) << bits for code in table]
+        init = [with_parity(code, bits) if checked else code & (1 << bits) - 1 for code in table]
         m.submodules.table = memory = Memory(shape=unsigned(bits + checked), depth=len(table), init=init)
         read = memory.read_port()
         code = read.data[:bits].as_signed()

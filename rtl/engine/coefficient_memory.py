@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import NO_COLLISION, begins_as_told, drive, load_lines, load_signature
+from eskin.rtl.common import NO_COLLISION, begins_as_told, drive, inputs, load_lines, load_signature, outputs
 from eskin.rtl.program import memory_map
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.microcode import Layout
@@ -51,16 +50,15 @@ class CoefficientMemory(wiring.Component):
         self._config, self._layout, self._image = config, Layout(config, program), list(image)
         address = range(self._layout.gate_depth)
         super().__init__(
-            {
-                "address": In(address),
-                "enable": In(1),
-                "gate": Out(signed(16)),
-                "constant": Out(signed(16)),
-                "write": In(1),
-                "write_address": In(address),
-                "write_data": In(signed(config.gate_format.width)),
-                "load": In(load_signature(config)),
-            }
+            inputs(
+                "enable",
+                "write",
+                address=address,
+                write_address=address,
+                write_data=signed(config.gate_format.width),
+                load=load_signature(config),
+            )
+            | outputs(gate=signed(16), constant=signed(16))
         )
 
     def elaborate(self, platform):

@@ -3,10 +3,9 @@
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, inputs, narrow, saturate
+from eskin.rtl.common import drive, inputs, narrow, outputs, saturate
 from eskin.rtl.program.scheduler import Schedule
 
 
@@ -44,20 +43,24 @@ class ElementwiseUnit(wiring.Component):
         self._config, self._plan = config, plan
         state = signed(config.formats.state_format.width)
         super().__init__(
-            {
-                "s": In(signed(config.operand_bits)),
-                "not_t": In(state),
-                "x": In(signed(config.centred_format.width)),
-                **inputs("use_t", "minus", "add"),
-                "a": Out(signed(16)),
-                "load": Out(signed(config.elementwise_bits)),
-                "acc": In(signed(config.elementwise_bits)),
-                "feature": In(1),
-                "code": Out(signed(config.formats.feature_format.width)),
-                "result": Out(signed(config.operand_bits)),
-                "tick": In(1),
-                "index": Out(signed(config.index_bits)),
-            }
+            inputs(
+                "use_t",
+                "minus",
+                "add",
+                "feature",
+                "tick",
+                s=signed(config.operand_bits),
+                not_t=state,
+                x=signed(config.centred_format.width),
+                acc=signed(config.elementwise_bits),
+            )
+            | outputs(
+                a=signed(16),
+                load=signed(config.elementwise_bits),
+                code=signed(config.formats.feature_format.width),
+                result=signed(config.operand_bits),
+                index=signed(config.index_bits),
+            )
         )
 
     def elaborate(self, platform):

@@ -5,9 +5,8 @@ Rows and cells: docs/specification.md, sections 4 and 5.
 """
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import (
@@ -24,6 +23,7 @@ from eskin.rtl.common import (
     load_signature,
     outputs,
     probe,
+    struct,
     working_memory,
     wrapping_increment,
 )
@@ -120,20 +120,22 @@ class Engine(wiring.Component):
         self._config, self._images = config, images or {}
         self.plan: Schedule = schedule(config, program)
         super().__init__(
-            {
-                "i": In(stream.Signature(centred_layout(config))),
-                "load": In(load_signature(config)),
-                "logit": Out(
-                    data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})
-                ),
-                **inputs("decider_idle", "blank"),
-                **outputs("started", "busy"),
-                "status": Out(ENGINE),
-                "check_failed": Out(1),
-                "feature": Out(probe()),
-                "state": Out(probe()),
-                "step": Out(probe()),
-            }
+            inputs(
+                "decider_idle",
+                "blank",
+                i=stream.Signature(centred_layout(config)),
+                load=load_signature(config),
+            )
+            | outputs(
+                "started",
+                "busy",
+                "check_failed",
+                logit=struct("valid", value=signed(config.formats.logit_format.width)),
+                status=ENGINE,
+                feature=probe(),
+                state=probe(),
+                step=probe(),
+            )
         )
 
     def elaborate(self, platform):
@@ -436,15 +438,15 @@ class _AddendMemory(wiring.Component):
         self._config, self._plan, self._image = config, plan, image
         address, word = range(plan.addend_words), signed(config.accumulator_bits)
         super().__init__(
-            {
-                "load": In(load_signature(config)),
-                "read_address": In(address),
-                "read_enable": In(1),
-                "read_data": Out(word),
-                "write": In(1),
-                "write_address": In(address),
-                "write_data": In(word),
-            }
+            inputs(
+                "read_enable",
+                "write",
+                load=load_signature(config),
+                read_address=address,
+                write_address=address,
+                write_data=word,
+            )
+            | outputs(read_data=word)
         )
 
     def elaborate(self, platform):

@@ -4,10 +4,8 @@ from functools import reduce
 from operator import xor
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common import reaches
+from eskin.rtl.common import Block, inputs, outputs, reaches
 from eskin.rtl.engine.sequencer import control_layout
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.signature import START, TAPS, WIDTH
@@ -20,7 +18,7 @@ def folded(value: Value) -> Value:
     return reduce(xor, pieces)
 
 
-class MemoryCheck(wiring.Component):
+class MemoryCheck(Block):
     """Adds every constant that a step reads to a signature.
 
     The signature is 0 in the slot of the step's last logit unless a word is wrong. The check itself reads
@@ -45,25 +43,21 @@ class MemoryCheck(wiring.Component):
     the decision it may have changed is offered.
     """
 
-    def __init__(self, code: Microcode):
-        self._code = code
+    def ports(self, code: Microcode):
         config = code.plan.config
-        super().__init__(
-            {
-                "word": In(control_layout(code)),
-                "enable": In(1),
-                "weights": In(config.hardware.lanes * config.weight_bits),
-                "addend": In(config.accumulator_bits),
-                "gate": In(16),
-                "operand": In(16),
-                "blank": In(16),
-                "fault": Out(1),
-            }
-        )
+        return inputs(
+            "enable",
+            word=control_layout(code),
+            weights=config.hardware.lanes * config.weight_bits,
+            addend=config.accumulator_bits,
+            gate=16,
+            operand=16,
+            blank=16,
+        ) | outputs("fault")
 
     def elaborate(self, platform):
         m = Module()
-        code, word = self._code, self.word
+        code, word = self.spec, self.word
         plan, layout = code.plan, code.layout
         # The words of this slot were addressed in the previous one.
         counts = Signal()

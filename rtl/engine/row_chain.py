@@ -2,9 +2,8 @@
 
 from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common import inputs
+from eskin.rtl.common import inputs, outputs
 
 
 class RowChain(wiring.Component):
@@ -32,13 +31,7 @@ class RowChain(wiring.Component):
         acc = signed(accumulator_bits)
         lanes = data.ArrayLayout(acc, count)
         super().__init__(
-            {
-                **inputs("tick", "swap", "shift"),
-                "acc": In(lanes),
-                "addend": In(acc),
-                "load": Out(lanes),
-                "total": Out(acc),
-            }
+            inputs("tick", "swap", "shift", acc=lanes, addend=acc) | outputs(load=lanes, total=acc)
         )
 
     def elaborate(self, platform):

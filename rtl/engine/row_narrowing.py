@@ -2,14 +2,12 @@
 4)."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, not_all_equal, saturate
+from eskin.rtl.common import Block, drive, inputs, not_all_equal, outputs, saturate
 
 
-class RowNarrowing(wiring.Component):
+class RowNarrowing(Block):
     """``narrow(total)`` of docs/specification.md section 4, combinational.
 
     The addend already holds the rounding half, so this is a floor shift and SAT.
@@ -26,21 +24,16 @@ class RowNarrowing(wiring.Component):
         In state_format and logit_format.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        super().__init__(
-            {
-                "total": In(signed(config.accumulator_bits)),
-                "tanh": In(1),
-                "index": Out(signed(config.index_bits)),
-                "value": Out(signed(config.formats.state_format.width)),
-                "logit": Out(signed(config.formats.logit_format.width)),
-            }
+    def ports(self, config: AcceleratorConfig):
+        return inputs("tanh", total=signed(config.accumulator_bits)) | outputs(
+            index=signed(config.index_bits),
+            value=signed(config.formats.state_format.width),
+            logit=signed(config.formats.logit_format.width),
         )
 
     def elaborate(self, platform):
         m = Module()
-        config, total = self._config, self.total
+        config, total = self.spec, self.total
         logit = total >> config.logit_shift
         m.d.comb += self.logit.eq(
             logit[: config.formats.logit_format.width]

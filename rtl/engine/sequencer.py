@@ -1,11 +1,10 @@
 """Runs the engine's microcode: the order of docs/specification.md, section 5, slot by slot."""
 
 from amaranth.hdl import Const, Module, Signal, Value
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import Out
 
-from eskin.rtl.common import drive, inputs, outputs, program_memory
+from eskin.rtl.common import Block, drive, inputs, outputs, program_memory
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 
 
@@ -17,7 +16,7 @@ def control_layout(code: Microcode) -> data.StructLayout:
     )
 
 
-class Sequencer(wiring.Component):
+class Sequencer(Block):
     """Puts out one slot's controls in every cycle with ``enable``, repeats and all; waits at the ``wait``
     word until ``go``.
 
@@ -42,14 +41,9 @@ class Sequencer(wiring.Component):
         With ``checksum``: the word does not have its parity.
     """
 
-    def __init__(self, code: Microcode):
-        self._code = code
-        super().__init__(
-            {
-                **inputs("go", "restart"),
-                "word": Out(control_layout(code)),
-                **outputs("enable", "waiting", "ended", "wrong"),
-            }
+    def ports(self, code: Microcode):
+        return inputs("go", "restart") | outputs(
+            "enable", "waiting", "ended", "wrong", word=control_layout(code)
         )
 
     def elaborate(self, platform):
@@ -57,7 +51,7 @@ class Sequencer(wiring.Component):
         # The memory is filled to its end: words that do nothing, the prologue, the step. After the step the
         # program counter wraps to the prologue by itself, or turns back to the step. So the address needs no
         # multiplexer, and the counter starts from 0, the power-on value of an FPGA's flip-flops.
-        words, again = self._code.words, self._code.again_word
+        words, again = self.spec.words, self.spec.again_word
         varying = [name for name in words[0] if len({word[name] for word in words}) > 1]
         widths = {name: max(word[name] for word in words).bit_length() for name in varying}
         fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1, "once": 1}
@@ -65,7 +59,7 @@ class Sequencer(wiring.Component):
             "turns": 0,
             "once": 1,
         }
-        before = self._code.idle_words
+        before = self.spec.idle_words
         # A repeat count is stored less one. It marks the last slot but one, so the word's end is a register.
         init = [idle] * before + [
             {name: word[name] for name in varying}
@@ -73,7 +67,7 @@ class Sequencer(wiring.Component):
             | ({"repeat": max(0, word["repeat"] - 1)} if "repeat" in varying else {})
             for k, word in enumerate(words)
         ]
-        if self._code.plan.config.hardware.checksum:
+        if self.spec.plan.config.hardware.checksum:
             fields["parity"] = 1
             init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
         m.submodules.program = program = Memory(
@@ -88,7 +82,7 @@ class Sequencer(wiring.Component):
                 else Const(words[0][name], max(1, words[0][name].bit_length()))
             )
 
-        if self._code.plan.config.hardware.checksum:
+        if self.spec.plan.config.hardware.checksum:
             m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())
 
         turn = self.turn = Signal()
@@ -119,7 +113,5 @@ class Sequencer(wiring.Component):
             m.d.sync += count.eq(0)
         m.d.comb += [getattr(self.word, name).eq(field(name)) for name in CONTROLS]
         for name in ADDRESSES:
-            m.d.comb += getattr(self.word, name).eq(
-                field(name) + (count if name in self._code.counted else 0)
-            )
+            m.d.comb += getattr(self.word, name).eq(field(name) + (count if name in self.spec.counted else 0))
         return m

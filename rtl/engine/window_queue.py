@@ -3,7 +3,6 @@
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import centred_layout, drive, inputs, outputs, wrapping_increment
@@ -40,15 +39,20 @@ class WindowQueue(wiring.Component):
         self._inputs = config.inputs
         layout = centred_layout(config)
         super().__init__(
-            {
-                "i": In(stream.Signature(layout)),
-                **inputs("hold", "released", "started", "step_done"),
-                **outputs(
-                    "take", "writing", "reading", "waiting", "final", "any", "computing", "open", "overrun"
-                ),
-                "taxel": Out(taxel_bits),
-                "length": Out(layout["length"].shape),
-            }
+            inputs("hold", "released", "started", "step_done", i=stream.Signature(layout))
+            | outputs(
+                "take",
+                "writing",
+                "reading",
+                "waiting",
+                "final",
+                "any",
+                "computing",
+                "open",
+                "overrun",
+                taxel=taxel_bits,
+                length=layout["length"].shape,
+            )
         )
 
     def elaborate(self, platform):

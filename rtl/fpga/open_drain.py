@@ -3,10 +3,10 @@
 from amaranth.hdl import Const, IOBufferInstance, IOPort, Module
 from amaranth.lib import wiring
 
-from eskin.rtl.common import forward, members_but
+from eskin.rtl.common import Block, forward, members_but
 
 
-class OpenDrain(wiring.Component):
+class OpenDrain(Block):
     """``inner`` with the pins ``scl`` and ``sda`` in place of its port ``pins`` (`I2C_PINS`); its other ports
     as they are.
 
@@ -14,13 +14,12 @@ class OpenDrain(wiring.Component):
     drives it high.
     """
 
-    def __init__(self, inner: wiring.Component):
-        self._inner = inner
-        super().__init__(members_but(inner, "pins"))
+    def ports(self, inner: wiring.Component):
+        return members_but(inner, "pins")
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.inner = inner = self._inner
+        m.submodules.inner = inner = self.spec
         forward(m, self, inner)
         low = Const(0, 1)
         m.submodules.scl = IOBufferInstance(IOPort(1, name="scl"), o=low, oe=inner.pins.scl_low)

@@ -15,7 +15,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import forward, inputs, open_collisions, without_contents
+from eskin.rtl.common import Block, forward, inputs, open_collisions, outputs, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.top.image_accelerator import make_accelerator
@@ -106,7 +106,7 @@ class Chain(wiring.Component):
         return m
 
 
-class Harness(wiring.Component):
+class Harness(Block):
     """A design behind four pins, for parts with fewer pins than the design has ports; a figure of area and
     timing needs registers on both sides.
 
@@ -119,13 +119,12 @@ class Harness(wiring.Component):
     shift_out : Out(1)
     """
 
-    def __init__(self, design: wiring.Component):
-        self._chain = design
-        super().__init__({**inputs("shift_in", "capture"), "shift_out": Out(1)})
+    def ports(self, design: wiring.Component):
+        return inputs("shift_in", "capture") | outputs("shift_out")
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.chain = chain = self._chain
+        m.submodules.chain = chain = self.spec
         ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
         inputs, outputs = (Cat(value for flow, value in ports if flow is way) for way in (In, Out))
         given = Signal(len(inputs))
@@ -149,7 +148,7 @@ class PoweredOn(wiring.Component):
 
     def __init__(self, inner: wiring.Component, hold: int = 0):
         self._inner, self._hold = inner, hold
-        super().__init__({"clk": In(1), **dict(inner.signature.members)})
+        super().__init__(inputs("clk") | dict(inner.signature.members))
 
     def elaborate(self, platform):
         m = Module()

@@ -2,15 +2,13 @@
 beside the front of the chain."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, working_memory
+from eskin.rtl.common import Block, drive, inputs, outputs, struct, working_memory
 
 
-class FaultDetector(wiring.Component):
+class FaultDetector(Block):
     """Adds up how much each taxel's samples change in a block of ``fault_frames`` frames.
 
     A taxel that changes too little gets its flag raised. The memory holds how much of ``fault_activity`` is
@@ -43,24 +41,16 @@ class FaultDetector(wiring.Component):
     taxel's verdict is known with its own sample, so that nothing waits for the end of the frame.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self.config = config
-        super().__init__(
-            {
-                "i": In(data.StructLayout({"valid": 1, "taxel": range(config.sensor.taxels)})),
-                "complement": In(config.fault_bits),
-                "settling": In(1),
-                "flag": Out(1),
-                "flags": Out(config.sensor.taxels),
-                "raised": Out(1),
-            }
-        )
+    def ports(self, config: AcceleratorConfig):
+        return inputs(
+            "settling", i=struct("valid", taxel=range(config.sensor.taxels)), complement=config.fault_bits
+        ) | outputs("flag", "raised", flags=config.sensor.taxels)
 
     def elaborate(self, platform):
-        config, m = self.config, Module()
+        config, m = self.spec, Module()
         bits, limit = config.fault_bits, config.faults.fault_activity
         width = max(1, limit.bit_length())
-        layout = data.StructLayout({"sample": bits, "left": width, "active": 1, "flag": 1})
+        layout = struct(sample=bits, left=width, active=1, flag=1)
         read, write = working_memory(m, "state", layout, config.sensor.taxels)
         fresh = Signal()
         taxel = Signal.like(self.i.taxel)

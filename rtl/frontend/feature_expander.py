@@ -2,17 +2,18 @@
 2)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, stream
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, signed_bits
 from eskin.rtl.common import (
     NO_COLLISION,
+    Block,
     beat_layout,
     biased_magnitude,
     comes,
     frame_gap,
+    inputs,
     logarithm,
     outputs,
     reaches,
@@ -25,7 +26,7 @@ SLOTS = {"mean": 0, "activity": 1, "integral": 2}
 """Cycle, from the one in which a deviation is seen, in which the beat of each kind is made."""
 
 
-class FeatureExpander(wiring.Component):
+class FeatureExpander(Block):
     """Makes of each deviation a beat for each of ``feature_kinds`` that has a value in its frame, in their
     order; later blocks see more taxels.
 
@@ -69,18 +70,13 @@ class FeatureExpander(wiring.Component):
     again: 3 - taxels cycles (``frame_gap``).
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self.config = config
-        super().__init__(
-            {
-                "i": In(stream.Signature(window_layout(config))),
-                "o": Out(stream.Signature(beat_layout(config))),
-                **outputs("frame_last", "holds"),
-            }
+    def ports(self, config: AcceleratorConfig):
+        return inputs(i=stream.Signature(window_layout(config))) | outputs(
+            "frame_last", "holds", o=stream.Signature(beat_layout(config))
         )
 
     def elaborate(self, platform):
-        config, m = self.config, Module()
+        config, m = self.spec, Module()
         kinds = config.features.feature_kinds
         taxel = Signal(range(config.sensor.taxels))
         slot = Signal(range(1 + max(1, *(SLOTS[kind] for kind in kinds))))

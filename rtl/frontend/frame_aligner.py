@@ -2,14 +2,13 @@
 2)."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import stream
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, outputs, reaches, sample_layout, wrapping_increment
+from eskin.rtl.common import Block, drive, inputs, outputs, reaches, sample_layout, wrapping_increment
 
 
-class FrameAligner(wiring.Component):
+class FrameAligner(Block):
     """Counts the taxels of a frame, fills up a frame that ends early, and drops samples outside a frame.
 
     Members
@@ -31,23 +30,23 @@ class FrameAligner(wiring.Component):
         One cycle: ``first`` or ``last`` did not agree with the taxel count.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._taxels = config.sensor.taxels
-        super().__init__(
-            {
-                "i": In(stream.Signature(sample_layout(config))),
-                "advance": In(1),
-                "index": Out(range(self._taxels)),
-                **outputs("offered", "fresh", "filling", "last", "frame_taken", "framing_fault"),
-            }
+    def ports(self, config: AcceleratorConfig):
+        return inputs("advance", i=stream.Signature(sample_layout(config))) | outputs(
+            "offered",
+            "fresh",
+            "filling",
+            "last",
+            "frame_taken",
+            "framing_fault",
+            index=range(config.sensor.taxels),
         )
 
     def elaborate(self, platform):
         m = Module()
-        index, advance = self.index, self.advance
+        index, advance, taxels = self.index, self.advance, self.spec.sensor.taxels
         filling = self.filling
         inside = self.inside = Signal()  # a frame has begun: the index is not 0
-        at_last = reaches(index, self._taxels - 1)
+        at_last = reaches(index, taxels - 1)
         early = self.i.valid & self.i.p.first & inside
         stray = ~self.i.p.first & ~inside
         drive(
@@ -65,7 +64,7 @@ class FrameAligner(wiring.Component):
             ),
         ]
         with m.If(advance & self.offered):
-            m.d.sync += [index.eq(wrapping_increment(index, self._taxels)), inside.eq(~at_last)]
+            m.d.sync += [index.eq(wrapping_increment(index, taxels)), inside.eq(~at_last)]
         with m.If(self.frame_taken):
             m.d.sync += filling.eq(0)
         with m.Elif(early | (advance & (self.fresh & self.i.p.last))):

@@ -2,14 +2,13 @@
 section 2; the model drops the others in golden/data/recordings.py and golden/model/stream.py)."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import stream
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import sample_layout
+from eskin.rtl.common import Block, inputs, outputs, sample_layout
 
 
-class FrameDoor(wiring.Component):
+class FrameDoor(Block):
     """With ``every`` it forwards the first of every ``scan_every`` frames and drops the others; without it
     forwards all.
 
@@ -24,16 +23,14 @@ class FrameDoor(wiring.Component):
     Latency 0, a beat a cycle; a beat that is dropped takes a cycle, whatever ``o`` waits for.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._scan_every = config.sensor.scan_every
+    def ports(self, config: AcceleratorConfig):
         beat = stream.Signature(sample_layout(config))
-        super().__init__({"every": In(1), "i": In(beat), "o": Out(beat)})
+        return inputs("every", i=beat) | outputs(o=beat)
 
     def elaborate(self, platform):
         m = Module()
-        number = self.number = Signal(
-            range(self._scan_every)
-        )  # of the next frame; a power of two, so it wraps
+        # of the next frame; a power of two, so it wraps
+        number = self.number = Signal(range(self.spec.sensor.scan_every))
         dropped = self.dropped = Signal()  # the frame under way
         drops = Signal()
         m.d.comb += [

@@ -2,12 +2,11 @@
 onset rule, hops, windows (docs/specification.md, section 2)."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, outputs, reaches
+from eskin.rtl.common import Block, drive, inputs, outputs, reaches
 
 
 def marks_of(config: AcceleratorConfig) -> tuple[str, ...]:
@@ -19,7 +18,7 @@ def marks_of(config: AcceleratorConfig) -> tuple[str, ...]:
     )
 
 
-class FrameMarks(wiring.Component):
+class FrameMarks(Block):
     """Counts frames as they come in; each output is of the frame that comes.
 
     Members
@@ -34,13 +33,12 @@ class FrameMarks(wiring.Component):
         The last frame of a hop; the same, but not of the first hop; the recording's first frame.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        super().__init__({"taken": In(1), **outputs(*marks_of(config))})
+    def ports(self, config: AcceleratorConfig):
+        return inputs("taken") | outputs(*marks_of(config))
 
     def elaborate(self, platform):
         m = Module()
-        config = self._config
+        config = self.spec
         if config.rest_level.rest != "none":
             settle_left = Signal(range(config.rest_level.rest_frames + 1), init=config.rest_level.rest_frames)
             with m.If(self.taken & (settle_left != 0)):
@@ -73,7 +71,7 @@ class FrameMarks(wiring.Component):
         return m
 
 
-class TouchMarks(wiring.Component):
+class TouchMarks(Block):
     """Counts the frames of a touch as they come; each output is of the frame that comes.
 
     All are registers: they are compared a frame early, so that nothing in the windows waits for it.
@@ -86,19 +84,15 @@ class TouchMarks(wiring.Component):
         As of ``eskin.rtl.common.layouts.window_layout``.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        # of the first frame of a touch
-        alone = int(config.last_frame == 1)
-        self._first = {"hop_last": alone or int(config.windows.hop == 1), "emit": alone, "end": alone}
-        super().__init__(
-            {"taken": In(1), **{name: Out(1, init=first) for name, first in self._first.items()}}
-        )
+    def ports(self, config: AcceleratorConfig):
+        alone = int(config.last_frame == 1)  # the first frame of a touch is its last
+        first = {"hop_last": alone or int(config.windows.hop == 1), "emit": alone, "end": alone}
+        return inputs("taken") | {name: Out(1, init=value) for name, value in first.items()}
 
     def elaborate(self, platform):
         m = Module()
-        hop_frames, frames = self._config.windows.hop, self._config.last_frame
-        odd = self._config.windows.window > 2 * hop_frames
+        hop_frames, frames = self.spec.windows.hop, self.spec.last_frame
+        odd = self.spec.windows.window > 2 * hop_frames
         hop = self.hop = Signal(range(max(2, -(-frames // hop_frames))))
         place = self.place = Signal(range(hop_frames))
         turns = self.hop_last
@@ -120,5 +114,5 @@ class TouchMarks(wiring.Component):
         with m.If(self.taken & turns):
             m.d.sync += place.eq(0)
         with m.If(self.taken & self.end):
-            m.d.sync += [hop.eq(0), *(getattr(self, name).eq(first) for name, first in self._first.items())]
+            m.d.sync += [hop.eq(0), *(port.eq(port.init) for port in (turns, self.emit, self.end))]
         return m

@@ -5,14 +5,16 @@ from collections.abc import Sequence
 
 from amaranth.hdl import Cat, Module
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect
+from amaranth.lib.wiring import connect
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import (
     centred_layout,
     detector_status,
+    drive,
     expands,
     forward,
+    inputs,
     load_signature,
     outputs,
     sample_layout,
@@ -72,14 +74,19 @@ class FrontEnd(wiring.Component):
         self.averager = WindowAverager(config)
         self.normaliser = Normaliser(config, means)
         super().__init__(
-            {
-                "i": In(stream.Signature(sample_layout(config))),
-                "mask": In(config.sensor.taxels),
-                "o": Out(stream.Signature(centred_layout(config))),
-                "load": In(load_signature(config)),
-                "status": Out(detector_status(config)),
-                **outputs("passing", "moving", "wrong", "blank"),
-            }
+            inputs(
+                i=stream.Signature(sample_layout(config)),
+                mask=config.sensor.taxels,
+                load=load_signature(config),
+            )
+            | outputs(
+                "passing",
+                "moving",
+                "wrong",
+                "blank",
+                o=stream.Signature(centred_layout(config)),
+                status=detector_status(config),
+            )
         )
 
     def elaborate(self, platform):
@@ -107,10 +114,12 @@ class FrontEnd(wiring.Component):
             ]
         connect(m, self.averager.o, self.normaliser.i)
         parts = (self.detector, self.ring, self.expander, self.averager)
-        m.d.comb += [
-            self.passing.eq(Cat(part.holds for part in parts if part is not None).any()),
-            self.moving.eq(self.averager.o.valid | self.normaliser.o.valid),
-        ]
+        drive(
+            m,
+            self,
+            passing=Cat(part.holds for part in parts if part is not None).any(),
+            moving=self.averager.o.valid | self.normaliser.o.valid,
+        )
         forward(m, self, self.normaliser, "o", "load", "mask", "wrong", "blank")
         forward(m, self, self.detector, "i", "mask", "status")
         return m

@@ -4,7 +4,6 @@ section 2)."""
 from amaranth.hdl import Cat, Module, Mux, Shape, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig, signed_bits
@@ -42,13 +41,19 @@ class MovingSums(wiring.Component):
         self._config = config
         index = range(config.sensor.taxels)
         super().__init__(
-            {
-                **inputs("advance", "coming_valid", "last", "block_end", "masked", "settling", "last_taken"),
-                "coming_index": In(index),
-                "index": In(index),
-                "complement": In(complement),
-                **outputs("over", "decided", "holds"),
-            }
+            inputs(
+                "advance",
+                "coming_valid",
+                "last",
+                "block_end",
+                "masked",
+                "settling",
+                "last_taken",
+                coming_index=index,
+                index=index,
+                complement=complement,
+            )
+            | outputs("over", "decided", "holds")
         )
 
     def elaborate(self, platform):

@@ -6,13 +6,13 @@ from typing import Any
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import (
     centred_layout,
     drive,
+    inputs,
     load_lines,
     load_signature,
     means_memory,
@@ -84,13 +84,9 @@ class Normaliser(wiring.Component):
         self.config = config
         self.means = [0] * mean_count(config) if means is None else list(map(int, means))
         super().__init__(
-            {
-                "i": In(stream.Signature(sum_layout(config))),
-                "mask": In(config.sensor.taxels),
-                "o": Out(stream.Signature(centred_layout(config))),
-                **outputs("wrong", "blank"),
-                "load": In(load_signature(config)),
-            }
+            inputs(i=stream.Signature(sum_layout(config)), mask=config.sensor.taxels)
+            | outputs(o=stream.Signature(centred_layout(config)), wrong=1, blank=1)
+            | inputs(load=load_signature(config))
         )
 
     def elaborate(self, platform):

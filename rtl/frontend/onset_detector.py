@@ -4,11 +4,21 @@
 from types import SimpleNamespace
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import stream
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import clip, detector_status, drive, exceeds, forward, frame_layout, sample_layout
+from eskin.rtl.common import (
+    Block,
+    clip,
+    detector_status,
+    drive,
+    exceeds,
+    forward,
+    frame_layout,
+    inputs,
+    outputs,
+    sample_layout,
+)
 from eskin.rtl.frontend.fault_detector import FaultDetector
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.frontend.frame_marks import FrameMarks, marks_of
@@ -16,10 +26,10 @@ from eskin.rtl.frontend.moving_sums import MovingSums
 from eskin.rtl.frontend.onset_filter import OnsetFilter
 from eskin.rtl.frontend.rest_level import RestLevel
 from eskin.rtl.frontend.touch_state import TouchState
-from eskin.rtl.program.timing import STATE_BEATS, detector_latency
+from eskin.rtl.program.timing import STATE_BEATS
 
 
-class OnsetDetector(wiring.Component):
+class OnsetDetector(Block):
     """Takes the rest level from every sample, judges the onset rule at the end of every frame and runs ARMED,
     TOUCH, REARM.
 
@@ -47,27 +57,19 @@ class OnsetDetector(wiring.Component):
 
     Timing
     ------
-    Latency ``latency`` cycles from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a
+    Latency ``detector_latency`` cycles (`eskin.rtl.program.timing`) from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a
     cycle; onset ``baseline``: the last beat of each frame that ends a block of ``onset_check_frames`` waits 3
     cycles for the verdict. State of a taxel is written at most 3 beats after it was read, which 4 taxels
     allow; with fewer a frame waits until the stages have been empty for 2 cycles.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self.config = config
-        self.latency = detector_latency(config)
-        super().__init__(
-            {
-                "i": In(stream.Signature(sample_layout(config))),
-                "mask": In(config.sensor.taxels),
-                "o": Out(stream.Signature(frame_layout(config))),
-                "status": Out(detector_status(config)),
-                "holds": Out(1),
-            }
+    def ports(self, config: AcceleratorConfig):
+        return inputs(i=stream.Signature(sample_layout(config)), mask=config.sensor.taxels) | outputs(
+            "holds", o=stream.Signature(frame_layout(config)), status=detector_status(config)
         )
 
     def elaborate(self, platform):
-        config, m = self.config, Module()
+        config, m = self.spec, Module()
         has_rest = config.rest_level.rest != "none"
         advance = Signal()
         self.stages: dict[str, SimpleNamespace] = {}
@@ -214,7 +216,7 @@ class OnsetDetector(wiring.Component):
         hit,
     ) -> tuple:
         """(the rule is met by the frame that ends, it is judged, its last beat waits for the verdict)."""
-        config, leave = self.config, self.o.valid & self.o.ready
+        config, leave = self.spec, self.o.valid & self.o.ready
         frame_left = leave & now.last
         any_hit = Signal()
         judged = Const(1, 1)
@@ -251,7 +253,7 @@ class OnsetDetector(wiring.Component):
 
     def _touches(self, m: Module, now: SimpleNamespace, frame_left, judged, met) -> Signal:
         """The detector's state and the marks of the frame that leaves; whether it is armed."""
-        config = self.config
+        config = self.spec
         m.submodules.state = state = self.state = TouchState(config)
         drive(m, state, frame_left=frame_left, last=now.last, judged=judged, met=met)
         drive(m, self.status, armed=state.armed, touch=state.touch, started=state.started)

@@ -2,13 +2,12 @@
 section 2)."""
 
 from amaranth.hdl import Cat, Module, Signal
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common import Block, inputs, outputs, struct
 
 
-class OnsetFilter(wiring.Component):
+class OnsetFilter(Block):
     """High where at least ``onset_hits`` of the last ``onset_span`` judged frames, this one included, fulfil
     the rule.
 
@@ -26,12 +25,11 @@ class OnsetFilter(wiring.Component):
         Combinational from ``hit``, 0 cycles.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self.config = config
-        super().__init__({"i": In(data.StructLayout({"valid": 1, "hit": 1})), "met": Out(1)})
+    def ports(self, config: AcceleratorConfig):
+        return inputs(i=struct("valid", "hit")) | outputs("met")
 
     def elaborate(self, platform):
-        config, m = self.config, Module()
+        config, m = self.spec, Module()
         past = Signal(config.onset_rule.onset_span - 1)
         with m.If(self.i.valid):
             m.d.sync += past.eq(Cat(self.i.hit, past))

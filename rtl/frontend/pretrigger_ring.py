@@ -2,16 +2,15 @@
 s)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, unsigned
-from amaranth.lib import stream, wiring
+from amaranth.lib import stream
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import before_an_adder, exceeds, frame_layout, touch_layout
+from eskin.rtl.common import Block, before_an_adder, exceeds, frame_layout, inputs, outputs, touch_layout
 
 
-class PreTriggerRing(wiring.Component):
+class PreTriggerRing(Block):
     """A FIFO that keeps the last ``pretrigger_frames`` + 1 frames until an onset lets it run on.
 
     The oldest frame is dropped when half of another has come in. The onset is known with the last beat of
@@ -52,19 +51,13 @@ class PreTriggerRing(wiring.Component):
     not ready for one. Onset ``immediate``: combinational, 0 cycles.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self.config = config
-        super().__init__(
-            {
-                "i": In(stream.Signature(frame_layout(config))),
-                "o": Out(stream.Signature(touch_layout(config))),
-                "touch_last": In(1),
-                "holds": Out(1),
-            }
+    def ports(self, config: AcceleratorConfig):
+        return inputs("touch_last", i=stream.Signature(frame_layout(config))) | outputs(
+            "holds", o=stream.Signature(touch_layout(config))
         )
 
     def elaborate(self, platform):
-        config, m = self.config, Module()
+        config, m = self.spec, Module()
         if config.opens_at_once:
             m.d.comb += [
                 self.o.valid.eq(self.i.valid & self.i.p.touch),

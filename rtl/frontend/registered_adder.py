@@ -2,10 +2,9 @@
 
 from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import SMALL_FAMILY, sb_mac16
+from eskin.rtl.common import SMALL_FAMILY, inputs, outputs, sb_mac16
 
 BLOCKS, BLOCK_BITS = 8, 32
 """SB_MAC16 of an iCE40 UP5K; bits that one adds."""
@@ -46,9 +45,7 @@ class RegisteredAdder(wiring.Component):
         idle = config.hardware.lane_type == "dsp" and lanes + (lanes > 1) + before < BLOCKS
         self._in_block, self._carry = idle and bits <= BLOCK_BITS, carry
         shape = signed(bits)
-        super().__init__(
-            {"step": In(1), "alone": In(1), "word": In(shape), "addend": In(shape), "total": Out(shape)}
-        )
+        super().__init__(inputs("step", "alone", word=shape, addend=shape) | outputs(total=shape))
 
     def elaborate(self, platform):
         m = Module()

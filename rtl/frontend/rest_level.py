@@ -4,11 +4,10 @@ from itertools import count
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, inputs, working_memory
+from eskin.rtl.common import drive, inputs, outputs, working_memory
 
 
 class RestLevel(wiring.Component):
@@ -52,15 +51,19 @@ class RestLevel(wiring.Component):
             )
         index = range(config.sensor.taxels)
         super().__init__(
-            {
-                **inputs("advance", "settle_first", "settling", "settle_last", "negative", "w_enable"),
-                "coming_index": In(index),
-                "sample": In(signed(config.sensor.sample_bits + 1)),
-                "deviation": Out(signed(config.sensor.sample_bits + 1)),
-                "next": Out(self.level_bits),
-                "w_index": In(index),
-                "w_level": In(self.level_bits),
-            }
+            inputs(
+                "advance",
+                "settle_first",
+                "settling",
+                "settle_last",
+                "negative",
+                "w_enable",
+                coming_index=index,
+                sample=signed(config.sensor.sample_bits + 1),
+                w_index=index,
+                w_level=self.level_bits,
+            )
+            | outputs(deviation=signed(config.sensor.sample_bits + 1), next=self.level_bits)
         )
 
     def elaborate(self, platform):

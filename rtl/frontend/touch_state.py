@@ -1,13 +1,12 @@
 """ARMED, TOUCH, REARM: which frames are a touch's (docs/specification.md, section 2)."""
 
 from amaranth.hdl import Const, Module, Mux, Signal
-from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, inputs, outputs, reaches
+from eskin.rtl.common import Block, drive, inputs, outputs, reaches
 
 
-class TouchState(wiring.Component):
+class TouchState(Block):
     """Advances with every frame that leaves the detector, by the result of the onset rule.
 
     Members
@@ -30,16 +29,14 @@ class TouchState(wiring.Component):
         One cycle: the frame of an onset left (opens at once: the first frame left).
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        super().__init__(
-            inputs("frame_left", "last", "judged", "met", "boundary", "recording_first")
-            | outputs("armed", "touch", "onset", "emit", "end", "started")
+    def ports(self, config: AcceleratorConfig):
+        return inputs("frame_left", "last", "judged", "met", "boundary", "recording_first") | outputs(
+            "armed", "touch", "onset", "emit", "end", "started"
         )
 
     def elaborate(self, platform):
         m = Module()
-        config, frame_left, met = self._config, self.frame_left, self.met
+        config, frame_left, met = self.spec, self.frame_left, self.met
         armed = Signal(init=not config.opens_at_once)
         touch = Signal(init=config.opens_at_once)
         onset, end = self.onset, self.end

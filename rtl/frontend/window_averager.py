@@ -2,16 +2,17 @@
 sums)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
-from amaranth.lib import enum, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import enum, stream
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import (
+    Block,
     beat_layout,
     comes,
     drive,
     expands,
     frame_gap,
+    inputs,
     outputs,
     reaches,
     sum_layout,
@@ -32,7 +33,7 @@ class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
     PREVIOUS = 1
 
 
-class WindowAverager(wiring.Component):
+class WindowAverager(Block):
     """Sums over overlapping windows, in one memory with one adder: each beat is added to the sum of its hop,
     and a window's hops are added up in the frame that ends it.
 
@@ -78,18 +79,13 @@ class WindowAverager(wiring.Component):
     of fewer than 3 taxels the first word is read again: 3 - taxels cycles (``frame_gap``).
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self.config = config
-        super().__init__(
-            {
-                "i": In(stream.Signature(beat_layout(config))),
-                "o": Out(stream.Signature(sum_layout(config))),
-                **outputs("frame_last", "holds"),
-            }
+    def ports(self, config: AcceleratorConfig):
+        return inputs(i=stream.Signature(beat_layout(config))) | outputs(
+            "frame_last", "holds", o=stream.Signature(sum_layout(config))
         )
 
     def elaborate(self, platform):
-        config, m = self.config, Module()
+        config, m = self.spec, Module()
         kinds, windows = config.features.feature_kinds, config.windows
         index = Signal(range(config.sensor.taxels))
         index_next = Signal(range(config.sensor.taxels))

@@ -3,10 +3,10 @@
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import decision_layout, drive, sample_layout
+from eskin.rtl.common import decision_layout, drive, inputs, outputs, sample_layout
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.decision_queue import DecisionQueue
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister, TeachRegister
@@ -22,7 +22,7 @@ def request_signature() -> wiring.Signature:
     """One access, seen from the bus: the request holds from ``valid`` to ``done``; ``r_data`` is there
     with ``done``. ``whole``: a write has all four bytes. ``address`` is a word's."""
     asked = {"valid": 1, "write": 1, "whole": 1, "address": 7, "w_data": 32}
-    return wiring.Signature({**{k: Out(v) for k, v in asked.items()}, "done": In(1), "r_data": In(32)})
+    return wiring.Signature({k: Out(v) for k, v in asked.items()} | inputs("done", r_data=32))
 
 
 class BusShell(wiring.Component):
@@ -54,14 +54,11 @@ class BusShell(wiring.Component):
         self._config, self._samples = config, samples
         self.queue = DecisionQueue(config, depth)
         super().__init__(
-            {
-                "request": In(request_signature()),
-                "bus": Out(bus_signature()),
-                "decision": In(stream.Signature(decision_layout(config))),
-                "any_fault": In(1),
-                "irq": Out(1),
-            }
-            | ({"frame": Out(stream.Signature(sample_layout(config)))} if samples else {})
+            inputs(
+                "any_fault", request=request_signature(), decision=stream.Signature(decision_layout(config))
+            )
+            | outputs("irq", bus=bus_signature())
+            | (outputs(frame=stream.Signature(sample_layout(config))) if samples else {})
         )
 
     def elaborate(self, platform):

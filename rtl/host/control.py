@@ -4,7 +4,6 @@ from typing import Any, Literal
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import (
@@ -41,9 +40,7 @@ FedBy = Literal["cpu", "sensor"]
 def bus_signature() -> wiring.Signature:
     """The host bus, seen from the host: write ``w_data`` to ``addr`` with ``w_stb``, read it with ``r_stb``;
     ``r_data`` one cycle later."""
-    return wiring.Signature(
-        {"addr": Out(8), "w_data": Out(16), **outputs("w_stb", "r_stb"), "r_data": In(16)}
-    )
+    return wiring.Signature(outputs(addr=8, w_data=16, w_stb=1, r_stb=1) | inputs(r_data=16))
 
 
 class HostControl(wiring.Component):
@@ -101,20 +98,31 @@ class HostControl(wiring.Component):
     def __init__(self, config: AcceleratorConfig, fed_by: FedBy | None = None):
         self._config, self._fed_by = config, fed_by
         super().__init__(
-            {
-                "bus": In(bus_signature()),
-                **outputs("clear", "restart", "finish"),
-                "load": Out(load_signature(config)),
-                "mask": Out(config.sensor.taxels),
-                **outputs("busy", "due", "awake"),
-                "frames": In(FRAMES),
-                "detector": In(detector_status(config)),
-                "engine": In(ENGINE),
-                **inputs("passing", "moving", "global_taken", "decider_idle", "check_failed", "hung"),
-                **({"any_fault": Out(1)} if fed_by else {}),
-                **({"every": Out(1)} if has_door(config) else {}),
-                **({"teaching": Out(TEACHING)} if config.readout_rule.taught else {}),
-            }
+            inputs(
+                "passing",
+                "moving",
+                "global_taken",
+                "decider_idle",
+                "check_failed",
+                "hung",
+                bus=bus_signature(),
+                frames=FRAMES,
+                detector=detector_status(config),
+                engine=ENGINE,
+            )
+            | outputs(
+                "clear",
+                "restart",
+                "finish",
+                "busy",
+                "due",
+                "awake",
+                load=load_signature(config),
+                mask=config.sensor.taxels,
+            )
+            | (outputs("any_fault") if fed_by else {})
+            | (outputs("every") if has_door(config) else {})
+            | (outputs(teaching=TEACHING) if config.readout_rule.taught else {})
         )
 
     def elaborate(self, platform):

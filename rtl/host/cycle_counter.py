@@ -2,9 +2,9 @@
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In
 
-from eskin.rtl.common import ENGINE, FRAMES, inputs
+from eskin.rtl.common import ENGINE, FRAMES, inputs, outputs
 from eskin.rtl.program.memory_map import Measure
 
 COUNTER_BITS = 16
@@ -31,13 +31,7 @@ class CycleCounter(wiring.Component):
     def __init__(self) -> None:
         status = {"frames": In(FRAMES), "engine": In(ENGINE)}
         super().__init__(
-            {
-                "measure": In(2),
-                **inputs("clear", "anew", "forget"),
-                **status,
-                "longest": Out(COUNTER_BITS),
-                "awake": Out(1),
-            }
+            inputs("clear", "anew", "forget", measure=2) | outputs("awake", longest=COUNTER_BITS) | status
         )
 
     def elaborate(self, platform):

@@ -2,7 +2,6 @@
 
 from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import decision_layout, drive, inputs, margin_units, outputs
@@ -73,13 +72,8 @@ class DecisionQueue(wiring.Component):
     def __init__(self, config: AcceleratorConfig, depth: int):
         self._config, self._depth = config, depth
         super().__init__(
-            {
-                "i": In(stream.Signature(decision_layout(config))),
-                **inputs("global_only", "clear"),
-                "word": Out(32),
-                **outputs("waits", "global_waits"),
-                **inputs("asked", "take"),
-            }
+            inputs("global_only", "clear", "asked", "take", i=stream.Signature(decision_layout(config)))
+            | outputs("waits", "global_waits", word=32)
         )
 
     def elaborate(self, platform):

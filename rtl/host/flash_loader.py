@@ -56,7 +56,7 @@ class FlashLoader(wiring.Component):
 
     def __init__(self, number: int, writes: int, *, wake_cycles: int, offset: int = FLASH_OFFSET):
         self._number, self._writes, self._wake_cycles, self._offset = number, writes, wake_cycles, offset
-        super().__init__({"pins": Out(flash_pins), "bus": Out(bus_signature()), **outputs("done", "failed")})
+        super().__init__(outputs("done", "failed", pins=flash_pins, bus=bus_signature()))
 
     def elaborate(self, platform):
         m = Module()

@@ -1,15 +1,13 @@
 """The host's writes into the memories: it selects a memory, then writes its words in order."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import at_end, drive, inputs, load_lines, load_signature
+from eskin.rtl.common import Block, at_end, drive, inputs, load_lines, load_signature, outputs
 from eskin.rtl.program.memory_map import Memory, load_words
 
 
-class MemoryLoader(wiring.Component):
+class MemoryLoader(Block):
     """Advances the address of the selected memory with every word, and refuses words while ``locked``.
 
     Members
@@ -30,23 +28,22 @@ class MemoryLoader(wiring.Component):
         The word is not taken: ``locked``, or behind the memory's end (``checksum``).
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
+    def ports(self, config: AcceleratorConfig):
         controls = inputs("chosen", "written", "locked")
         if config.readout_rule.taught:
             controls |= inputs("seek", "onward")
-        super().__init__({"data": In(16), **controls, "load": Out(load_signature(config)), "refused": Out(1)})
+        return inputs(data=16) | outputs("refused", load=load_signature(config)) | controls
 
     def elaborate(self, platform):
         m = Module()
-        hardware, lines = self._config.hardware, load_lines(self._config)
+        hardware, lines = self.spec.hardware, load_lines(self.spec)
         lane_bits = max(2, (hardware.lanes - 1).bit_length())  # the other memories are told apart by two
         # one line a memory: decoded as it is chosen, not as it is written
         select = Signal(len(lines), init=1)
-        address = self.address = Signal(range(load_words(self._config) + hardware.checksum))
+        address = self.address = Signal(range(load_words(self.spec) + hardware.checksum))
         refuses = self.locked
         if hardware.checksum:
-            refuses = self.locked | at_end(self._config, select, address)
+            refuses = self.locked | at_end(self.spec, select, address)
         m.d.comb += self.refused.eq(self.written & refuses)
         drive(
             m,
@@ -62,7 +59,7 @@ class MemoryLoader(wiring.Component):
             for number, line in lines.items():
                 lane, special = number & (1 << lane_bits) - 1, number >> 6
                 m.d.sync += select[line].eq((self.data[:lane_bits] == lane) & (self.data[6] == special))
-        if self._config.readout_rule.taught:
+        if self.spec.readout_rule.taught:
             with m.If(self.onward):
                 m.d.sync += address.eq(address + 1)
             with m.If(self.seek):

@@ -3,9 +3,8 @@
 
 from amaranth.hdl import Module, Signal, Value
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common import drive, outputs
+from eskin.rtl.common import drive, inputs, outputs
 
 FLAG, ESCAPE = 0x7E, 0x7D
 FLIPPED_BIT = 5
@@ -41,9 +40,7 @@ class Unstuffer(wiring.Component):
     """
 
     def __init__(self) -> None:
-        super().__init__(
-            {"data": In(8), "valid": In(1), "byte": Out(8), **outputs("byte_valid", "end", "aborted")}
-        )
+        super().__init__(inputs("valid", data=8) | outputs("byte_valid", "end", "aborted", byte=8))
 
     def elaborate(self, platform):
         m = Module()
@@ -77,7 +74,7 @@ class FrameCheck(wiring.Component):
     """
 
     def __init__(self) -> None:
-        super().__init__({"start": In(1), "byte": In(8), "valid": In(1), "good": Out(1)})
+        super().__init__(inputs("start", "valid", byte=8) | outputs("good"))
 
     def elaborate(self, platform):
         m = Module()

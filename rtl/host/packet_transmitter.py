@@ -2,10 +2,10 @@
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import decision_layout
+from eskin.rtl.common import decision_layout, inputs, outputs
 from eskin.rtl.host.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT, is_special
 
 CLOSING = 7
@@ -41,15 +41,11 @@ class PacketTransmitter(wiring.Component):
     def __init__(self, config: AcceleratorConfig, divisor: int):
         self._divisor = divisor
         super().__init__(
-            {
-                "decision": In(stream.Signature(decision_layout(config))),
-                "answer": In(1),
-                "answered": Out(1),
-                "r_data": In(16),
-                "address": In(6),
-                "expected": In(8),
-                "tx": Out(1, init=1),
-            }
+            inputs(
+                "answer", decision=stream.Signature(decision_layout(config)), r_data=16, address=6, expected=8
+            )
+            | outputs("answered")
+            | {"tx": Out(1, init=1)}
         )
 
     def elaborate(self, platform):

@@ -1,12 +1,12 @@
 """Asynchronous serial bytes: 1 start bit, 8 data bits (lowest first), 1 stop bit, no parity."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import stream
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import InputError
-from eskin.rtl.common import drive
+from eskin.rtl.common import Block, drive, inputs, outputs
 
 DIVISOR_MIN = 4
 """Clocks a bit: with fewer, one clock of doubt about the edge is more than a quarter of a bit."""
@@ -39,7 +39,7 @@ def uart_divisor(clock_hz: float, baud: float) -> int:
     return divisor
 
 
-class UartReceiver(wiring.Component):
+class UartReceiver(Block):
     """Bytes out of a serial line.
 
     Parameters
@@ -61,12 +61,11 @@ class UartReceiver(wiring.Component):
     A spike therefore makes a byte, which the packet's checks must refuse anyway.
     """
 
-    def __init__(self, divisor: int):
-        self._divisor = divisor
-        super().__init__({"rx": In(1), "data": Out(8), "valid": Out(1)})
+    def ports(self, divisor: int):
+        return inputs("rx") | outputs("valid", data=8)
 
     def elaborate(self, platform):
-        m = Module()
+        m, divisor = Module(), self.spec
         line = Signal(init=1)
         before = Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(self.rx, line, init=1)
@@ -74,9 +73,8 @@ class UartReceiver(wiring.Component):
         # is the stop bit.
         shift = Signal(9)
         active = Signal()
-        to_first = (
-            3 * self._divisor - 3
-        ) // 2  # to the middle of data bit 0, half a clock of doubt about the edge taken off
+        # to the middle of data bit 0, half a clock of doubt about the edge taken off
+        to_first = (3 * divisor - 3) // 2
         timer = Signal(range(to_first + 1))
         sample = active & (timer == 0)
         drive(m, self, data=shift[1:], valid=sample & ~shift[0] & line)
@@ -84,13 +82,13 @@ class UartReceiver(wiring.Component):
         with m.If(~active):
             m.d.sync += [timer.eq(to_first), shift.eq(0xFF), active.eq(before & ~line)]
         with m.Elif(sample):
-            m.d.sync += [timer.eq(self._divisor - 1), shift.eq(Cat(shift[1:], line)), active.eq(shift[0])]
+            m.d.sync += [timer.eq(divisor - 1), shift.eq(Cat(shift[1:], line)), active.eq(shift[0])]
         with m.Else():
             m.d.sync += timer.eq(timer - 1)
         return m
 
 
-class UartTransmitter(wiring.Component):
+class UartTransmitter(Block):
     """One byte after the other.
 
     Parameters
@@ -108,15 +106,14 @@ class UartTransmitter(wiring.Component):
     A byte takes 10 * ``divisor`` cycles.
     """
 
-    def __init__(self, divisor: int):
-        self._divisor = divisor
-        super().__init__({"i": In(stream.Signature(8)), "tx": Out(1, init=1)})
+    def ports(self, divisor: int):
+        return {"i": In(stream.Signature(8)), "tx": Out(1, init=1)}
 
     def elaborate(self, platform):
-        m = Module()
+        m, divisor = Module(), self.spec
         bits = Signal(9)  # what is to follow the bit on the line, the stop bit a one behind the data
         left = Signal(range(11))
-        timer = Signal(range(self._divisor))
+        timer = Signal(range(divisor))
         over = timer == 0
         m.d.comb += self.i.ready.eq((left == 0) & over)
         m.d.sync += timer.eq(Mux(over, 0, timer - 1))
@@ -125,13 +122,13 @@ class UartTransmitter(wiring.Component):
                 self.tx.eq(0),
                 bits.eq(Cat(self.i.payload, Const(1, 1))),
                 left.eq(9),
-                timer.eq(self._divisor - 1),
+                timer.eq(divisor - 1),
             ]
         with m.Elif((left != 0) & over):
             m.d.sync += [
                 self.tx.eq(bits[0]),
                 bits.eq(Cat(bits[1:], 1)),
                 left.eq(left - 1),
-                timer.eq(self._divisor - 1),
+                timer.eq(divisor - 1),
             ]
         return m

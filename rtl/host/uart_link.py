@@ -3,10 +3,10 @@
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import decision_layout, drive, sample_layout
+from eskin.rtl.common import decision_layout, drive, inputs, outputs, sample_layout, struct
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.packet_framing import FrameCheck, Unstuffer
 from eskin.rtl.host.packet_transmitter import PacketTransmitter
@@ -57,14 +57,9 @@ class UartLink(wiring.Component):
     def __init__(self, config: AcceleratorConfig, divisor: int):
         self._config, self._divisor = config, divisor
         super().__init__(
-            {
-                "rx": In(1),
-                "tx": Out(1, init=1),
-                "frame": Out(stream.Signature(sample_layout(config))),
-                "decision": In(stream.Signature(decision_layout(config))),
-                "bus": Out(bus_signature()),
-                "expected": Out(8),
-            }
+            inputs("rx", decision=stream.Signature(decision_layout(config)))
+            | outputs(frame=stream.Signature(sample_layout(config)), bus=bus_signature(), expected=8)
+            | {"tx": Out(1, init=1)}
         )
 
     def elaborate(self, platform):
@@ -95,7 +90,7 @@ class UartLink(wiring.Component):
         acting = self.acting = Signal()
         spoiled = Signal()
         in_order = Signal()
-        command = Signal(data.StructLayout({"address": 6, "is_frame": 1, "is_read": 1}))
+        command = Signal(struct(address=6, is_frame=1, is_read=1))
         taken = unstuffer.byte_valid & ~acting
         length = Mux(command.is_frame, taxels + HEADER_WORDS, 1 + HEADER_WORDS)
         good = unstuffer.end & ~(acting | unstuffer.aborted | spoiled | high) & check.good & (word == length)

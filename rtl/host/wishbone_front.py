@@ -2,9 +2,8 @@
 
 from amaranth.hdl import Module
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common import drive, inputs
+from eskin.rtl.common import drive, inputs, outputs
 from eskin.rtl.host.bus_shell import ADDRESS_BITS, request_signature
 
 
@@ -16,15 +15,8 @@ class WishboneFront(wiring.Component):
 
     def __init__(self) -> None:
         super().__init__(
-            {
-                **inputs("wb_cyc", "wb_stb", "wb_we"),
-                "wb_adr": In(ADDRESS_BITS),
-                "wb_sel": In(4),
-                "wb_dat_w": In(32),
-                "wb_dat_r": Out(32),
-                "wb_ack": Out(1),
-                "request": Out(request_signature()),
-            }
+            inputs("wb_cyc", "wb_stb", "wb_we", wb_adr=ADDRESS_BITS, wb_sel=4, wb_dat_w=32)
+            | outputs(wb_dat_r=32, wb_ack=1, request=request_signature())
         )
 
     def elaborate(self, platform):

@@ -1,18 +1,17 @@
 """The image engine's biases, each with its layer's rounding half. The chain takes one a cycle."""
 
 from amaranth.hdl import Cat, Module, Signal, signed
-from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.images import BIAS_BITS
-from eskin.rtl.common import drive, working_memory
+from eskin.rtl.common import Block, drive, inputs, working_memory
 from eskin.rtl.program.image_passes import ImagePlan
 
 ADDEND_BITS = BIAS_BITS + 1
 """A bias and a rounding half of at most as many bits: `eskin.rtl.program.image_signature.BIAS_WORD_BITS`."""
 
 
-class BiasMemory(wiring.Component):
+class BiasMemory(Block):
     """Each word is two words of the host's, low half first.
 
     Members
@@ -26,26 +25,25 @@ class BiasMemory(wiring.Component):
     load : In(1), load_address : In(16), load_word : In(16)
     """
 
-    def __init__(self, plan: ImagePlan):
-        self._plan = plan
+    def ports(self, plan: ImagePlan):
         reading = {
             "restart": In(1),
             "first": In(plan.address_bits),
             "addend": Out(signed(ADDEND_BITS)),
             "parity": Out(1),
         }
-        super().__init__(reading | {"load": In(1), "load_address": In(16), "load_word": In(16)})
+        return inputs("load", load_address=16, load_word=16) | reading
 
     def elaborate(self, platform):
         m = Module()
         # A group of a dense layer may be narrower than the chain, which then takes the words after it too.
-        depth = self._plan.addend_words + self._plan.lanes
+        depth = self.spec.addend_words + self.spec.lanes
         address = Signal(range(depth))
         parts = []
         m.d.sync += address.eq(address + 1)
         with m.If(self.restart):
             m.d.sync += address.eq(self.first)
-        for half, bits in enumerate((16, ADDEND_BITS - 16 + self._plan.checksum)):
+        for half, bits in enumerate((16, ADDEND_BITS - 16 + self.spec.checksum)):
             read, write = working_memory(m, f"half_{half}", bits, depth)
             m.d.comb += read.addr.eq(address)
             drive(

@@ -1,17 +1,16 @@
 """Checksum over the constants in the image engine's memories: docs/specification.md section 11."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In
 
-from eskin.rtl.common import inputs
+from eskin.rtl.common import Block, inputs, outputs
 from eskin.rtl.engine.memory_check import folded
 from eskin.rtl.image.bias_memory import ADDEND_BITS
 from eskin.rtl.program.image_passes import ImagePlan
 from eskin.rtl.program.signature import START, TAPS, WIDTH
 
 
-class ImageCheck(wiring.Component):
+class ImageCheck(Block):
     """Adds every word of the passes and the weights of every tap to a signature.
 
     The signature is 0 after each pass's words and after the last tap unless a word is wrong. Biases are
@@ -35,20 +34,17 @@ class ImageCheck(wiring.Component):
         before the last logit is given.
     """
 
-    def __init__(self, plan: ImagePlan):
-        self._plan = plan
+    def ports(self, plan: ImagePlan):
         words = {"word": In(16), "weights": In(plan.lanes * plan.weight_bits), "addend": In(ADDEND_BITS + 1)}
-        super().__init__(
-            {
-                **inputs("begins", "arrives", "checks", "multiplies", "dense", "ends", "shifts"),
-                **words,
-                "fault": Out(1),
-            }
+        return (
+            inputs("begins", "arrives", "checks", "multiplies", "dense", "ends", "shifts")
+            | outputs("fault")
+            | words
         )
 
     def elaborate(self, platform):
         m = Module()
-        plan = self._plan
+        plan = self.spec
         common = plan.dense_lanes * plan.weight_bits
         taken = folded(self.weights[:common])
         if common < len(self.weights):  # (only beyond 32 bits)

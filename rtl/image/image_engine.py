@@ -2,10 +2,9 @@
 (specification, section 15)."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import wiring
 
-from eskin.rtl.common import drive, image_lines, lines_signature, outputs, probe
+from eskin.rtl.common import drive, image_lines, inputs, lines_signature, outputs, probe, struct
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature
 from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.image.bias_memory import BiasMemory
@@ -56,15 +55,18 @@ class ImageEngine(wiring.Component):
     def __init__(self, plan: ImagePlan, lane_type: str = "plain"):
         self._plan, self._lane_type = plan, lane_type
         super().__init__(
-            {
-                "fill": In(data.StructLayout({"valid": 1, "address": plan.address_bits, "value": 8})),
-                "start": In(1),
-                **outputs("busy", "done"),
-                "logit": Out(data.StructLayout({"valid": 1, "value": signed(plan.logit_format.width)})),
-                "load": In(lines_signature(len(image_lines(plan)))),
-                "check_failed": Out(1),
-                "map": Out(probe()),
-            }
+            inputs(
+                "start",
+                fill=struct("valid", address=plan.address_bits, value=8),
+                load=lines_signature(len(image_lines(plan))),
+            )
+            | outputs(
+                "busy",
+                "done",
+                "check_failed",
+                logit=struct("valid", value=signed(plan.logit_format.width)),
+                map=probe(),
+            )
         )
 
     def elaborate(self, platform):

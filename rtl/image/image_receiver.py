@@ -1,16 +1,15 @@
 """Frames become an image: row by row into the image engine's memory (specification, section 15)."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import stream
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import detector_status, drive, forward, outputs, sample_layout
+from eskin.rtl.common import Block, detector_status, drive, forward, inputs, outputs, sample_layout, struct
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.program.image_passes import plan_of
 
 
-class ImageReceiver(wiring.Component):
+class ImageReceiver(Block):
     """Takes ``height`` frames of ``width`` pixels, then starts the engine.
 
     A frame with too few pixels is padded with its last one. Frames after the image are taken and ignored
@@ -33,23 +32,16 @@ class ImageReceiver(wiring.Component):
         A touch is an image from its first pixel until the next recording; it starts when that pixel is taken.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        fill = data.StructLayout({"valid": 1, "address": plan_of(config).address_bits, "value": 8})
-        super().__init__(
-            {
-                "i": In(stream.Signature(sample_layout(config))),
-                "free": In(1),
-                "fill": Out(fill),
-                "status": Out(detector_status(config)),
-            }
-            | outputs("start", "open", "waiting", "over")
+    def ports(self, config: AcceleratorConfig):
+        fill = struct("valid", address=plan_of(config).address_bits, value=8)
+        return inputs("free", i=stream.Signature(sample_layout(config))) | outputs(
+            "start", "open", "waiting", "over", fill=fill, status=detector_status(config)
         )
 
     def elaborate(self, platform):
         m = Module()
-        image = self._config.image
-        m.submodules.aligner = aligner = FrameAligner(self._config)
+        image = self.spec.image
+        m.submodules.aligner = aligner = FrameAligner(self.spec)
         forward(m, self, aligner, "i")
         pixels = image.height * image.width
         address = Signal(range(pixels))

@@ -4,6 +4,7 @@ from amaranth.hdl import unsigned
 from amaranth.lib import data
 from amaranth.utils import ceil_log2
 
+from eskin.rtl.common import struct
 from eskin.rtl.program.image_passes import ImagePlan
 
 
@@ -11,28 +12,24 @@ def pass_layout(plan: ImagePlan) -> data.StructLayout:
     """A pass as `eskin.rtl.program.image_passes.Word` has it; addresses are as wide as the memories
     require."""
     address = unsigned(plan.address_bits)
-    return data.StructLayout(
-        {
-            "radius": 2,
-            "pool": 1,
-            "dense": 1,
-            "last": 1,
-            "pairs": int(plan.pairs),
-            "shift": 5,
-            "columns": 8,
-            "rows": 8,
-            "groups": 8,
-            "last_group": 8,
-            **dict.fromkeys("channels row kernel_row group weights corner addends".split(), address),
-        }
+    return struct(
+        radius=2,
+        pool=1,
+        dense=1,
+        last=1,
+        pairs=int(plan.pairs),
+        shift=5,
+        columns=8,
+        rows=8,
+        groups=8,
+        last_group=8,
+        **dict.fromkeys("channels row kernel_row group weights corner addends".split(), address),
     )
 
 
 def tap_layout(plan: ImagePlan) -> data.StructLayout:
     """A tap: addresses of its activation and weights."""
-    return data.StructLayout(
-        {"valid": 1, "activation": unsigned(plan.address_bits), "weight": unsigned(plan.address_bits)}
-    )
+    return struct("valid", activation=unsigned(plan.address_bits), weight=unsigned(plan.address_bits))
 
 
 def sum_layout(plan: ImagePlan) -> data.StructLayout:
@@ -41,4 +38,4 @@ def sum_layout(plan: ImagePlan) -> data.StructLayout:
     ``alone``: only the left place of a pair lies in the map.
     """
     lanes = max(1, ceil_log2(plan.lanes))
-    return data.StructLayout({"valid": 1, "opens": 1, "closes": 1, "alone": int(plan.pairs), "lanes": lanes})
+    return struct("valid", "opens", "closes", alone=int(plan.pairs), lanes=lanes)

@@ -1,14 +1,12 @@
 """Map memory of the image engine: two memories of one port, read and written in turn."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common import OnePortMemory, drive, inputs
+from eskin.rtl.common import Block, OnePortMemory, drive, inputs, outputs
 from eskin.rtl.program.image_passes import ImagePlan
 
 
-class MapMemory(wiring.Component):
+class MapMemory(Block):
     """A pass reads one memory and writes the other, so one port each is enough. The image goes into memory 0.
 
     Members
@@ -20,18 +18,15 @@ class MapMemory(wiring.Component):
     write : In(1), write_address : In, write_value : In(8)
     """
 
-    def __init__(self, plan: ImagePlan):
-        self._plan = plan
-        super().__init__(
-            {
-                **inputs("source", "read"),
-                "read_address": In(plan.address_bits),
-                "value": Out(8),
-                "write": In(1),
-                "write_address": In(plan.address_bits),
-                "write_value": In(8),
-            }
-        )
+    def ports(self, plan: ImagePlan):
+        return inputs(
+            "source",
+            "read",
+            "write",
+            read_address=plan.address_bits,
+            write_address=plan.address_bits,
+            write_value=8,
+        ) | outputs(value=8)
 
     def elaborate(self, platform):
         m = Module()
@@ -39,7 +34,7 @@ class MapMemory(wiring.Component):
         source = Signal()  # memory that was read
         m.d.sync += [high.eq(self.read_address[0]), source.eq(self.source)]
         words = []
-        for number, values in enumerate(self._plan.map_values):
+        for number, values in enumerate(self.spec.map_values):
             memory = OnePortMemory(-(-values // 2))
             m.submodules[f"maps_{number}"] = memory
             reads = self.source == number

@@ -2,17 +2,16 @@
 (eskin/rtl/program/image_passes.py)."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 
-from eskin.rtl.common import drive, inputs, working_memory
+from eskin.rtl.common import Block, drive, inputs, outputs, working_memory
 from eskin.rtl.image.layouts import pass_layout
 from eskin.rtl.program.image_passes import PASS_WORDS, ImagePlan, Word
 
 CHECKED = {"arrives": Out(1), "arrived": Out(16), "checks": Out(1)}
 
 
-class PassFetch(wiring.Component):
+class PassFetch(Block):
     """Reads the words of the next pass into registers.
 
     Members
@@ -32,29 +31,23 @@ class PassFetch(wiring.Component):
         The host's writes.
     """
 
-    def __init__(self, plan: ImagePlan):
-        self._words, self._checksum = plan.program_words, plan.checksum
-        super().__init__(
-            {
-                **inputs("rewind", "fetch", "write"),
-                "address": In(16),
-                "word": In(16),
-                "fetched": Out(1),
-                "now": Out(pass_layout(plan)),
-                **CHECKED,
-            }
+    def ports(self, plan: ImagePlan):
+        return (
+            inputs("rewind", "fetch", "write", address=16, word=16)
+            | outputs("fetched", now=pass_layout(plan))
+            | CHECKED
         )
 
     def elaborate(self, platform):
-        m = Module()
-        read, write = working_memory(m, "program", 16, self._words)
+        m, words = Module(), self.spec.program_words
+        read, write = working_memory(m, "program", 16, words)
         drive(m, write, addr=self.address, data=self.word, en=self.write)
-        address = Signal(range(self._words + 1))
+        address = Signal(range(words + 1))
         reading = Signal()
         number = Signal(range(PASS_WORDS + 2))
         arrived = Signal(range(PASS_WORDS + 2))
         arriving = Signal()
-        last = PASS_WORDS - 1 if not self._checksum else PASS_WORDS + self.now.last
+        last = PASS_WORDS - 1 if not self.spec.checksum else PASS_WORDS + self.now.last
         drive(m, read, addr=address, en=reading)
         m.d.comb += self.fetched.eq(arriving & (arrived == PASS_WORDS - 1))
         m.d.sync += [arriving.eq(reading), arrived.eq(number)]

@@ -2,11 +2,9 @@
 kept (specification, section 15)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import QFormat
-from eskin.rtl.common import saturate
+from eskin.rtl.common import Block, inputs, outputs, saturate, struct
 from eskin.rtl.image.layouts import sum_layout
 from eskin.rtl.program.image_passes import ImagePlan
 
@@ -14,7 +12,7 @@ ACTIVATION = QFormat(0, 8, signed=False)
 """An activation's code: 0 to 255."""
 
 
-class SumDrain(wiring.Component):
+class SumDrain(Block):
     """Narrows each lane's sum in turn to ``SAT(sum >> shift)``, a logit or a value of the map.
 
     A map gets the maximum over the sums of a pool's window. The sum already holds the rounding half. In a
@@ -37,26 +35,15 @@ class SumDrain(wiring.Component):
         A logit, as late.
     """
 
-    def __init__(self, plan: ImagePlan):
-        self._plan = plan
-        logit = data.StructLayout({"valid": 1, "value": signed(plan.logit_format.width)})
-        super().__init__(
-            {
-                "swap": In(1),
-                "sums": In(sum_layout(plan)),
-                "shift": In(5),
-                "last": In(1),
-                "pairs": In(1),
-                "move": Out(1),
-                "total": In(signed(plan.accumulator_bits)),
-                "value": Out(data.StructLayout({"valid": 1, "value": 8})),
-                "logit": Out(logit),
-            }
-        )
+    def ports(self, plan: ImagePlan):
+        logit = struct("valid", value=signed(plan.logit_format.width))
+        return inputs(
+            "swap", "last", "pairs", sums=sum_layout(plan), shift=5, total=signed(plan.accumulator_bits)
+        ) | outputs("move", value=struct("valid", value=8), logit=logit)
 
     def elaborate(self, platform):
         m = Module()
-        plan = self._plan
+        plan = self.spec
         sums = Signal(sum_layout(plan))
         lane = Signal(range(max(2, plan.lanes)))
         moving = Signal()

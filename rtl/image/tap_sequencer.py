@@ -2,14 +2,13 @@
 (eskin/rtl/program/image_passes.py)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
+from eskin.rtl.common import Block, inputs, outputs
 from eskin.rtl.image.layouts import pass_layout, sum_layout, tap_layout
 from eskin.rtl.program.image_passes import DRAIN_CYCLES, ImagePlan
 
 
-class TapSequencer(wiring.Component):
+class TapSequencer(Block):
     """Runs one pass: slot after slot, in each the taps of a sum that lie inside the map.
 
     While a slot issues its taps, the next sum is prepared. Its first addresses are reached from the corner of
@@ -38,24 +37,19 @@ class TapSequencer(wiring.Component):
     Timing: `eskin.rtl.program.image_passes.Pass.cycles`.
     """
 
-    def __init__(self, plan: ImagePlan):
-        self._plan = plan
-        super().__init__(
-            {
-                "now": In(pass_layout(plan)),
-                "go": In(1),
-                "tap": Out(tap_layout(plan)),
-                "begin": Out(1),
-                "released": Out(sum_layout(plan)),
-                "addend": Out(plan.address_bits),
-                "ending": Out(1),
-                "done": Out(1),
-            }
+    def ports(self, plan: ImagePlan):
+        return inputs("go", now=pass_layout(plan)) | outputs(
+            "begin",
+            "ending",
+            "done",
+            tap=tap_layout(plan),
+            released=sum_layout(plan),
+            addend=plan.address_bits,
         )
 
     def elaborate(self, platform):
         m = Module()
-        plan, now = self._plan, self.now
+        plan, now = self.spec, self.now
         lanes = plan.lanes
 
         def register(name: str, bits: int = plan.address_bits) -> Signal:

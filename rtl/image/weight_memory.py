@@ -2,17 +2,16 @@
 port."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import data, wiring
+from amaranth.lib import data
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
-from eskin.rtl.common import NO_COLLISION, OnePortMemory, drive, inputs
+from eskin.rtl.common import NO_COLLISION, Block, OnePortMemory, drive, inputs, outputs
 from eskin.rtl.program.image_passes import ImagePlan
 
 DENSE_MEMORIES = 2
 
 
-class WeightMemory(wiring.Component):
+class WeightMemory(Block):
     """The weights of a tap, a lane each; latency 1.
 
     Members
@@ -26,24 +25,21 @@ class WeightMemory(wiring.Component):
         high half of the dense layers' word.
     """
 
-    def __init__(self, plan: ImagePlan):
-        self._plan = plan
-        super().__init__(
-            {
-                **inputs("read", "dense"),
-                "address": In(plan.address_bits),
-                "weights": Out(data.ArrayLayout(signed(plan.weight_bits), plan.lanes)),
-                "load": In(1),
-                "column": In(plan.columns),
-                "load_dense": In(DENSE_MEMORIES),
-                "load_address": In(16),
-                "load_word": In(16),
-            }
-        )
+    def ports(self, plan: ImagePlan):
+        return inputs(
+            "read",
+            "dense",
+            "load",
+            address=plan.address_bits,
+            column=plan.columns,
+            load_dense=DENSE_MEMORIES,
+            load_address=16,
+            load_word=16,
+        ) | outputs(weights=data.ArrayLayout(signed(plan.weight_bits), plan.lanes))
 
     def elaborate(self, platform):
         m = Module()
-        plan = self._plan
+        plan = self.spec
         width = plan.lanes * plan.weight_bits
         word = []
         for column in range(plan.columns):

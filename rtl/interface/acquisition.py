@@ -6,14 +6,13 @@ from typing import Any
 
 from amaranth.hdl import Module, Mux
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, ConverterFault, SpiPlan, converter_plan
 from eskin.golden.core.converters import sample_clock
 from eskin.golden.core.converters.ddc232 import DdcPlan
 from eskin.golden.core.converters.matrix import MatrixPlan
 from eskin.golden.core.converters.mpr121 import MprPlan
-from eskin.rtl.common import drive, forward, outputs, sample_layout
+from eskin.rtl.common import drive, forward, inputs, outputs, sample_layout
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter
 from eskin.rtl.interface.frame_guard import FrameGuard
@@ -68,13 +67,15 @@ class Acquisition(wiring.Component):
         plan = converter_plan(config, self._clock_hz)
         self.converter = COMPONENTS[type(plan)](plan, config.sensor.taxels)
         super().__init__(
-            {
-                "run": In(1),
-                "o": Out(stream.Signature(sample_layout(config))),
-                **outputs("sampling", "handing", "broken"),
-                "fault": Out(FAULT_BITS),
-                "pins": Out(self.converter.pins.signature),
-            }
+            inputs("run")
+            | outputs(
+                o=stream.Signature(sample_layout(config)),
+                sampling=1,
+                handing=1,
+                broken=1,
+                fault=FAULT_BITS,
+                pins=self.converter.pins.signature,
+            )
         )
 
     def elaborate(self, platform):

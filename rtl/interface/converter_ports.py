@@ -1,11 +1,11 @@
 """Ports of every converter's controller beside its pins (docs/specification.md section 12)."""
 
 from amaranth.hdl import unsigned
-from amaranth.lib import data, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
-from eskin.rtl.common import outputs
+from eskin.rtl.common import outputs, struct
 
 FAULT_BITS = len(ConverterFault)
 
@@ -28,5 +28,5 @@ def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
         with it. While ``away``: setting up has failed and restarts.
     """
     told = {**outputs("busy", "away", "finished"), "fault": Out(FAULT_BITS)}
-    put = data.StructLayout({"valid": 1, "place": range(taxels), "code": unsigned(code_bits)})
+    put = struct("valid", place=range(taxels), code=unsigned(code_bits))
     return {"start": In(1), "put": Out(put)} | told

@@ -4,7 +4,7 @@
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In
 
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters.ddc232 import (
@@ -23,11 +23,8 @@ EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
 """First bits of the readback, which are compared; the revision is not."""
 
 DDC_PINS = wiring.Signature(
-    {
-        **outputs("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk"),
-        "dvalid_n": In(1, init=1),
-        "dout": In(1, init=1),
-    }
+    outputs("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk")
+    | {"dvalid_n": In(1, init=1), "dout": In(1, init=1)}
 )
 """Names of the data sheet; its DIN (the next chip's data) is tied low, its CLK runs always."""
 
@@ -57,7 +54,7 @@ class Ddc232Converter(wiring.Component):
 
     def __init__(self, plan: DdcPlan, taxels: int):
         self._plan = plan
-        super().__init__(converter_ports(taxels, plan.bits) | {"pins": Out(DDC_PINS)})
+        super().__init__(outputs(pins=DDC_PINS) | converter_ports(taxels, plan.bits))
 
     def elaborate(self, platform):
         m = Module()

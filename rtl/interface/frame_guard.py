@@ -2,15 +2,14 @@
 12)."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import stream
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, inputs, outputs, sample_layout, shape_of
+from eskin.rtl.common import Block, drive, inputs, outputs, sample_layout, shape_of, struct
 
 
-class FrameGuard(wiring.Component):
+class FrameGuard(Block):
     """Keeps the samples of a frame in a memory and hands them on, taxel 0 first, when the frame has ended
     well.
 
@@ -36,26 +35,16 @@ class FrameGuard(wiring.Component):
     The first beat is offered 2 cycles after ``finished``, then a beat every 2 cycles while they are taken.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        put = data.StructLayout(
-            {"valid": 1, "place": range(config.sensor.taxels), "sample": shape_of(config.sample_format)}
-        )
-        super().__init__(
-            {
-                "put": In(put),
-                **inputs("finished", "bad"),
-                "o": Out(stream.Signature(sample_layout(config))),
-                **outputs("handing", "late", "broken"),
-            }
+    def ports(self, config: AcceleratorConfig):
+        put = struct("valid", place=range(config.sensor.taxels), sample=shape_of(config.sample_format))
+        return inputs("finished", "bad", put=put) | outputs(
+            o=stream.Signature(sample_layout(config)), handing=1, late=1, broken=1
         )
 
     def elaborate(self, platform):
         m = Module()
-        taxels = self._config.sensor.taxels
-        m.submodules.memory = memory = Memory(
-            shape=shape_of(self._config.sample_format), depth=taxels, init=[]
-        )
+        taxels = self.spec.sensor.taxels
+        m.submodules.memory = memory = Memory(shape=shape_of(self.spec.sample_format), depth=taxels, init=[])
         write, read = memory.write_port(), memory.read_port()
         self.write, self.read = write, read
         place = self.place = Signal(range(taxels))

@@ -5,11 +5,11 @@ from enum import Enum
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In
 
-from eskin.rtl.common import drive, outputs
+from eskin.rtl.common import Block, drive, inputs, outputs
 
-I2C_PINS = wiring.Signature({**outputs("scl_low", "sda_low"), "sda": In(1, init=1)})
+I2C_PINS = wiring.Signature(outputs("scl_low", "sda_low") | {"sda": In(1, init=1)})
 """Open drain: ``..._low`` pulls the wire low, otherwise its pull-up holds it high. This controller is the
 only one on its bus, and no chip here stretches the clock, so SCL is not listened to."""
 
@@ -25,7 +25,7 @@ class I2cOp(Enum):
     LAST = 4
 
 
-class I2cMaster(wiring.Component):
+class I2cMaster(Block):
     """Bits of four quarters: clock low with the old data, low with the new, high, high.
 
     START and STOP are bits too, in which the data line falls, or rises, in the middle of the clock's high
@@ -58,26 +58,17 @@ class I2cMaster(wiring.Component):
     of its registers it is idle after one byte's time at most.
     """
 
-    def __init__(self, quarter: int):
-        self._quarter = quarter
-        super().__init__(
-            {
-                "start": In(1),
-                "op": In(I2cOp),
-                "byte": In(8),
-                **outputs("idle", "done"),
-                "heard": Out(8),
-                "acknowledged": Out(1),
-                "pins": Out(I2C_PINS),
-            }
+    def ports(self, quarter: int):
+        return inputs("start", op=I2cOp, byte=8) | outputs(
+            "idle", "done", "acknowledged", heard=8, pins=I2C_PINS
         )
 
     def elaborate(self, platform):
-        m = Module()
+        m, quarter = Module(), self.spec
         pins = self.pins
         sda = Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(pins.sda, sda, init=1)
-        timer = Signal(range(self._quarter))
+        timer = Signal(range(quarter))
         quarters = Signal(range(37))  # to go
         op = Signal(I2cOp)
         out = Signal(9, init=0x1FF)
@@ -86,7 +77,7 @@ class I2cMaster(wiring.Component):
         drive(m, self, idle=quarters == 0, done=(quarters == 1) & over)
         with m.If(quarters == 0), m.If(self.start):
             is_bit = (self.op == I2cOp.START) | (self.op == I2cOp.STOP)
-            m.d.sync += [op.eq(self.op), quarters.eq(Mux(is_bit, 4, 36)), timer.eq(self._quarter - 1)]
+            m.d.sync += [op.eq(self.op), quarters.eq(Mux(is_bit, 4, 36)), timer.eq(quarter - 1)]
             with m.Switch(self.op):
                 with m.Case(I2cOp.WRITE):
                     m.d.sync += out.eq(Cat(1, self.byte))
@@ -97,7 +88,7 @@ class I2cMaster(wiring.Component):
         with m.Elif(~over):
             m.d.sync += timer.eq(timer - 1)
         with m.Else():
-            m.d.sync += [timer.eq(self._quarter - 1), quarters.eq(quarters - 1)]
+            m.d.sync += [timer.eq(quarter - 1), quarters.eq(quarters - 1)]
             # what the lines do when a quarter ends
             with m.Switch(phase):
                 with m.Case(0):

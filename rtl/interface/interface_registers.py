@@ -1,11 +1,10 @@
 """Registers of the position, the converter's faults and the stimulator's settings."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, outputs
+from eskin.rtl.common import Block, drive, inputs, outputs, struct
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.stimulation import reset_settings
@@ -16,7 +15,7 @@ from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, i
 COUNT_BITS = 16
 
 
-class InterfaceRegisters(wiring.Component):
+class InterfaceRegisters(Block):
     """Between the host and the accelerator's bus: takes the accesses to `InterfaceRegister`, hands on all
     others in the same cycle.
 
@@ -42,16 +41,16 @@ class InterfaceRegisters(wiring.Component):
         amplitude above 255 is 255.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config, self._registers = config, interface_registers(config)
-        told = In(data.StructLayout({"valid": 1, "payload": position_layout}))
-        super().__init__(
-            {"bus": In(bus_signature()), "inner": Out(bus_signature()), **outputs("armed", "arm")}
-            | ({"position": told} if config.interface.position else {})
-            | ({"fault": In(FAULT_BITS)} if InterfaceRegister.CONVERTER_FAULTS in self._registers else {})
+    def ports(self, config: AcceleratorConfig):
+        registers = interface_registers(config)
+        return (
+            inputs(bus=bus_signature())
+            | outputs("armed", "arm", inner=bus_signature())
+            | (inputs(position=struct("valid", payload=position_layout)) if config.interface.position else {})
+            | (inputs(fault=FAULT_BITS) if InterfaceRegister.CONVERTER_FAULTS in registers else {})
             | (
                 {"settings": Out(settings_layout, init=reset_settings(config))}
-                if InterfaceRegister.STIM_WIDTH in self._registers
+                if InterfaceRegister.STIM_WIDTH in registers
                 else {}
             )
         )
@@ -59,10 +58,11 @@ class InterfaceRegisters(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         bus, inner, number_of = self.bus, self.inner, InterfaceRegister
+        registers = interface_registers(self.spec)
         mine = Signal()
         was_mine = Signal()
         r_data = Signal(16)
-        with m.Switch(bus.addr), m.Case(*map(int, self._registers)):
+        with m.Switch(bus.addr), m.Case(*map(int, registers)):
             m.d.comb += mine.eq(1)
         drive(m, inner, addr=bus.addr, w_data=bus.w_data, w_stb=bus.w_stb & ~mine, r_stb=bus.r_stb & ~mine)
         m.d.comb += bus.r_data.eq(Mux(was_mine, r_data, inner.r_data))
@@ -71,7 +71,7 @@ class InterfaceRegisters(wiring.Component):
         m.d.comb += arm.eq(command & (bus.w_data & Control.ARM).any())
         m.d.sync += self.armed.eq(self.armed | arm)
         readable: dict[InterfaceRegister, Value] = {}
-        if number_of.POSITION in self._registers:
+        if number_of.POSITION in registers:
             last = Signal(position_layout)
             count = Signal(COUNT_BITS)
             with m.If(self.position.valid):
@@ -83,13 +83,13 @@ class InterfaceRegisters(wiring.Component):
                 number_of.POSITION_PEAK: Cat(last.peak, last.direction, last.ended),
             }
             readable[number_of.POSITIONS] = count
-        if number_of.CONVERTER_FAULTS in self._registers:
+        if number_of.CONVERTER_FAULTS in registers:
             faults = Signal(FAULT_BITS)
             m.d.sync += faults.eq(faults | self.fault)
             with m.If(command & (bus.w_data & Control.CLEAR_FAULTS).any()):
                 m.d.sync += faults.eq(self.fault)
             readable[number_of.CONVERTER_FAULTS] = faults
-        if number_of.STIM_WIDTH in self._registers:
+        if number_of.STIM_WIDTH in registers:
             for name, bits in SETTINGS.items():
                 number, setting = number_of[f"STIM_{name.upper()}"], getattr(self.settings, name)
                 readable[number] = setting

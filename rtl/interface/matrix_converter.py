@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters.matrix import MatrixPlan
-from eskin.rtl.common import drive
+from eskin.rtl.common import Block, drive, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster
 
@@ -18,7 +18,7 @@ def matrix_pins(plan: MatrixPlan) -> wiring.Signature:
     return wiring.Signature(addresses | {"cs_n": Out(1, init=1), "sclk": Out(1), "miso": In(1, init=1)})
 
 
-class MatrixConverter(wiring.Component):
+class MatrixConverter(Block):
     """All cells, row by row, one frame a ``start``. The address changes when the converter's transfer ends.
     At least ``plan.settle`` cycles later, select falls and the converter samples.
 
@@ -33,15 +33,14 @@ class MatrixConverter(wiring.Component):
     The others are those of `converter_ports`. A frame takes ``plan.scan_cycles`` at most.
     """
 
-    def __init__(self, plan: MatrixPlan):
-        self._plan = plan
-        super().__init__(
-            converter_ports(plan.rows * plan.columns, plan.port.code_bits) | {"pins": Out(matrix_pins(plan))}
+    def ports(self, plan: MatrixPlan):
+        return outputs(pins=matrix_pins(plan)) | converter_ports(
+            plan.rows * plan.columns, plan.port.code_bits
         )
 
     def elaborate(self, platform):
         m = Module()
-        plan, pins, chip = self._plan, self.pins, self._plan.port.chip
+        plan, pins, chip = self.spec, self.pins, self.spec.port.chip
         m.submodules.master = master = SpiMaster(plan.port)
         drive(m, pins, cs_n=master.pins.cs_n, sclk=master.pins.sclk)
         m.d.comb += master.pins.miso.eq(pins.miso)

@@ -4,13 +4,12 @@ section 12)."""
 from dataclasses import dataclass
 
 from amaranth.hdl import Array, Const, Module, Mux, Signal
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import Out
+from amaranth.lib import data
 
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters import mpr121
 from eskin.golden.core.converters.mpr121 import FULL, MprPlan
-from eskin.rtl.common import drive, forward
+from eskin.rtl.common import Block, drive, forward, outputs, struct
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 
@@ -27,7 +26,7 @@ class Step:
     pause: int = 0
 
 
-STEP = data.StructLayout({"op": 3, "byte": 8, "compare": 1, "keep": 2, "pause": 2})
+STEP = struct(op=3, byte=8, compare=1, keep=2, pause=2)
 
 
 def _message(address: int, *words: int, pause: int = 0) -> list[Step]:
@@ -71,7 +70,7 @@ def frame(plan: MprPlan) -> list[Step]:
     return steps
 
 
-class Mpr121Converter(wiring.Component):
+class Mpr121Converter(Block):
     """A burst from each chip, then the cells one a cycle, one frame a ``start``.
 
     After reset, and after any fault, the chips are set up again. No acknowledge is SILENT; a CONFIG2 that is
@@ -86,15 +85,12 @@ class Mpr121Converter(wiring.Component):
     The others are those of `converter_ports`.
     """
 
-    def __init__(self, plan: MprPlan):
-        self._plan = plan
-        super().__init__(
-            converter_ports(plan.rows * plan.columns, mpr121.CODE_BITS + 1) | {"pins": Out(I2C_PINS)}
-        )
+    def ports(self, plan: MprPlan):
+        return outputs(pins=I2C_PINS) | converter_ports(plan.rows * plan.columns, mpr121.CODE_BITS + 1)
 
     def elaborate(self, platform):
         m = Module()
-        plan, bits = self._plan, mpr121.CODE_BITS
+        plan, bits = self.spec, mpr121.CODE_BITS
         m.submodules.master = master = I2cMaster(plan.quarter)
         forward(m, self, master, "pins")
         setting_up, reading = start_up(plan), frame(plan)

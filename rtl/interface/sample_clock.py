@@ -2,7 +2,8 @@
 
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.common import inputs, outputs
 
 
 class SampleClock(wiring.Component):
@@ -26,7 +27,7 @@ class SampleClock(wiring.Component):
 
     def __init__(self, p: int, q: int):
         self._p, self._q = p, q
-        super().__init__({"run": In(1), "tick": Out(1)})
+        super().__init__(inputs("run") | outputs("tick"))
 
     def elaborate(self, platform):
         m = Module()

@@ -2,15 +2,13 @@
 section 12)."""
 
 from amaranth.hdl import Const, Module, Signal, signed
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.converters import code_bits, code_offset, code_shift
-from eskin.rtl.common import narrow, saturate, shape_of
+from eskin.rtl.common import Block, inputs, narrow, outputs, saturate, shape_of
 
 
-class SampleNarrower(wiring.Component):
+class SampleNarrower(Block):
     """SAT(RND((code - offset) / 2**shift)), combinational; a shift below 0 appends zeros.
 
     Members
@@ -19,13 +17,12 @@ class SampleNarrower(wiring.Component):
     sample : Out(sample_format)
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        super().__init__({"code": In(code_bits(config)), "sample": Out(shape_of(config.sample_format))})
+    def ports(self, config: AcceleratorConfig):
+        return inputs(code=code_bits(config)) | outputs(sample=shape_of(config.sample_format))
 
     def elaborate(self, platform):
         m = Module()
-        config, shift, offset = self._config, code_shift(self._config), code_offset(self._config)
+        config, shift, offset = self.spec, code_shift(self.spec), code_offset(self.spec)
         width = max(len(self.code), offset.bit_length()) + 2
         centred = Signal(signed(width))
         m.d.comb += centred.eq(self.code - Const(offset, signed(offset.bit_length() + 1)))

@@ -3,10 +3,9 @@
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
-from amaranth.lib.wiring import Out
 
 from eskin.golden.core import ConverterFault, SpiPlan
-from eskin.rtl.common import drive, forward
+from eskin.rtl.common import drive, forward, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster, spi_pins
 
@@ -30,7 +29,7 @@ class SpiConverter(wiring.Component):
     def __init__(self, plan: SpiPlan, taxels: int):
         self._plan, self._taxels = plan, taxels
         super().__init__(
-            converter_ports(taxels, plan.code_bits) | {"pins": Out(spi_pins(plan.lines, plan.selects))}
+            outputs(pins=spi_pins(plan.lines, plan.selects)) | converter_ports(taxels, plan.code_bits)
         )
 
     def elaborate(self, platform):

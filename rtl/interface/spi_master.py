@@ -7,7 +7,7 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import SpiPlan
-from eskin.rtl.common import drive, outputs
+from eskin.rtl.common import Block, drive, inputs, outputs
 
 
 def spi_pins(lines: int, selects: int) -> wiring.Signature:
@@ -22,7 +22,7 @@ def spi_pins(lines: int, selects: int) -> wiring.Signature:
     )
 
 
-class SpiMaster(wiring.Component):
+class SpiMaster(Block):
     """One transfer of ``plan.chip.bits`` clocks, most significant bit first, mode 0: both sides change their
     data when the clock falls.
 
@@ -53,23 +53,15 @@ class SpiMaster(wiring.Component):
     registers the port is idle again after at most twice that, for its two counters only count down.
     """
 
-    def __init__(self, plan: SpiPlan):
-        self._plan = plan
+    def ports(self, plan: SpiPlan):
         bits, lines, selects = plan.chip.bits, plan.lines, plan.selects
-        super().__init__(
-            {
-                "start": In(1),
-                "select": In(range(max(2, selects))),
-                "command": In(bits),
-                **outputs("idle", "done"),
-                "words": Out(data.ArrayLayout(unsigned(bits), lines)),
-                "pins": Out(spi_pins(lines, selects)),
-            }
+        return inputs("start", select=range(max(2, selects)), command=bits) | outputs(
+            "idle", "done", words=data.ArrayLayout(unsigned(bits), lines), pins=spi_pins(lines, selects)
         )
 
     def elaborate(self, platform):
         m = Module()
-        plan, pins = self._plan, self.pins
+        plan, pins = self.spec, self.pins
         halves = 2 * plan.chip.bits
         lines = Signal(plan.lines, init=(1 << plan.lines) - 1)
         m.submodules.synchroniser = FFSynchronizer(pins.miso, lines, init=(1 << plan.lines) - 1)

@@ -4,11 +4,11 @@
 import math
 
 from amaranth.hdl import Module
-from amaranth.lib import data, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import decision_layout, drive, forward
+from eskin.rtl.common import decision_layout, drive, forward, inputs, outputs, struct
 from eskin.rtl.host.uart import UartTransmitter, uart_divisor
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames, settings_layout
 from eskin.rtl.interface.stimulus import Stimulus
@@ -56,13 +56,9 @@ class Stimulation(wiring.Component):
         )
         self._name = name
         super().__init__(
-            {
-                name: In(data.StructLayout({"valid": 1, "payload": layout})),
-                "fault": In(1),
-                "settings": In(settings_layout),
-                "tx": Out(1, init=1),
-                "on": Out(1),
-            }
+            inputs("fault", settings=settings_layout)
+            | outputs("on")
+            | {name: In(struct("valid", payload=layout)), "tx": Out(1, init=1)}
         )
 
     def elaborate(self, platform):

@@ -2,10 +2,9 @@
 
 from amaranth.hdl import Array, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.groups import Interface
-from eskin.rtl.common import drive, outputs
+from eskin.rtl.common import drive, inputs, outputs
 
 ELECTRODES = (11, 6, 27, 22, 10, 7, 1, 23, 9, 8, 2, 24, 12, 5, 28, 21, 13, 4, 29, 20, 14, 3, 30, 19)
 """Channel of the stimulator for each electrode, row by row of 4."""
@@ -56,14 +55,8 @@ class StimulatorFrames(wiring.Component):
         self._limits = {name: getattr(interface, f"{name}_limit") for name in SETTINGS}
         self._on_cycles = on_cycles
         super().__init__(
-            {
-                "request": In(1),
-                "electrode": In(range(24)),
-                "fault": In(1),
-                "settings": In(settings_layout),
-                "byte": Out(stream.Signature(8)),
-                **outputs("on", "resting"),
-            }
+            inputs("request", "fault", electrode=range(24), settings=settings_layout)
+            | outputs("on", "resting", byte=stream.Signature(8))
         )
 
     def elaborate(self, platform):

@@ -2,11 +2,11 @@
 (docs/specification.md section 14)."""
 
 from amaranth.hdl import Array, Const, Module, Mux, Signal
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import decision_layout
+from eskin.rtl.common import decision_layout, inputs, outputs, struct
 from eskin.rtl.interface.touch_position import position_layout
 
 ROWS, COLUMNS = 6, 4
@@ -34,14 +34,11 @@ class Stimulus(wiring.Component):
         self._config, self._hold = config, hold_cycles
         by_decision = config.interface.stimulator == "decisions"
         layout = decision_layout(config) if by_decision else position_layout
-        told = In(data.StructLayout({"valid": 1, "payload": layout}))
+        told = In(struct("valid", payload=layout))
         super().__init__(
-            {
-                "decision" if by_decision else "position": told,
-                "clear": In(1),
-                "request": Out(1),
-                "electrode": Out(range(24)),
-            }
+            inputs("clear")
+            | outputs("request", electrode=range(24))
+            | {"decision" if by_decision else "position": told}
         )
 
     def elaborate(self, platform):

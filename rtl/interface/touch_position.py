@@ -1,21 +1,19 @@
 """Position of the touch, and direction of a slide (docs/specification.md section 13)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
-from amaranth.lib import data, wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import drive, sample_layout
+from eskin.rtl.common import Block, drive, inputs, outputs, sample_layout, struct
 
 FRACTION = 4
 """Fraction bits of a position."""
 
-position_layout = data.StructLayout({"x": 8, "y": 8, "peak": 8, "ended": 1, "direction": 3})
+position_layout = struct(x=8, y=8, peak=8, ended=1, direction=3)
 """A position: centre in sixteenths of a cell, largest cell; with ``ended`` those of the touch's last frame
 and the direction of its slide: 0 none, 1 right, 2 left, 3 down, 4 up."""
 
 
-class TouchPosition(wiring.Component):
+class TouchPosition(Block):
     """Cells above the threshold, their weighted centre and the largest of them.
 
     With v the heights, R rows and C columns: the sum S, the sum U of what the row has had so far, over all
@@ -41,19 +39,14 @@ class TouchPosition(wiring.Component):
     The next frame must not end earlier.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._config = config
-        super().__init__(
-            {
-                "i": In(data.StructLayout({"valid": 1, "payload": sample_layout(config)})),
-                "clear": In(1),
-                "o": Out(data.StructLayout({"valid": 1, "payload": position_layout})),
-            }
+    def ports(self, config: AcceleratorConfig):
+        return inputs("clear", i=struct("valid", payload=sample_layout(config))) | outputs(
+            o=struct("valid", payload=position_layout)
         )
 
     def elaborate(self, platform):
         m = Module()
-        interface, cells = self._config.interface, self._config.sensor.taxels
+        interface, cells = self.spec.interface, self.spec.sensor.taxels
         sample = self.i.payload.sample
         above = Signal(signed(len(sample) + 2))
         m.d.comb += above.eq(sample - Const(interface.position_rest, signed(len(sample) + 1)))

@@ -183,19 +183,11 @@ def in_one_phase(program: CellProgram) -> CellProgram:
     partials = {block.region: block for block in program.before if block.dest == "partial"}
     after = []
     for block in program.after:
-        before = None if block.bias else partials[block.region]
-        after.append(
-            block
-            if before is None
-            else RowBlock(
-                block.name,
-                (*before.terms, *block.terms),
-                block.dest,
-                block.region,
-                before.bias,
-                before.narrowing,
-            )
-        )
+        if not block.bias:
+            before = partials[block.region]
+            terms = (*before.terms, *block.terms)
+            block = replace(block, terms=terms, bias=before.bias, narrowing=before.narrowing)
+        after.append(block)
     first = tuple(block for block in program.before if block.dest != "partial")
     return replace(program, before=(), after=(*first, *after))
 

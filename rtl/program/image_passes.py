@@ -307,10 +307,6 @@ class ImagePlan:
             words += biases + [0] * (pass_.groups * pass_.group - len(biases))
         return words + [0] * (self.addend_words - len(words))
 
-    def conv_weights(self, arrays: Arrays) -> list[int]:
-        """Words of the convolutions' weights: lane 0's in the lowest bits."""
-        return [word for pass_ in self.passes if not pass_.dense for word in self.packed(pass_, arrays)]
-
     def dense_weights(self, arrays: Arrays) -> list[int]:
         """Words of the dense memories: the first tap's weights in the lowest bits."""
         words, bits = [], self.dense_lanes * self.weight_bits

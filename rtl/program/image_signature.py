@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from eskin.rtl.program.image_passes import ImagePlan, Pass
-from eskin.rtl.program.signature import START, advance, fold, parity, retreat
+from eskin.rtl.program.signature import START, advance, fold, retreat
 
 BIAS_WORD_BITS = 25
 """Bits of a bias with its rounding half; with ``checksum`` a parity bit stands on top."""
@@ -59,9 +59,3 @@ def checked_program(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> list[i
                 signature = retreat(signature)
             program.append(signature)
     return program
-
-
-def with_parity(word: int) -> int:
-    """A bias's word with the bit on top that makes the number of ones even."""
-    code = word & (1 << BIAS_WORD_BITS) - 1
-    return code | parity(code, BIAS_WORD_BITS) << BIAS_WORD_BITS

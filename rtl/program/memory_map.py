@@ -13,11 +13,11 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
-from eskin.rtl.program.image_signature import checked_program, with_parity
+from eskin.rtl.program.image_signature import BIAS_WORD_BITS, checked_program
 from eskin.rtl.program.microcode import Layout, Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import RowGroup
-from eskin.rtl.program.signature import check_words, parity
+from eskin.rtl.program.signature import check_words, with_parity
 
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 5
@@ -359,11 +359,9 @@ def memory_images(config: AcceleratorConfig, arrays: Arrays, program: CellProgra
     if config.hardware.checksum:
         code = Microcode(plan)
         constants += [0] * (code.layout.constant_words - len(constants))
-        checks = check_words(
-            code, [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], constants
-        )
+        checks = check_words(code, {**images, "addend": images[Memory.ADDENDS], "gate": constants})
         constants[layout.check_base : layout.check_base + len(checks)] = checks
-        images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
+        images[Memory.MEANS] = [with_parity(mean, 16 * config.mean_words - 1) for mean in means]
     return images
 
 
@@ -413,10 +411,13 @@ def prototype_image(config: AcceleratorConfig, arrays: Arrays) -> Images:
 
 def image_memories(plan: ImagePlan, arrays: Arrays) -> Images:
     """Contents of every memory of a design for images, by MEMORY_SELECT value."""
-    conv, dense, biases = plan.conv_weights(arrays), plan.dense_weights(arrays), plan.addends(arrays)
+    conv = [word for pass_ in plan.passes if not pass_.dense for word in plan.packed(pass_, arrays)]
+    dense, biases = plan.dense_weights(arrays), plan.addends(arrays)
     return {
         **{column: [word >> 16 * column & 0xFFFF for word in conv] for column in range(plan.columns)},
-        ImageMemory.BIASES: [with_parity(word) for word in biases] if plan.checksum else biases,
+        ImageMemory.BIASES: [with_parity(word, BIAS_WORD_BITS) for word in biases]
+        if plan.checksum
+        else biases,
         ImageMemory.PASSES: checked_program(plan, arrays) if plan.checksum else plan.program(),
         ImageMemory.DENSE_LOW: [word & 0xFFFF for word in dense],
         ImageMemory.DENSE_HIGH: [word >> 16 for word in dense],
@@ -448,13 +449,6 @@ def mean_places(config: AcceleratorConfig) -> list[int]:
 def mean_count(config: AcceleratorConfig) -> int:
     """Words of the memory MEANS."""
     return max(mean_places(config)) + 1
-
-
-def mean_word(config: AcceleratorConfig, mean: int) -> int:
-    """A word of the means' memory with ``checksum``: the mean, and on top the bit that makes the number of
-    ones even."""
-    top = 16 * config.mean_words - 1
-    return mean & (1 << top) - 1 | parity(mean, top) << top
 
 
 def memory_words(config: AcceleratorConfig) -> dict[int, int]:

@@ -11,7 +11,7 @@ B starts when the features' window is complete. Partial sums of phase A wait in 
 accumulator width.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 from eskin.golden.core import AcceleratorConfig
@@ -78,7 +78,7 @@ class Schedule:
     # (group, slot of its row 0's address): addends on their way into the chain
     fills: tuple[tuple[int, int], ...] = ()
     shifts: frozenset[int] = frozenset()  # slots in which the chain moves on
-    shared: bool = field(default=False)  # one multiplier serves lanes and element-wise operations
+    shared: bool = False  # one multiplier serves lanes and element-wise operations
 
     @property
     def timing(self) -> Timing:
@@ -134,11 +134,6 @@ class Schedule:
     def busy_share(self) -> float:
         """Share of the lane cycles of a step in which a lane multiplies for a real row."""
         return self.weights / (self.config.hardware.lanes * self.step_cycles)
-
-    @property
-    def element_cycles(self) -> int:
-        """Cycles of a step in which element-wise operations are issued."""
-        return len(self.elements)
 
     @property
     def weights(self) -> int:

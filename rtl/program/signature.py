@@ -6,7 +6,8 @@ Plain Python (no Amaranth), so that command line and benches can share it. The h
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from eskin.rtl.program.microcode import Microcode
 
@@ -17,6 +18,8 @@ TAPS = 0x002D
 START = 0xFFFF
 """First value of a signature, so that memories that were never loaded do not sum up to zero."""
 
+Contents = Mapping[Any, Sequence[int]]
+"""Words by memory: a lane's weights by its number, ``addend``, ``gate`` (the constants)."""
 Read = tuple[str | int, int]
 """(memory, address): a lane by its number, ``addend`` or ``gate``."""
 
@@ -80,40 +83,31 @@ def spread(code: Microcode, read: Read, word: int) -> int:
     return fold(word, config.accumulator_bits if memory == "addend" else WIDTH)
 
 
-def residue(
-    code: Microcode,
-    weights: Sequence[Sequence[int]],
-    addends: Sequence[int],
-    constants: Sequence[int],
-    check: int,
-) -> int:
+def residue(code: Microcode, images: Contents, check: int) -> int:
     """The signature at the judged slot."""
     by_age: dict[int, int] = defaultdict(int)
     for age, (memory, address) in reads(code, check):
-        image = weights[memory] if isinstance(memory, int) else addends if memory == "addend" else constants
-        by_age[age] ^= spread(code, (memory, address), image[address])
+        by_age[age] ^= spread(code, (memory, address), images[memory][address])
     signature = START
     for age in range(code.judged - 2 - code.again, -1, -1):
         signature = advance(signature) ^ by_age[age]
     return signature
 
 
-def check_words(
-    code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence[int], constants: Sequence[int]
-) -> list[int]:
+def check_words(code: Microcode, images: Contents) -> list[int]:
     """The check words (two's complement): with the one of its number, read where the program reads it, a
     step's signature ends as 0.
 
     Parameters
     ----------
-    weights, addends, constants:
-        The images; of the constants those in front of the check words, zeros in their places.
+    images:
+        Of the constants those in front of the check words, zeros in their places.
     """
     layout = code.layout
     words = []
     for check in range(len(layout.checks)):
         (age,) = (age for age, read in reads(code, check) if read == ("gate", layout.check_base | check))
-        word = residue(code, weights, addends, constants, check)
+        word = residue(code, images, check)
         for _ in range(age):
             word = retreat(word)
         words.append(word - (word >> WIDTH - 1 << WIDTH))
@@ -123,3 +117,8 @@ def check_words(
 def parity(word: int, bits: int) -> int:
     """1 when ``word`` has an odd number of ones among its lowest ``bits``."""
     return (word & (1 << bits) - 1).bit_count() & 1
+
+
+def with_parity(word: int, bits: int) -> int:
+    """The lowest ``bits`` of ``word``, and on top the bit that makes the number of ones even."""
+    return word & (1 << bits) - 1 | parity(word, bits) << bits

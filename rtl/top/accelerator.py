@@ -8,10 +8,10 @@ from operator import or_
 
 from amaranth.hdl import Module, ResetInserter, ResetSignal, Signal, Value
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import decision_layout, drive, forward, has_door, probe, sample_layout
+from eskin.rtl.common import decision_layout, drive, forward, has_door, inputs, outputs, probe, sample_layout
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.engine.engine import Engine
@@ -37,14 +37,11 @@ class HostedChain(wiring.Component):
         self._fed_by = fed_by
         self.watching = Watchdog(config) if config.hardware.watchdog else None
         super().__init__(
-            {
-                "i": In(stream.Signature(sample_layout(config))),
-                "o": Out(stream.Signature(decision_layout(config))),
-                "bus": In(bus_signature()),
-                "busy": Out(1),
-                "probe": Out(wiring.Signature({name: Out(probe()) for name in self.probes})),
-            }
-            | ({"any_fault": Out(1)} if fed_by else {})
+            inputs(i=stream.Signature(sample_layout(config)))
+            | outputs(o=stream.Signature(decision_layout(config)))
+            | inputs(bus=bus_signature())
+            | outputs("busy", probe=wiring.Signature({name: Out(probe()) for name in self.probes}))
+            | (outputs("any_fault") if fed_by else {})
         )
 
     def elaborate(self, platform):

@@ -141,12 +141,12 @@ class Board(wiring.Component):
         stimulates = sensing and config.interface.stimulator != "none"
         shelled = {"bus": In(bus_signature()), "o": Out(self.core.o.signature), "any_fault": Out(1)}
         super().__init__(
-            {"decision": Out(class_pin_count(config, class_pins)), **outputs("decision_valid", "led")}
+            outputs(decision=class_pin_count(config, class_pins), decision_valid=1, led=1)
             | ({"rx": In(1, init=1), "tx": Out(1, init=1)} if baud else {})
-            | ({"unsure": Out(1)} if config.network.margin_threshold else {})
-            | ({"pins": Out(self.core.pins.signature)} if sensing else {})
+            | (outputs("unsure") if config.network.margin_threshold else {})
+            | (outputs(pins=self.core.pins.signature) if sensing else {})
             | ({"stim_tx": Out(1, init=1)} if stimulates else {})
-            | ({"flash": Out(flash_pins)} if flash else {})
+            | (outputs(flash=flash_pins) if flash else {})
             | (shelled if shell else {})
         )
 

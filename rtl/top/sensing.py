@@ -2,11 +2,10 @@
 the effect of a broken frame."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import stream, wiring
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import decision_layout, drive, forward, outputs, sample_layout
+from eskin.rtl.common import decision_layout, drive, forward, inputs, outputs, sample_layout, struct
 from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.interface.acquisition import Acquisition
 from eskin.rtl.interface.converter_ports import FAULT_BITS
@@ -54,19 +53,20 @@ class Sensing(wiring.Component):
     ):
         self.acquisition = Acquisition(config, clock_hz)
         self.accelerator = Accelerator(config, images, fed_by)
-        frame = data.StructLayout({"valid": 1, "ready": 1, "payload": sample_layout(config)})
+        frame = struct("valid", "ready", payload=sample_layout(config))
         super().__init__(
-            {
-                "run": In(1),
-                "o": Out(stream.Signature(decision_layout(config))),
-                "bus": In(bus_signature()),
-                "busy": Out(1),
-                "probe": Out(self.accelerator.probe.signature),
-                "frame": Out(frame),
-                "fault": Out(FAULT_BITS),
-                **outputs("broken", "sampling"),
-                "pins": Out(self.acquisition.pins.signature),
-            }
+            inputs("run")
+            | outputs(o=stream.Signature(decision_layout(config)))
+            | inputs(bus=bus_signature())
+            | outputs(
+                "busy",
+                probe=self.accelerator.probe.signature,
+                frame=frame,
+                fault=FAULT_BITS,
+                broken=1,
+                sampling=1,
+                pins=self.acquisition.pins.signature,
+            )
         )
 
     def elaborate(self, platform):

@@ -1,10 +1,9 @@
 """A chain that hangs goes back to idle: docs/specification.md section 11."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.common import Block, inputs, outputs
 from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
@@ -39,7 +38,7 @@ def bound(config: AcceleratorConfig) -> int:
     return 1 << longest_wait(config).bit_length()
 
 
-class Watchdog(wiring.Component):
+class Watchdog(Block):
     """Counts cycles in which something is due and does not come; at ``bound`` the chain is cleared.
 
     Members
@@ -54,13 +53,12 @@ class Watchdog(wiring.Component):
         One cycle: clear the chain.
     """
 
-    def __init__(self, config: AcceleratorConfig):
-        self._bound = bound(config)
-        super().__init__({"due": In(1), "done": In(1), "hung": Out(1)})
+    def ports(self, config: AcceleratorConfig):
+        return inputs("due", "done") | outputs("hung")
 
     def elaborate(self, platform):
         m = Module()
-        count = Signal(range(self._bound + 1))
+        count = Signal(range(bound(self.spec) + 1))
         m.d.comb += self.hung.eq(count[-1])
         m.d.sync += count.eq(count + 1)
         with m.If(~self.due | self.done | self.hung):

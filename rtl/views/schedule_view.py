@@ -104,7 +104,7 @@ def summary(plan: Schedule) -> Record:
         "ideal_cycles": ideal,
         "ratio": plan.step_cycles / ideal,
         "busy_share": plan.busy_share,
-        "element_share": plan.element_cycles / plan.step_cycles,
+        "element_share": len(plan.elements) / plan.step_cycles,
         "shared_multiplier": plan.shared,
         "prologue_cycles": Microcode(plan).again,
         "lowest_clock_hz": lowest_clock_hz(config),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.mutants import Scope, choose, judge, main, mutants
+from scripts.mutants import OUT, Scope, choose, judge, mutants, report
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = '''"""One unit: 1 + 1."""
@@ -80,8 +80,8 @@ def project(tmp_path):
 @pytest.mark.slow
 def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
     monkeypatch.setattr("scripts.mutants.LIMIT", 4)
-    out = project / "build" / "mutants"
-    rows = judge(project, out, 100, 1)
+    out = project / OUT
+    rows = judge(project, 100, 1)
     outcomes = {(row.was, row.now): row.outcome for row in rows.itertuples()}
     assert outcomes["return value + value", "return ((value)-(value))"] == "killed"
     assert outcomes["while value != 3:", "while value != (4):"] == "killed"
@@ -96,7 +96,7 @@ def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
     assert (rows["compared"] == (rows["outcome"] == "killed")).all()
     assert list(rows["outcome"][rows["kind"] == "named"]) == ["killed"]
     verdicts = {path.name: path.stat().st_mtime_ns for path in (out / "verdicts").iterdir()}
-    assert main([], project) == 1
+    assert not report(project, 100, 1)
     shown = capsys.readouterr().out
     assert "+ return (flag)" in shown and "no reason given" in shown and "1 by a" not in shown
     survivors = "".join(
@@ -107,7 +107,7 @@ def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
         )
     )
     (project / "tests/mutants.toml").write_text(SCOPE + survivors)
-    assert main([], project) == 0
+    assert report(project, 100, 1)
     shown = (out / "mutants.md").read_text()
     assert (
         "100.0% killed (seed 1)" in shown

@@ -8,8 +8,9 @@ import pytest
 from eskin.rtl.common import image_lines
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.image.image_engine import ImageEngine
-from eskin.rtl.program.image_signature import with_parity
+from eskin.rtl.program.image_signature import BIAS_WORD_BITS
 from eskin.rtl.program.memory_map import ImageMemory, image_memories
+from eskin.rtl.program.signature import with_parity
 from tests.support.image_case import LOGIT, ImageCase, make_case, random_case
 from tests.support.stream_bench import put, simulate
 
@@ -123,7 +124,7 @@ def checked() -> ImageCase:
 def test_a_wrong_bit_of_any_memory_is_seen_before_the_last_logit(checked, seed):
     rng, images = random.Random(seed), image_memories(checked.plan, checked.arrays)
     for select, words in list(images.items())[seed % len(images) :: 4]:
-        bits = with_parity(-1).bit_length() if select == ImageMemory.BIASES else 16
+        bits = with_parity(-1, BIAS_WORD_BITS).bit_length() if select == ImageMemory.BIASES else 16
         wrong = (select, rng.randrange(len(words)), rng.randrange(bits))
         assert run(checked, "plain", 1, wrong), wrong
 

@@ -83,16 +83,12 @@ def test_every_constant_is_under_the_checksum(lanes, sets):
         "gate": len(images[65]),
     }
     assert unseen(code, counts) == []
-    weights, addends, constants = (
-        [images[lane] for lane in range(lanes)],
-        images[Memory.ADDENDS],
-        images[Memory.CONSTANTS],
-    )
+    images |= {"addend": images[Memory.ADDENDS], "gate": images[Memory.CONSTANTS]}
     for check in range(len(code.layout.checks)):
-        assert residue(code, weights, addends, constants, check) == 0
+        assert residue(code, images, check) == 0
     assert len(code.layout.checks) == (config.windows.steps if sets == "window" else 1)
-    weights[0][-1] ^= 1
-    assert residue(code, weights, addends, constants, len(code.layout.checks) - 1) != 0
+    images[0][-1] ^= 1
+    assert residue(code, images, len(code.layout.checks) - 1) != 0
 
 
 # ---------------------------------------------------------------------- fit, quantise, train

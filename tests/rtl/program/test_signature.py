@@ -33,11 +33,8 @@ def test_check_words_bring_the_signature_to_zero_wherever_they_are_read():
     assert all(
         age > 1 for length in lengths for age, read in reads(code, length) if read == ("gate", check | length)
     )
-    for length in lengths:
-        assert (
-            residue(code, [images[0], images[1]], images[Memory.ADDENDS], images[Memory.CONSTANTS], length)
-            == 0
-        )
+    images |= {"addend": images[Memory.ADDENDS], "gate": images[Memory.CONSTANTS]}
+    assert all(residue(code, images, length) == 0 for length in lengths)
 
 
 def test_an_idle_port_does_not_count_into_the_check_words():
