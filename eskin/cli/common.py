@@ -27,7 +27,7 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.model import IntegerModel
-from eskin.pages.views import Rows, parts, words
+from eskin.pages.views import Rows, parts, terminal_table, words
 from eskin.verbs.milestones import shown
 
 OUTPUTS = ("out", "json")
@@ -172,7 +172,7 @@ def show_text(text: str) -> None:
     """Print a result's Markdown."""
     for part in parts(text):
         if isinstance(part, Rows):
-            console.print(part.drawn())
+            console.print(terminal_table(*part))
         elif part.startswith("! "):
             warn(part.removeprefix("! "))
         else:

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -37,14 +37,16 @@ def generate(request: GenerateRequest) -> None:
     integer = integer_model(request.model)
     recordings = None if request.data is None else recordings_for(request.data, integer.config)
     lanes, lane_type = parse_lanes(request.lanes)
-    design = {
-        "lanes": lanes,
-        "lane_type": lane_type,
-        "bus": request.bus,
-        "axis": request.streams is not None,
-        "top": request.top,
-    }
-    folder = generate_design(integer, request.out, recordings=recordings, **design)
+    folder = generate_design(
+        integer,
+        request.out,
+        recordings=recordings,
+        lanes=lanes,
+        lane_type=lane_type,
+        bus=request.bus,
+        axis=request.streams is not None,
+        top=request.top,
+    )
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
@@ -106,8 +108,8 @@ def cosim(request: CosimRequest) -> Record:
         where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=flow.CODE)
         played = loaded.subset(numbers)
         result = flow.cosimulate_parts(integer, played, numbers, work=work, jobs=where, **options)
-        if result["waves"]:
-            result["waves"] = _keep(Path(result["waves"]), work)
+        if result["waves"]:  # out of the temporary folder
+            result["waves"] = str(Path(result["waves"]).rename(work.with_name(f"waves_{work.name}")))
     show("cosim", played=result, **result)
     return result
 
@@ -119,13 +121,6 @@ def _work_folder() -> Iterator[Path]:
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=parent) as work:
         yield Path(work)
-
-
-def _keep(waves: Path, work: Path) -> str:
-    """The waveform of a mismatch, moved out of the temporary work folder."""
-    target = work.with_name(f"waves_{work.name}")
-    waves.rename(target)
-    return str(target)
 
 
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
@@ -230,18 +225,13 @@ def schedule(request: ScheduleRequest) -> None:
         plan = plan_step(config)
         columns, rows = ("what", "value"), schedule_view.figures(plan)
     files = view.drawing_files(plan)
-    _write_files(request.out, files)
+    for name in files:
+        check_target(request.out / name)
+    with contextlib.ExitStack() as stack:  # all files or none
+        for name, write in files.items():
+            write(stack.enter_context(replacing(request.out / name)))
     console.print(terminal_table(view.title(plan).partition("\n")[0], columns, rows))
     say(f"files: {', '.join(str(request.out / name) for name in files)}")
-
-
-def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
-    """Write all files into ``folder``, or none."""
-    for name in files:
-        check_target(folder / name)
-    with contextlib.ExitStack() as stack:
-        for name, write in files.items():
-            write(stack.enter_context(replacing(folder / name)))
 
 
 @app.command(
@@ -256,8 +246,8 @@ def energy(request: EnergyRequest) -> Record:
     integer = IntegerModel.load(request.model)
     loaded = recordings_for(request.data, integer.config)
     with _work_folder() as work, progress_bars() as report:
-        options: Record = {"count": request.recordings, "out": request.out, "work": work, "notify": report}
-        result = job(integer, loaded, request.configuration, **options)
+        count, out = request.recordings, request.out
+        result = job(integer, loaded, request.configuration, count=count, out=out, work=work, notify=report)
     show("energy", **result, in_words=in_words, file=request.out / RESULT)
     return result
 

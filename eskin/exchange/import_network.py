@@ -135,8 +135,11 @@ def import_network(
         checked = {"check": found, "passed": found["passed"]}
         if found["shows"] == "last" and shows in ("every", "weights"):
             shows = "reference"
-    config, decided = _decide(config, shows)
-    notes = [decided, *notes]
+    if shows in BY_LAST_STEP and config.network.decision == "vote":  # one that is early stays so
+        config = config.replace(decision="last")
+    decision = config.network.decision
+    kept = "" if shows == "metadata" or decision == "last" else ", the configuration's"
+    notes = [f"decision {decision}{kept}: {SHOWS[shows]}", *notes]
     record = {
         "imported": {
             "file": str(file),
@@ -153,15 +156,6 @@ def import_network(
     if record.get("passed", True):
         FloatModel(config, arrays, str(file)).save(out, record)
     return record
-
-
-def _decide(config: AcceleratorConfig, shows: str) -> tuple[AcceleratorConfig, str]:
-    """``config`` that decides by the last step where the file shows that (a configuration that is ``early`` stays so),
-    and a sentence about it."""
-    if shows in BY_LAST_STEP and config.network.decision == "vote":
-        config = config.replace(decision="last")
-    kept = "" if shows == "metadata" or config.network.decision == "last" else ", the configuration's"
-    return config, f"decision {config.network.decision}{kept}: {SHOWS[shows]}"
 
 
 def _normalisation(

@@ -37,9 +37,9 @@ class Controls:
     skip: leave this recording. stopped: come to an end.
     """
 
-    def __init__(self, *, speed: float = 1.0) -> None:
+    def __init__(self) -> None:
         self._condition = threading.Condition()
-        self.paused, self.speed, self.label = False, speed, -1
+        self.paused, self.speed, self.label = False, 1.0, -1
         self.skip = self.stopped = False
 
     def change(self, **changes: Any) -> None:
@@ -71,8 +71,6 @@ class Player:
         None with a Listener.
     numbers:
         Indices of those to play, in this order.
-    once:
-        Come to an end with the last one; else wait to be asked for more.
     """
 
     def __init__(
@@ -82,12 +80,9 @@ class Player:
         numbers: Sequence[int],
         hub: Hub,
         controls: Controls,
-        *,
-        once: bool = False,
     ) -> None:
         self._source, self._recordings, self._numbers = source, recordings, list(numbers)
         self._hub, self.controls = hub, controls
-        self._once = once
         self.tally = Tally()
         self.decisions: dict[int, int] = {}
         """Recording -> the model's decision, of those played to their end."""
@@ -96,7 +91,7 @@ class Player:
         self._ended, self._first_s = False, NO_SINCE
 
     def run(self) -> None:
-        """Play until all is played (``once``) or somebody stops it. An exception is stored in ``error``."""
+        """Play until somebody stops it; after the last one wait to be asked for more. An exception is stored in ``error``."""
         try:
             self._state()
             if isinstance(self._source, Listener):
@@ -123,8 +118,6 @@ class Player:
                     self._one(source, self._recordings, number)
                 if self.controls.stopped:
                     return
-            if self._once:
-                return
             self._ended = True
             self._tell(now=True)
             self.controls.skip, label = False, self.controls.label

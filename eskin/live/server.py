@@ -121,11 +121,19 @@ class PageServer:
             if site not in (None, host):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "another site's page may not watch\n")
             return None
-        if path == "/":
-            return _response(200, "OK", "text/html; charset=utf-8", self._page)
         if path == "/favicon.ico":
-            return _response(204, "No Content", "image/x-icon", b"")
-        return connection.respond(http.HTTPStatus.NOT_FOUND, "there is one page here: /\n")
+            return connection.respond(http.HTTPStatus.NO_CONTENT, "")
+        if path != "/":
+            return connection.respond(http.HTTPStatus.NOT_FOUND, "there is one page here: /\n")
+        headers = {
+            "Content-Type": "text/html; charset=utf-8",
+            "Content-Length": str(len(self._page)),
+            "Content-Security-Policy": POLICY,
+            "X-Content-Type-Options": "nosniff",
+            "Cache-Control": "no-store",
+            "Connection": "close",
+        }
+        return Response(200, "OK", Headers(headers), self._page)
 
     async def _viewer(self, connection: ServerConnection) -> None:
         waiting, loop = asyncio.Event(), asyncio.get_running_loop()
@@ -182,17 +190,3 @@ def obey(controls: Controls, command: dict) -> None:
             controls.change(skip=True)
         case "class":
             controls.change(label=int(command["index"]))
-
-
-def _response(status: int, reason: str, kind: str, body: bytes) -> Response:
-    headers = Headers(
-        {
-            "Content-Type": kind,
-            "Content-Length": str(len(body)),
-            "Content-Security-Policy": POLICY,
-            "X-Content-Type-Options": "nosniff",
-            "Cache-Control": "no-store",
-            "Connection": "close",
-        }
-    )
-    return Response(status, reason, headers, body)

@@ -18,7 +18,7 @@ import numpy as np
 from eskin.cosim.scoreboard import UNEXPECTED_FAULTS, pack_decision, unpack_decision
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream
-from eskin.golden.model.position import Position, PositionStream
+from eskin.golden.model.position import PositionStream
 from eskin.golden.model.stream import Decision
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
 from eskin.live.link import Link, LinkError
@@ -74,7 +74,11 @@ class ModelSource:
         """Positions of the next frames that the chain takes: of the last of them, and of those that end a touch."""
         positions = self._positions.push(samples) if self._positions else []
         told = (position for position in positions if position.ended or position is positions[-1])
-        return [_where(position, self.config.sensor.source_frame(position.frame + 1)) for position in told]
+        frame_of = self.config.sensor.source_frame
+        return [
+            Where(frame_of(made.frame + 1), made.x, made.y, made.peak, made.ended, made.direction)
+            for made in told
+        ]
 
     def finish(self) -> list[Event]:
         """The recording is over."""
@@ -129,10 +133,6 @@ class ModelSource:
                 f"{device} FAULTS reads 0x{faults:04x}: the chain saw a fault that no recording may raise"
             )
         return [Differs(sentence) for sentence in sentences]
-
-
-def _where(made: Position, frame: int) -> Where:
-    return Where(frame, made.x, made.y, made.peak, made.ended, made.direction)
 
 
 class SimulationSource(ModelSource):

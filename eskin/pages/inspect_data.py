@@ -19,8 +19,8 @@ from eskin.training.derive import derive_config, find_onsets
 HELD_SHARE, HELD_SPAN = 0.05, 16
 """Share of a taxel's samples at an end of its range from which it is called saturated, and the codes that it must
 span: a quiet sensor of few codes is at its ends all the time."""
-LISTED = 10
-"""Highest number of recordings that are listed."""
+LISTED, PICTURED = 10, 6
+"""Highest numbers of recordings that are listed, and drawn."""
 CLASSES_SHOWN = 32
 """Classes of images that the picture has room for."""
 
@@ -166,8 +166,8 @@ def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
     }
 
 
-def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path, count: int = 6) -> None:
-    """A PNG of ``count`` recordings, spread over the classes: a heat map of every taxel from its level in the first
+def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path) -> None:
+    """A PNG of PICTURED recordings, spread over the classes: a heat map of every taxel from its level in the first
     frames, over time; the onset marked. Of images the mean of each class, and one image.
 
     Raises
@@ -177,7 +177,7 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
     """
     with rc_context(STYLE), replacing(path) as temporary:
         images = recordings.image_shape
-        figure = _image_picture(recordings) if images else _picture(recordings, onset_frames, count)
+        figure = _image_picture(recordings) if images else _picture(recordings, onset_frames)
         figure.savefig(temporary, format="png", dpi=90)
 
 
@@ -205,8 +205,8 @@ def _image_picture(recordings: Recordings) -> Figure:
     return figure
 
 
-def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int) -> Figure:
-    chosen = recordings.evenly(count)
+def _picture(recordings: Recordings, onset_frames: list[int] | None) -> Figure:
+    chosen = recordings.evenly(PICTURED)
     unit = recordings.volt_per_code
     from_rest = f"{recordings.unit or 'unit of the samples'} from rest" if unit else "codes from rest"
     figure = Figure(figsize=(11, 2.1 * len(chosen) + 0.8), layout="constrained")

@@ -158,10 +158,6 @@ class Rows(NamedTuple):
     columns: tuple[str, ...]
     cells: list[tuple[str, ...]]
 
-    def drawn(self) -> Table:
-        """For the terminal; cells are plain text, never markup."""
-        return terminal_table(self.title, self.columns, self.cells)
-
 
 def parts(text: str) -> Iterator[Rows | str]:
     """Tables and sentences of a Markdown text, in order."""

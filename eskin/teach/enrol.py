@@ -184,20 +184,13 @@ def joined(few: Recordings, old: Recordings | None) -> Recordings:
     )
 
 
-def _check_touches(few: Recordings, rows: np.ndarray, labels: np.ndarray, config: AcceleratorConfig) -> None:
-    """Refuse to enrol without a touch of each class: what the network then says of the class is anything."""
-    counts = np.bincount(labels[rows], minlength=config.classes)
-    for name, count in zip(config.network.class_names, counts, strict=True):
-        if not count:
-            raise InputError(
-                f"recordings '{few.source}': have no touch of class {name}; "
-                "enrolment needs 1 to 5 of each class, so record some (and check their onsets with 'eskin inspect')"
-            )
-
-
 # ---------------------------------------------------------------------- the verb
 MAX_LOSS = 0.01
 """Accuracy on the old recordings that enrolment may cost."""
+
+
+OF_RECORDINGS = ("feature", "state", "logit", "sigmoid pre-activation", "tanh pre-activation")
+"""Signals whose ranges depend on the recordings, not on the weights alone."""
 
 
 def check_other_folder(model_dir: str | Path, out: str | Path) -> None:
@@ -258,8 +251,14 @@ def enrol(
     data = find_dataset(everything, config, recipe)
     is_new = np.arange(len(everything)) < len(few)
     new, former = (touch_rows(data, np.flatnonzero(part)) for part in (is_new, ~is_new))
-    labels = everything.labels[data.touches.recording]
-    _check_touches(few, new, labels, config)
+    counts = np.bincount(everything.labels[data.touches.recording][new], minlength=config.classes)
+    touches = dict(zip(config.network.class_names, counts.tolist(), strict=True))
+    for name, count in touches.items():
+        if not count:  # the network's outputs for this class would be undefined
+            raise InputError(
+                f"recordings '{few.source}': have no touch of class {name}; enrolment needs 1 to 5 of each class, "
+                "so record some (and check their onsets with 'eskin inspect')"
+            )
     if old is not None and not len(former):
         raise InputError(
             f"recordings '{old.source}': have no touch; leave --with out, or check their onsets with 'eskin inspect'"
@@ -273,7 +272,7 @@ def enrol(
         "data": str(few.source),
         "old_data": None if old is None else str(old.source),
         "seed": seed,
-        "touches": {name: int(np.sum(labels[new] == c)) for c, name in enumerate(config.network.class_names)},
+        "touches": touches,
         "setting": dataclasses.asdict(SETTINGS[old is not None]),
         "before": share(pair, is_new),
         "after": share(enrolled, is_new),
@@ -286,15 +285,9 @@ def enrol(
     record["enrolments"] = [*record.get("enrolments", []), result]
     ranges = profile(enrolled.real, data.touches)
     for entry in record.get("ranges", []):  # of the old recordings, which may not be at hand
-        if entry["signal"] in ranges and entry["signal"] in (
-            "feature",
-            "state",
-            "logit",
-            "sigmoid pre-activation",
-            "tanh pre-activation",
-        ):
-            low, high = ranges[entry["signal"]]
-            ranges[entry["signal"]] = (min(low, entry["min"]), max(high, entry["max"]))
+        if (signal := entry["signal"]) in OF_RECORDINGS and signal in ranges:
+            low, high = ranges[signal]
+            ranges[signal] = (min(low, entry["min"]), max(high, entry["max"]))
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
     enrolled.real.save(out, record, enrolled.integer)
     return result

@@ -115,11 +115,10 @@ def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
     """
     values = group_values(recordings, trial.groups, trial.ks)
     aside, rows = set_aside(recordings, values), []
-    of_config: dict[AcceleratorConfig, Arrays] = {}
-    for value, config in zip(values, trial.configs, strict=True):
-        of_config[config] = {**of_config.get(config, {}), value: values[value]}
-    for config, chosen in of_config.items():
-        rows += _judge_values(recordings, config, chosen, aside, trial)
+    for config in dict.fromkeys(trial.configs):  # networks of one design train at once
+        pairs = zip(values, trial.configs, strict=True)
+        of_config = {value: values[value] for value, its_own in pairs if its_own == config}
+        rows += _judge_values(recordings, config, of_config, aside, trial)
     order = list(values)
     return sorted(rows, key=lambda row: (row["k"], order.index(row["value"])))
 

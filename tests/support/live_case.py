@@ -32,7 +32,6 @@ class Stage:
         recordings: Recordings | None,
         numbers: Sequence[int] | None = None,
         *,
-        once: bool = True,
         speed: float = math.inf,
         shape: Sequence[int] | None = None,
     ) -> None:
@@ -42,11 +41,12 @@ class Stage:
             config, recordings, numbers, source=source.kind, shape=list(shape or (1, config.sensor.taxels))
         )
         self.hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels)
-        self.controls = Controls(speed=speed)
+        self.controls = Controls()
+        self.controls.speed = speed
         self.messages: list[dict] = []
         self._texts: list[str] = []
         self.viewer = self.hub.attach(self._take)
-        self.player = Player(source, recordings, numbers, self.hub, self.controls, once=once)
+        self.player = Player(source, recordings, numbers, self.hub, self.controls)
         self.thread = threading.Thread(target=self.player.run, daemon=True)
         self.viewer.take()
 
@@ -55,6 +55,7 @@ class Stage:
             self._texts += self.viewer.take()
 
     def go(self) -> Stage:
+        self.controls.wait = lambda seconds: self.controls.stop()  # the first wait is the one after the last
         self.player.run()
         if self.player.error:
             raise self.player.error

@@ -70,7 +70,7 @@ def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch)
 
 
 def test_pause_next_class_and_the_end(model, recordings):
-    stage = Stage(ModelSource(model), recordings, speed=0.2, once=False).start()
+    stage = Stage(ModelSource(model), recordings, speed=0.2).start()
     stage.until(lambda: len(stage.seen("frames")) > 2)
     stage.controls.change(paused=True)
     stage.until(lambda: stage.seen("state")[-1]["paused"])
