@@ -101,7 +101,7 @@ def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
     shown = capsys.readouterr().out
     assert "+ return (flag)" in shown and "no reason given" in shown and "1 by a" not in shown
     survivors = "".join(
-        f'[[survivor]]\nfile = "{file}"\nwas = "{was}"\nnow = "{now}"\nequivalent = true\nreason = "never run"\n'
+        f'[[survivor]]\nfile = "{file}"\nwas = "{was}"\nnow = "{now}"\nreason = "never run"\n'
         for file, was, now in (
             ("golden/unit.py", "return not flag", "return (flag)"),
             ("golden/unseen.py", "return -value", "return (value)"),
