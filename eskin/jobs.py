@@ -205,7 +205,23 @@ def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> It
             "tcp://HOST:PORT"
         ) from None
     with client:
-        _check_workers(client, address, version)
+        if not client.scheduler_info()["workers"]:
+            raise InputError(
+                f"--dask {address}: the scheduler has no worker; start some with 'dask worker {address}'"
+            )
+        versions: Record = {}
+        try:
+            if version is not None:
+                versions = {"the scheduler": client.run_on_scheduler(version), **client.run(version)}
+        except ImportError as error:
+            raise InputError(
+                f"--dask {address}: scheduler or workers lack this project ({error}); install it there"
+            ) from None
+        foreign = sorted(where for where, code in versions.items() if version and code != version())
+        if foreign:
+            raise InputError(
+                f"--dask {address}: {foreign[-1]} has code or libraries that differ from this machine; install the same there"
+            )
         everywhere = client.scatter(shared, broadcast=True, hash=False)
         # changed code must not be answered from the cluster's memory
         with client.get_executor(pure=False) as executor:
@@ -214,23 +230,3 @@ def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> It
             except BaseException:
                 executor.shutdown(wait=False)  # cancels what is not finished
                 raise
-
-
-def _check_workers(client: Any, address: str, version: Callable[[], str] | None) -> None:
-    if not client.scheduler_info()["workers"]:
-        raise InputError(
-            f"--dask {address}: the scheduler has no worker; start some with 'dask worker {address}'"
-        )
-    if version is None:
-        return
-    try:
-        versions = {"the scheduler": client.run_on_scheduler(version), **client.run(version)}
-    except ImportError as error:
-        raise InputError(
-            f"--dask {address}: scheduler or workers lack this project ({error}); install it there"
-        ) from None
-    foreign = sorted(where for where, code in versions.items() if code != version())
-    if foreign:
-        raise InputError(
-            f"--dask {address}: {foreign[-1]} has code or libraries that differ from this machine; install the same there"
-        )
