@@ -250,16 +250,19 @@ def judge(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int])
     -------
     method, label, split, groups, accuracy (mean over seeds of the share of all recordings), spread (standard
     deviation over folds and seeds), standard_error (over recordings), seeds; parameters, multiplies, bytes and
-    train_s (means over folds and seeds); decision_us (median of all timed decisions); hardware. {refused: why} where
-    the method cannot see these touches.
+    train_s (means over folds and seeds); decision_us (median of all timed decisions); hardware. In place of figures
+    ``refused``, where the method cannot see these touches.
     """
     method, groups, seeds, folds = piece
+    row: Record = {"method": method.name, "label": method.label, "hardware": method.hardware}
+    row |= {"split": " and ".join(groups) or "recordings", "groups": list(groups)}
     labels, runs, times = scene.recordings.labels, [], []
     tests = split_folds(scene.recordings, groups, folds, None)
     parts = [scene.where[np.setdiff1d(np.arange(len(labels)), test)] for test in tests]
     parts = [part[part >= 0] for part in parts]
     if not all(map(len, parts)):
-        return {"refused": "no touch was found in a training part; check the onset rule with 'eskin inspect'"}
+        why = "no touch was found in a training part; check the onset rule with 'eskin inspect'"
+        return row | {"refused": why}
     seeds = seeds[: 1 if method.one_seed else None]
     for seed in seeds:
         with one_thread():
@@ -267,7 +270,7 @@ def judge(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int])
             try:
                 models = method.fit(scene, parts, seed)
             except InputError as error:
-                return {"refused": str(error)}
+                return row | {"refused": str(error)}
             seconds = (time.process_time() - begin) / len(parts)
             for test, model in zip(tests, models, strict=True):
                 found = scene.where[test] >= 0
@@ -277,11 +280,7 @@ def judge(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int])
                 times += timed(model, rows)
     shares, recordings, parameters, multiplies, train_s = np.array(runs).T
     accuracy = float(np.average(shares, weights=recordings))
-    return {
-        "method": method.name,
-        "label": method.label,
-        "split": " and ".join(groups) or "recordings",
-        "groups": list(groups),
+    return row | {
         "accuracy": accuracy,
         "spread": float(shares.std()),
         "standard_error": math.sqrt(accuracy * (1 - accuracy) / len(labels)),
@@ -291,7 +290,6 @@ def judge(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int])
         "bytes": FLOAT_BYTES * round(parameters.mean()),
         "train_s": float(train_s.mean()),
         "decision_us": float(np.median(times)) if times else None,
-        "hardware": method.hardware,
     }
 
 
@@ -354,12 +352,11 @@ def run(
     }
     jobs, scene = Jobs(dask=request.dask, progress=progress, version=CODE), Scene.of(recordings, config)
     outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged")
-    judged = list(zip(pieces.values(), outcomes.values(), strict=True))
-    rows = [outcome for _, outcome in judged if "refused" not in outcome]
+    rows = [row for row in outcomes.values() if "refused" not in row]
     left_out = [
-        {"method": method.name, "split": " and ".join(groups) or "recordings", "reason": outcome["refused"]}
-        for (method, groups, *_), outcome in judged
-        if "refused" in outcome
+        {"method": row["method"], "split": row["split"], "reason": row["refused"]}
+        for row in outcomes.values()
+        if "refused" in row
     ]
     if not rows:
         raise InputError(

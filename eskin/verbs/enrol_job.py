@@ -36,7 +36,6 @@ def evaluate(
     config: AcceleratorConfig | None,
     *,
     progress: Progress | None = None,
-    cache: Path = CACHE,
 ) -> Record:
     """Benefit of enrolment for each value of the requested groups, left out of the first training
     (``eskin.teach.evaluate.judge``).
@@ -53,7 +52,7 @@ def evaluate(
     begin = time.perf_counter()
     group, ks = request.groups or [], request.ks
     values = evaluation.group_values(recordings, group, ks)
-    content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
+    content, keep = content_key(CODE(), recordings, list(group)), Memo(CACHE)
     jobs = Jobs(progress=progress, version=CODE)
     if config is not None:
         configs = [configure(recordings, config, cost_model()).config] * len(values)

@@ -135,11 +135,8 @@ def _check_target(level: str, target: str | None, chip: Record | None) -> None:
             if target is None
             else f"--target {target}: is for netlists; add --level netlist"
         )
-    if (
-        (chip is not None) != (target == "asic")
-        or (chip and not (chip["pdk"] and chip["liberty"]))
-        or (chip and level != "netlist")
-    ):
+    whole = chip and target == "asic" and level == "netlist" and chip["pdk"] and chip["liberty"]
+    if (chip or target == "asic") and not whole:
         raise InputError(
             "--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or "
             "none"
@@ -259,7 +256,6 @@ def cosimulate_parts(
     jobs: Jobs,
     simulator: str = "verilator",
     bench: str = "sample",
-    cache: Path = CACHE,
     **options: Any,
 ) -> Record:
     """The result of ``cosimulate`` over all recordings, from parts of ``PART`` recordings.
@@ -291,7 +287,7 @@ def cosimulate_parts(
     content = content_key(CODE(), model, recordings, numbers, len(shown), options)
     parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     pieces = {content_key(content, part): part for part in parts}
-    keep, folder = Memo(cache), work.resolve() / content[:16]
+    keep, folder = Memo(CACHE), work.resolve() / content[:16]
     if work.is_dir():
         folder.mkdir(exist_ok=True)
     shared = (model, recordings, numbers, len(shown), options, folder)

@@ -417,12 +417,7 @@ class _Steps:
         options |= {"cocotb": one_of_each(played.labels), "design": design, "work": folder / "work"}
         # frames as they were recorded, whatever converter there is
         outcome = cosimulate(model, played, numbers=numbers.tolist(), converter="none", **options)
-        if outcome is not None and outcome["waves"]:
-            waves = Path(outcome["waves"])
-            os.replace(waves, folder / waves.name)
-            outcome["waves"] = waves.name
         write_json(folder / "result.json", outcome)
-        shutil.rmtree(folder / "work")
 
     def _data(self) -> Record:
         recordings, lengths = self.recordings, self.recordings.lengths
@@ -472,7 +467,7 @@ def _take_over(folder: Path | None, result: Path, name: str) -> Record | None:
     if folder and outcome:
         if outcome["waves"]:
             waves = f"waves_{name}"
-            shutil.copytree(folder / outcome["waves"], result / waves)
+            shutil.copytree(outcome["waves"], result / waves)
             outcome["waves"] = waves
         write_json(result / f"{name}.json", outcome)
     return outcome
@@ -490,12 +485,7 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
     if error["max"] is not None:
         figures = f"{error['mean']:.3f} on average, {error['max']:.2f} at most"
         detail += f"; logit error {figures}, most from {error['stage']}"
-    checks: list[Record] = []
-
-    def check(name: str, held: bool, detail: str) -> None:
-        checks.append({"name": name, "held": held, "detail": detail})
-
-    check("integer and float network agree", evaluate.passes(evaluated), detail)
+    checks = [("integer and float network agree", evaluate.passes(evaluated), detail)]
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue
@@ -503,12 +493,12 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
         assert outcome is not None  # the lowest clock alone may be missing
         exact = outcome["bit_exact"] and outcome["decisions"] > 0
         sentence = f"{verdict(outcome)}: {compared(outcome)}"
-        check(f"hardware equals model at {title}", exact, sentence)
+        checks.append((f"hardware equals model at {title}", exact, sentence))
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
         detail = f"{', '.join(row['name'] for row in rows) or 'no step'}; missed: {missed or 'none'}"
         name = f"latency budgets at {title}, {hertz(outcome['clock_hz'])}"
-        check(name, bool(rows) and not missed, detail)
+        checks.append((name, bool(rows) and not missed, detail))
     if "cosim_lowest" in outcomes:
         lowest = outcomes["cosim_lowest"]
         held = lowest is not None and lowest["passed"]
@@ -517,8 +507,8 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
             detail = "skipped, because hardware and model differ"
         elif lowest is not None:
             detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact' if held else verdict(lowest)}"
-        check("a lowest clock that meets every budget", held, detail)
-    return checks
+        checks.append(("a lowest clock that meets every budget", held, detail))
+    return [{"name": name, "held": held, "detail": detail} for name, held, detail in checks]
 
 
 # ---------------------------------------------------------------------- folders

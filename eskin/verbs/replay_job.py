@@ -103,11 +103,11 @@ def play_all(
     link.load(boot_writes(config, model.arrays))
     for number in range(len(recordings)):
         before = int(recordings.offsets[number])
+        rows, frames, touches = next(decided)
 
         def report(taken: int, before: int = before) -> None:
             progress(before + taken, recordings.frames)
 
-        rows, frames, touches = next(decided)
         got = link.play(recordings.recording(number), report)
         arrays = {"numbers": np.array([number]), "touches": np.array([touches])}
         arrays |= {"decision": rows, "decision_frame": frames, "decision_offsets": np.array([0, len(rows)])}

@@ -66,27 +66,12 @@ AROUND = range(-9, 3)
 """Cycles around a decision's offer at which it is left, too: `arm` falls before, into and behind it."""
 
 
-def run(
-    request: StabilityRequest,
-    recordings: Recordings,
-    *,
-    workers: int | None = None,
-    cache: Path = CACHE,
-    progress: Progress | None = None,
-    **bench_options: Any,
-) -> Record:
+def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress | None = None) -> Record:
     """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the
     recommended defences).
 
     With ``request.cosim`` the weakest golden cases are confirmed in co-simulation, and modes that need the
     hardware run. Defences are compared by cross-validation, where no mode was named.
-
-    Parameters
-    ----------
-    workers:
-        Processes; modes that need the hardware run here.
-    bench_options:
-        As for ``eskin.study.stability.core.Bench``.
 
     Returns
     -------
@@ -108,15 +93,15 @@ def run(
             raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
     asked = [MODES[name] for name in request.mode or MODES]
     models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
-    bench = Bench.of(*models, recordings, few=few, **bench_options)
+    bench = Bench.of(*models, recordings, few=few)
     options = [few, bench.flips, bench.seed, bench.points, bench.long]
     content = content_key(bench.model, recordings, CODE(), options, bench.real)
-    jobs = Jobs(workers=workers, dask=request.dask, progress=progress, version=CODE)
+    jobs = Jobs(dask=request.dask, progress=progress, version=CODE)
 
     def results(function: Function, pieces: Record, shared: Any, what: str) -> list[Any]:
         """Records of named pieces, made or found."""
         keyed = {content_key(content, name): piece for name, piece in pieces.items()}
-        return list(jobs.results(function, keyed, shared, keep=Memo(cache), what=what).values())
+        return list(jobs.results(function, keyed, shared, keep=Memo(CACHE), what=what).values())
 
     reasons = {mode: stability.why_not(mode, bench.config, request.cosim) for mode in asked}
     ready = [mode for mode, why in reasons.items() if not why]

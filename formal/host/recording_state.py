@@ -17,6 +17,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
     bugs=(
         Bug("finish never ends", "finishing.eq(0), finished.eq(0)", "finished.eq(0)"),
         Bug("finish does not wait for the decision", "& ~moving & self.decider_idle", "& ~moving"),
+        Bug("finish does not wait for what passes", "moving | self.finish_asked |", "moving |"),
         Bug(
             "the next recording's finish is lost in its clear",
             "with m.If(self.finish_asked):",
@@ -26,10 +27,10 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 )
 def finish_ends(m: Module) -> None:
     dut = placed_free(RecordingState(CONFIG))
+    work = dut.passing | dut.engine.working
     still = ~Cat(
-        dut.passing,
+        work,
         dut.moving,
-        dut.engine.working,
         dut.detector.started,
         dut.global_taken,
         dut.finish_asked,
@@ -37,10 +38,10 @@ def finish_ends(m: Module) -> None:
         ~dut.decider_idle,
     ).any()
     calm = Signal(range(21))  # cycles without anything under way and without a command
-    m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
+    m.d.sync += calm.eq(Mux(still, calm + (calm < 20), 0))
     prove((calm < 20) | ~still | ~dut.busy, "busy falls")
-    worked = before(dut.engine.working, "worked")
-    prove(~dut.finish | (dut.decider_idle & ~worked), "finish comes when engine and classifier are idle")
+    worked = before(work, "worked")
+    prove(~dut.finish | (dut.decider_idle & ~worked), "finish comes when nothing is under way")
     prove(~before(dut.finish_asked, "asked_now") | dut.finishing, "what is asked for is begun")
     asked = Signal()
     given = Signal()
@@ -48,8 +49,7 @@ def finish_ends(m: Module) -> None:
         asked.eq(dut.finish_asked | (asked & ~dut.clear)),
         given.eq((given | dut.finish) & dut.busy & ~dut.finish_asked),
     ]
-    prove(~dut.finish | asked, "finish only after it was asked for")
-    prove(~dut.finishing | asked, "what goes on was asked for")
+    prove(~(dut.finish | dut.finishing) | asked, "what goes on was asked for")
     prove(~given | ~dut.finishing | dut.finished, "what was given is known")
     prove(~dut.finished | dut.finishing, "finished only while it goes on")
     prove(~(dut.finish & given), "finish pulses once")

@@ -131,7 +131,7 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
         ),
         Bug(
             "a touch that is over is not told to the bus",
-            "self.clear | telling",
+            "self.clear | (undecided.any() ^ self.touch)",
             "self.clear",
             file="rtl/host/recording_state.py",
         ),

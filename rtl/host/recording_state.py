@@ -1,13 +1,13 @@
 """A recording as the host sees it: touches that await their decision, and how the recording finishes."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib.wiring import In
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import ENGINE, Block, detector_status, drive, inputs, outputs
 
-QUIET_BITS = 2
-"""Bits of the counter of quiet cycles: what follows a beat that ``moving`` sees is over when it is full."""
+QUIET_CYCLES = 2
+"""Cycles without a beat after which everything that follows a beat that ``moving`` sees is over."""
 
 
 class RecordingState(Block):
@@ -58,22 +58,24 @@ class RecordingState(Block):
         undecided = self.undecided = Signal(3)
         finishing = self.finishing = Signal()
         finished = self.finished = Signal()
-        quiet = Signal(QUIET_BITS)
+        quiet = Signal(QUIET_CYCLES)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving = Signal()
         idle = Signal()
-        beats = self.moving | self.engine.working | (finishing & self.passing)
-        m.d.sync += [moving.eq(beats), quiet.eq(quiet + ~quiet.all())]
+        m.d.sync += [
+            moving.eq(self.moving | self.engine.working | (finishing & self.passing)),
+            quiet.eq(Cat(1, quiet[:-1])),
+        ]
         # (What a command changes follows the beats that are on their way.)
-        with m.If(moving | (self.passing & ~quiet.all() if self.spec.hardware.clock_gate else 0)):
+        late = self.passing & ~quiet.all() & self.spec.hardware.clock_gate
+        with m.If(moving | self.finish_asked | late):
             m.d.sync += quiet.eq(0)
         m.d.comb += idle.eq(quiet.all() & ~moving & self.decider_idle)
-        telling = undecided.any() ^ self.touch
         drive(
             m,
             self,
             finish=finishing & ~finished & idle,
-            busy=~idle | self.passing | finishing | self.clear | telling,
+            busy=~idle | self.passing | finishing | self.clear | (undecided.any() ^ self.touch),
         )
         decided = self.global_taken & undecided.any()
         # (`touch` is registered, as it decides on writes.)
@@ -97,7 +99,7 @@ class RecordingState(Block):
             m.d.comb += self.due.eq(finishing | (apart & ~over))
         with m.If(self.finish):
             m.d.sync += finished.eq(1)
-        with m.Elif(finished & idle):  # the partial decision, if there was one, is out
+        with m.If(finished & idle):  # the partial decision, if there was one, is out
             m.d.sync += [finishing.eq(0), finished.eq(0), undecided.eq(0)]
         with m.If(self.clear):
             m.d.sync += [signal.eq(0) for signal in per_recording]

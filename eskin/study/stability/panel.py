@@ -78,10 +78,7 @@ def panel_of(recordings: Recordings, asked: str) -> Panel | None:
             raise InputError(
                 f"--stress {asked}: is neither on nor off, nor a JSON file ({error}); give one of these"
             ) from None
-        numbers = isinstance(weights, dict) and all(
-            isinstance(weight, int | float) and not isinstance(weight, bool) for weight in weights.values()
-        )
-        if not numbers:
+        if not isinstance(weights, dict) or any(type(each) not in (int, float) for each in weights.values()):
             raise InputError(
                 f'--stress {asked}: holds no table of failure modes and weights; write one as {{"spikes": 1}}'
             )

@@ -65,4 +65,6 @@ def check(tmp_path, monkeypatch, cells, *, measured):
     monkeypatch.undo()
     monkeypatch.setattr(asic_job, "netlist_of", lambda *_, **__: netlist)
     no_slow, _ = asic_job.asic(model, "ihp-sg13g2", [path for path in paths if "slow" not in path.name])
-    assert no_slow["fmax_hz"]["slow"] is None and "slow: no file of cells" in asic_job.page(no_slow)
+    assert no_slow["fmax_hz"]["slow"] is None and "slow: no file of cells" in asic_job.words(
+        "asic", **no_slow
+    )

@@ -2,7 +2,9 @@
 run is what was measured."""
 
 import json
+import os
 from dataclasses import replace
+from functools import partial
 from unittest.mock import Mock
 
 import numpy as np
@@ -149,15 +151,11 @@ def job(tmp_path, **options):
         stability_case.model_folder(folder)
     asked = {"mode": options.pop("names"), "few": 6, **WITHOUT_COSIM, **options}
     request = StabilityRequest(model=folder, data="made", out=tmp_path / "out", **asked)
-    return stability_job.run(
-        request,
-        stability_case.recordings(),
-        workers=1,
-        cache=tmp_path / "cache",
-        points=1,
-        long=200,
-        flips=60,
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "cpu_count", lambda: 1)  # no process of its own
+        patch.setattr(stability_job, "CACHE", tmp_path / "cache")
+        patch.setattr(Bench, "of", partial(Bench.of, points=1, long=200, flips=60))
+        return stability_job.run(request, stability_case.recordings())
 
 
 def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, monkeypatch):
