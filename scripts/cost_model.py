@@ -22,16 +22,15 @@ from scipy.optimize import nnls
 from eskin.golden.core import AcceleratorConfig, Record, content_key
 from eskin.golden.data import Recordings
 from eskin.memo import Memo, code_version
-from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import step_cycles
-from eskin.study.energy import PARTS, estimate
+from eskin.study.energy import PARTS
 from eskin.study.first_touches import with_touches
 from eskin.training.formats import with_network
 from eskin.verbs import energy_job
 from eskin.verbs.build_job import suited
 from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
-from eskin.verbs.flow import BUILD, expected_of
+from eskin.verbs.flow import BUILD
 from scripts.tables import Row, printed
 from tests.support.random_models import random_integer_model
 
@@ -111,26 +110,23 @@ def counted(name: str, config: AcceleratorConfig) -> list[float]:
         The netlist differs from the model.
     """
     model = random_integer_model(suited(config, target(BOARD)), 1)
-    config = model.config
-    recordings = with_touches(model, played(config), 1)[1]
+    config, hardware = model.config, model.config.hardware
+    numbers, recordings = with_touches(model, played(config), 1)
+    lanes = (hardware.lanes, hardware.lane_type)
     with tempfile.TemporaryDirectory() as folder:
-        work = Path(folder)
-        design = generate(config, model.arrays, work / "design")
-        vectors = expected_of(model, recordings, work / "vectors.npz", [0])
-        activity, cells, exact = energy_job.counted(config, model, design, vectors, BOARD, 1, work=work)
-    if not exact:
+        found = energy_job.measure(model, numbers, recordings, BOARD, *lanes, work=Path(folder))
+    if not found["bit_exact"]:
         raise RuntimeError(f"{name}: the netlist differs from the model")
-    energy = estimate(config, target(BOARD).device, activity, config.hardware.clock_hz)
-    joule = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
+    activity, cells = found["activity"], found["cells"]
     return [
         config.last_frame,
-        activity.frame_cycles,
+        activity["frame_cycles"],
         config.windows.steps,
         step_cycles(config),
-        activity.step_multiplies,
-        activity.frame_toggles,
-        activity.step_toggles,
-        1e6 * joule,
+        activity["step_multiplies"],
+        activity["frame_toggles"],
+        activity["step_toggles"],
+        1e6 * (found["per_touch_j"] + found["preprocessing_per_touch_j"]),
         cells["SB_LUT4"],
         sum(number for kind, number in cells.items() if kind.startswith("SB_RAM40_4K")),
     ]

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-COLUMNS = "folder | files | lines | tokens | longest file | longest function | lines over 110 (%) | tests"
+COLUMNS = "folder | files | lines | tokens | longest file | longest function | tests"
 SHAPE = {"COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENCODING", "ENDMARKER"}
 BUDGET = "budget.toml"
 BYTES = {
@@ -63,15 +63,13 @@ def row(texts: list[str]) -> tuple[float, ...]:
     functions = [
         node for text in texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)
     ]
-    lines = [text.splitlines() for text in texts]
-    over = sum(len(line) > 110 for file in lines for line in file)
+    lines = [text.count("\n") for text in texts]
     return (
         len(texts),
-        sum(map(len, lines)),
+        sum(lines),
         sum(map(tokens, texts)),
-        max(map(len, lines)),
+        max(lines),
         max((node.end_lineno or 0) - node.lineno + 1 for node in functions),
-        round(100 * over / sum(map(len, lines)), 1),
         sum(node.name.startswith("test_") for node in functions),
     )
 

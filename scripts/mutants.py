@@ -17,7 +17,6 @@ mutmut neither.
 
 import ast
 import contextlib
-import hashlib
 import itertools
 import os
 import random
@@ -192,13 +191,10 @@ def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
     for word in node.keywords:
         if name == "Signal" and word.arg == "init" and show(word.value) != "0":
             yield "reset", word.value, "0"
-    driven = {"eq": args, "drive": [word.value for word in node.keywords]}
-    for given in driven.get(name, []):
-        for read in ast.walk(given):  # another signal of the function
-            if isinstance(read, ast.Name) and read.id in names and len(names) > 1:
-                others = [other for other in names if other != read.id]
-                number = hashlib.sha256(f"{read.id}{show(given)}".encode()).digest()[0]
-                yield "signal", read, others[number % len(others)]
+    driven = {"eq": args, "drive": [word.value for word in node.keywords]}.get(name, [])
+    for read in itertools.chain(*map(ast.walk, driven)):
+        if isinstance(read, ast.Name) and read.id in names:  # another signal of the function
+            yield "signal", read, names[names.index(read.id) - 1]
 
 
 def _name(function: ast.expr) -> str:
@@ -238,12 +234,13 @@ def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = 
     taken = Counter[Any]()
     while len(chosen) < count and any(waiting.values()):
         for file, rest in waiting.items():
-            if rest and len(chosen) < count:
+            while rest and len(chosen) < count:
                 mutant = min(rest, key=lambda one: (taken[file, one.kind], taken[one.kind], one.kind))
                 rest.remove(mutant)
                 if mutant.is_fault():
                     taken.update([mutant.kind, (file, mutant.kind)])
                     chosen.append(mutant)
+                    break
     return chosen
 
 

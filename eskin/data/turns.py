@@ -134,7 +134,9 @@ def turn_recordings(
         force = np.stack([_touch(turn, rng, habit, grid, time) for turn in turns], axis=1)
         volt = _high_pass(force, sample_rate_hz) * gain + rest
         volt += NOISE_VOLT * rng.standard_normal(volt.shape, dtype=np.float32)
-        volt += _drift(rng, time, volt.shape[1:])
+        drift, phase = rng.uniform(0.05, 0.2, volt.shape[1:]), rng.uniform(0, 2 * np.pi, volt.shape[1:])
+        turned = single(2 * np.pi * drift) * single(time)[:, None, None] + single(phase)  # 0.05 to 0.2 Hz
+        volt += single(DRIFT_VOLT) * np.sin(turned)
         samples[person] = np.clip(np.rint(volt / VOLT_PER_CODE), 0, 65535).transpose(1, 0, 2)
     return Recordings(
         samples=samples.reshape(-1, len(grid)),
@@ -193,11 +195,3 @@ def _high_pass(force: np.ndarray, sample_rate_hz: float) -> np.ndarray:
         volt[frame] += volt[frame - 1]
         volt[frame] *= decay
     return volt
-
-
-def _drift(rng: np.random.Generator, time: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """A slow sine of 0.05 to 0.2 Hz on every taxel of every recording, volt."""
-    frequency, phase = rng.uniform(0.05, 0.2, shape), rng.uniform(0, 2 * np.pi, shape)
-    return single(DRIFT_VOLT) * np.sin(
-        single(2 * np.pi * frequency) * single(time)[:, None, None] + single(phase)
-    )
