@@ -1,18 +1,24 @@
 """The chart of a sweep, from what sweep.json holds: accuracy against cost."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from eskin.golden.core import Record
 from eskin.pages.charts import STYLE, draw_costs
-from eskin.study.sweep import split_name
 
 COSTS = {
     "latency_s": "last features or pixel to decision (µs)",
     "energy_j": "energy of a touch or an image (µJ, estimate, iCE40UP5K)",
 }
 """Costs that accuracy is set against: key of a point, label."""
+
+
+def split_name(groups: Sequence[str]) -> str:
+    """Name of the groups that a split leaves out."""
+    return " and ".join(groups) or "recordings"
 
 
 def accuracy_chart(result: Record) -> Figure:
