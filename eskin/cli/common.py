@@ -34,7 +34,7 @@ OUTPUTS = ("out", "json")
 """Parameters that name what a verb writes; every other file or folder is read."""
 INPUT_WORDS = ("data", "config", "model", "test", "with_")
 """Parameters that name a file or folder, or are a word."""
-REPLACING = "build enrol export generate import_ run train".split()
+REPLACING = ("build", "enrol", "export", "generate", "import_", "run", "train")
 """Verbs whose --out is a folder that they replace as a whole."""
 
 RESULTS = (".json", ".html", ".svg")
@@ -43,10 +43,10 @@ again."""
 
 
 PANELS = {
-    "The whole job": "run report".split(),
-    "Recordings": "inspect convert watch".split(),
-    "Networks": "train import_ enrol quantise evaluate compare sweep baselines".split(),
-    "Hardware": "generate export cosim build replay asic schedule energy stability".split(),
+    "The whole job": ("run", "report"),
+    "Recordings": ("inspect", "convert", "watch"),
+    "Networks": ("train", "import_", "enrol", "quantise", "evaluate", "compare", "sweep", "baselines"),
+    "Hardware": ("generate", "export", "cosim", "build", "replay", "asic", "schedule", "energy", "stability"),
 }
 """Verbs as the help groups them."""
 

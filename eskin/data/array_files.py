@@ -9,7 +9,7 @@ import numpy as np
 from eskin.data.arrays import Group
 from eskin.data.table import Refuse, check_unpacked
 
-_OWN = "IMAGE DIMENSION_SCALE GROUP ARRAY CARRAY EARRAY VLARRAY TABLE PALETTE".split()
+_OWN = ("IMAGE", "DIMENSION_SCALE", "GROUP", "ARRAY", "CARRAY", "EARRAY", "VLARRAY", "TABLE", "PALETTE")
 """Values of the attribute CLASS that HDF5's libraries write themselves."""
 
 

@@ -16,8 +16,8 @@ from eskin.data.table import TIME, Names, Reading, Refuse, Table, table_of
 from eskin.golden.core import Arrays, Record
 from eskin.golden.data.recordings import check_offsets, natural
 
-SAMPLES = "samples data X x recordings signals".split()
-LABELS = "labels label y Y classes class target".split()
+SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
+LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
 CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
 """Names of the array of class names, in the order of preference."""
 

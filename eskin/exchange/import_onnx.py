@@ -28,8 +28,8 @@ ACTIVATIONS = {"Sigmoid": "sigmoid", "HardSigmoid": "hard_sigmoid"}
 """Of gates; the others are Tanh."""
 OPERATORS = (
     *ORDERS,
-    *"Gemm MatMul Add ConstantOfShape Expand Gather Concat Constant Identity".split(),
-    *"Cast Shape Transpose Squeeze Unsqueeze Reshape Flatten Slice".split(),
+    *("Gemm", "MatMul", "Add", "ConstantOfShape", "Expand", "Gather", "Concat", "Constant", "Identity"),
+    *("Cast", "Shape", "Transpose", "Squeeze", "Unsqueeze", "Reshape", "Flatten", "Slice"),
 )
 """All that may stand in a file; everything else is refused by its name."""
 TAKEN = (

@@ -202,7 +202,7 @@ def _hardware(
     return Hardware(made.touch, made.step, made.is_global, {**stages, "decision": decision})
 
 
-SHOWN = "class margin step is_global partial unsure".split()
+SHOWN = ("class", "margin", "step", "is_global", "partial", "unsure")
 
 
 class BoardSource(ModelSource):

@@ -20,7 +20,7 @@ from rich.table import Column, Table
 from eskin.golden.core import Record, replacing
 
 TEMPLATES = Path(__file__).with_name("templates")
-USUAL_NAMES = "recordings train training test data dataset".split()
+USUAL_NAMES = ("recordings", "train", "training", "test", "data", "dataset")
 """Names of files that do not describe their content."""
 GAP = "\u00a0"
 """Between a number and its unit: no line ends there."""

@@ -68,7 +68,6 @@ class Scene:
     few: int = 100
     points: int = 0
     turns: int = 0
-    seed: int = 1
 
     def __post_init__(self) -> None:
         # the frames that reach the chain are what is disturbed: a converter reads no others, a host sends no others
@@ -80,8 +79,8 @@ class Scene:
         return vars(self) | {"_memo": {}}
 
     def rng(self, *key: int) -> np.random.Generator:
-        """Random numbers that depend on the seed and ``key`` alone."""
-        return np.random.default_rng([self.seed, *key])
+        """Random numbers that depend on ``key`` alone."""
+        return np.random.default_rng([1, *key])
 
     def thin(self, levels: Sequence[float]) -> Sequence[float]:
         """The levels of a curve, the first ``points`` of them."""
