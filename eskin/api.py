@@ -233,7 +233,18 @@ class Model(Estimator):
             recordings = load_recordings(recordings, config=asked)
         elif not isinstance(recordings, Recordings):
             rate = self._parameters["sample_rate_hz"] if sample_rate_hz is None else sample_rate_hz
-            recordings = _of_arrays(recordings, labels, rate, asked)
+            rate = rate or (asked.sensor.sample_rate_hz if asked else None)
+            if labels is None or rate is None:
+                raise InputError(
+                    "fit: arrays have neither classes nor a rate; give labels and sample_rate_hz, or Recordings"
+                )
+            names: Sequence[str] | None = asked.network.class_names if asked else None
+            labels = array_of(labels, "labels")
+            words = labels.ravel().tolist()
+            if labels.dtype.kind in "OUT" and all(isinstance(word, str) for word in words):
+                names = names or sorted(set(words))
+                labels = _places(labels, names, "fit")
+            recordings = Recordings.of(recordings, labels, sample_rate_hz=rate, class_names=names)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
             prices = cost_model(self._parameters["prefer"], self._parameters["fits"])
@@ -558,24 +569,6 @@ def train(
         ``config``, ``cell``, ``hidden``, ``groups``, ``folds``, ``seed`` as for `Model`.
     """
     return Model(**options).fit(recordings, labels, sample_rate_hz=sample_rate_hz, progress=progress)
-
-
-def _of_arrays(
-    arrays: Sequence[ArrayLike], labels: ArrayLike | None, rate: float | None, asked: AcceleratorConfig | None
-) -> Recordings:
-    """Arrays as recordings; classes are those of the configuration that was asked for, or the labels."""
-    names: Sequence[str] | None = asked.network.class_names if asked else None
-    if asked is not None:
-        rate = rate or asked.sensor.sample_rate_hz
-    if labels is None or rate is None:
-        raise InputError(
-            "fit: arrays have neither classes nor a rate; give labels and sample_rate_hz, or Recordings"
-        )
-    labels = array_of(labels, "labels")
-    if labels.dtype.kind in "OUT" and all(isinstance(label, str) for label in labels.ravel().tolist()):
-        names = names or sorted(set(labels.ravel().tolist()))
-        labels = _places(labels, names, "fit")
-    return Recordings.of(arrays, labels, sample_rate_hz=rate, class_names=names)
 
 
 def _places(labels: ArrayLike, names: Sequence[str], verb: str) -> np.ndarray:

@@ -16,6 +16,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from typing import Any
 
 from eskin.golden.core import InputError, Progress, Record
@@ -28,6 +29,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 """Environment of a worker: there are as many workers as cores."""
 
 
+@dataclass(frozen=True, kw_only=True)
 class Jobs:
     """Executor of pieces of work.
 
@@ -45,18 +47,10 @@ class Jobs:
         this machine: results of other code would be stored under the key of this code.
     """
 
-    def __init__(
-        self,
-        *,
-        workers: int | None = None,
-        dask: str | None = None,
-        progress: Progress | None = None,
-        version: Callable[[], str] | None = None,
-    ) -> None:
-        self._workers = workers or os.cpu_count() or 1
-        self._dask = dask
-        self._progress = progress
-        self._version = version
+    workers: int | None = None
+    dask: str | None = None
+    progress: Progress | None = None
+    version: Callable[[], str] | None = None
 
     def results(
         self,
@@ -90,25 +84,26 @@ class Jobs:
         waiting = {key: piece for key, piece in pieces.items() if results[key] is None}
         if not waiting:
             return results
-        if self._progress:
-            self._progress(what, 0, len(waiting))
+        if self.progress:
+            self.progress(what, 0, len(waiting))
         with contextlib.closing(self._arriving(function, waiting, shared)) as arriving:
             for finished, (key, result) in enumerate(arriving, 1):
                 if keep:
                     keep.write(key, result)
                 results[key] = result
-                if self._progress:
-                    self._progress(what, finished, len(waiting))
+                if self.progress:
+                    self.progress(what, finished, len(waiting))
         return results
 
     def _arriving(
         self, function: Function, pieces: Record, shared: Any
     ) -> Generator[tuple[str, Any], None, None]:
         """(key, result) as they are finished."""
-        if self._dask is not None:
-            place = _cluster(self._dask, shared, self._version)
-        elif self._workers > 1 and len(pieces) > 1:
-            place = _processes(min(self._workers, len(pieces)), shared)
+        workers = min(self.workers or os.cpu_count() or 1, len(pieces))
+        if self.dask is not None:
+            place = _cluster(self.dask, shared, self.version)
+        elif workers > 1:
+            place = _processes(workers, shared)
         else:
             for key, piece in pieces.items():
                 yield key, function(shared, piece)
@@ -210,7 +205,23 @@ def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> It
             "tcp://HOST:PORT"
         ) from None
     with client:
-        _check_workers(client, address, version)
+        if not client.scheduler_info()["workers"]:
+            raise InputError(
+                f"--dask {address}: the scheduler has no worker; start some with 'dask worker {address}'"
+            )
+        versions: Record = {}
+        try:
+            if version is not None:
+                versions = {"the scheduler": client.run_on_scheduler(version), **client.run(version)}
+        except ImportError as error:
+            raise InputError(
+                f"--dask {address}: scheduler or workers lack this project ({error}); install it there"
+            ) from None
+        foreign = sorted(where for where, code in versions.items() if version and code != version())
+        if foreign:
+            raise InputError(
+                f"--dask {address}: {foreign[-1]} has code or libraries that differ from this machine; install the same there"
+            )
         everywhere = client.scatter(shared, broadcast=True, hash=False)
         # changed code must not be answered from the cluster's memory
         with client.get_executor(pure=False) as executor:
@@ -219,23 +230,3 @@ def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> It
             except BaseException:
                 executor.shutdown(wait=False)  # cancels what is not finished
                 raise
-
-
-def _check_workers(client: Any, address: str, version: Callable[[], str] | None) -> None:
-    if not client.scheduler_info()["workers"]:
-        raise InputError(
-            f"--dask {address}: the scheduler has no worker; start some with 'dask worker {address}'"
-        )
-    if version is None:
-        return
-    try:
-        versions = {"the scheduler": client.run_on_scheduler(version), **client.run(version)}
-    except ImportError as error:
-        raise InputError(
-            f"--dask {address}: scheduler or workers lack this project ({error}); install it there"
-        ) from None
-    foreign = sorted(where for where, code in versions.items() if code != version())
-    if foreign:
-        raise InputError(
-            f"--dask {address}: {foreign[-1]} has code or libraries that differ from this machine; install the same there"
-        )

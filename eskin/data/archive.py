@@ -30,12 +30,6 @@ def load_archive(path: Path, scale: Worth | None = None, *, asked: bool = False)
     return recordings_of(arrays, str(path), scale=scale, asked=asked)
 
 
-def _units(recordings: Recordings) -> str | list[str]:
-    """The unit of the samples, or of each taxel where they differ."""
-    units = recordings.unit.split(UNITS)
-    return units if len(units) == recordings.taxels > 1 else recordings.unit
-
-
 def save_archive(recordings: Recordings, path: str | Path) -> None:
     """Write an npz archive, whole or not at all: codes in the type of their format, groups, and the value of
     a code."""
@@ -47,6 +41,8 @@ def save_archive(recordings: Recordings, path: str | Path) -> None:
         }
     else:
         signed, volt = "i" if recordings.sample_signed else "u", recordings.volt_per_code
+        units = recordings.unit.split(UNITS)
+        unit = units if len(units) == recordings.taxels > 1 else recordings.unit  # of each taxel, or of all
         arrays = {
             "samples": recordings.samples.astype(f"{signed}{1 if recordings.sample_bits <= 8 else 2}"),
             "offsets": recordings.offsets,
@@ -55,7 +51,7 @@ def save_archive(recordings: Recordings, path: str | Path) -> None:
             **({"lsb_volt": np.array(volt)} if volt else {}),
             **({"channel_names": np.array(recordings.channel_names)} if recordings.channel_names else {}),
             # volt is what a reader takes for granted beside lsb_volt
-            **({"unit": np.array(_units(recordings))} if recordings.unit != ("V" if volt else "") else {}),
+            **({"unit": np.array(unit)} if unit != ("V" if volt else "") else {}),
         }
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays, **recordings.groups)

@@ -84,7 +84,15 @@ def read_log(path: Path, reading: Reading, refuse: Refuse) -> Table:
             )
         told = labels.drop(columns=["start", "end"]).rename_axis("recording").reset_index()
         frame = told.merge(frame.assign(recording=number), on="recording")
-    return table_of(frame, f"'{path}'", row_is="message", notes=tuple(_of_clocks(stamps, topic, reading)))
+    stamped, notes = stamps[stamps[:, 1] != 0], []
+    if len(stamped):
+        notes.append(f"times of frames and labels are the {reading.clock}'s (--clock log or header)")
+        if missing := len(stamps) - len(stamped):
+            notes.append(f"{missing} of {len(stamps)} stamps in the headers of topic {topic} are 0")
+        off = np.abs(np.diff(stamped)).max() / 1e9
+        if off > CLOCK_OFF_S:
+            notes.append(f"the headers' clock of topic {topic} is up to {off:.4g} s off the log's")
+    return table_of(frame, f"'{path}'", row_is="message", notes=tuple(notes))
 
 
 def _topic(log: _Log, reading: Reading, refuse: Refuse) -> str:
@@ -142,20 +150,6 @@ def _stamp(message: Any) -> int:
     stamp = vars(getattr(getattr(message, "header", None), "stamp", SimpleNamespace()))
     seconds = stamp.get("sec", stamp.get("secs", 0))
     return int(seconds) * 10**9 + int(stamp.get("nanosec", stamp.get("nsecs", stamp.get("nsec", 0))))
-
-
-def _of_clocks(stamps: np.ndarray, topic: str, reading: Reading) -> list[str]:
-    """Remarks about messages with time stamps of their own."""
-    stamped = stamps[stamps[:, 1] != 0]
-    if not len(stamped):
-        return []
-    notes = [f"times of frames and labels are the {reading.clock}'s (--clock log or header)"]
-    if missing := len(stamps) - len(stamped):
-        notes.append(f"{missing} of {len(stamps)} stamps in the headers of topic {topic} are 0")
-    off = np.abs(np.diff(stamped)).max() / 1e9
-    if off > CLOCK_OFF_S:
-        notes.append(f"the headers' clock of topic {topic} is up to {off:.4g} s off the log's")
-    return notes
 
 
 def _marks(log: _Log, reading: Reading, refuse: Refuse) -> DataFrame:

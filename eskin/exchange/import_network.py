@@ -109,6 +109,17 @@ def import_network(
             f"configuration '{config.name}': is a network for images, which this verb does not take; train it "
             "here with 'eskin train'"
         )
+    if (mean is None) != (std is None):
+        raise InputError(
+            f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "
+            "measure them on"
+        )
+    for name, value in (("mean", mean), ("std", std)):
+        if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
+            raise InputError(
+                f"--{name} {value:g}: is not a {'spread above 0' if name == 'std' else 'finite number'}; give "
+                "codes"
+            )
     network: Network
     if Path(file).suffix == ONNX_SUFFIX:
         from eskin.exchange.import_onnx import read_onnx
@@ -123,7 +134,17 @@ def import_network(
         network = read_layers(file)
     config, arrays = fitted(network, config, cell, reset)
     config, shows, notes = network.shown(config, arrays)
-    scale = _normalisation(network, config, mean, std, recordings)
+    scale = network.scale(config)
+    if mean is not None:
+        scale = {"mean": mean, "std": std, "source": "given"}
+    elif recordings is not None:
+        mu, sigma = measure_scaling(config, recordings)
+        scale = {"mean": mu, "std": sigma, "source": str(recordings.source)}
+    elif scale is None:
+        raise InputError(
+            f"network '{file}': weights alone do not define the normalisation; give --mean and --std "
+            "(codes), or --data to measure them on"
+        )
     arrays |= {
         name: np.broadcast_to(scale[key], constants_shape(config))
         for name, key in (("mu", "mean"), ("sigma", "std"))
@@ -156,36 +177,3 @@ def import_network(
     if record.get("passed", True):
         FloatModel(config, arrays, str(file)).save(out, record)
     return record
-
-
-def _normalisation(
-    network: Network,
-    config: AcceleratorConfig,
-    mean: float | None,
-    std: float | None,
-    recordings: Recordings | None,
-) -> Record:
-    """mean, std and their source: those given, measured on recordings, or kept in the file."""
-    if (mean is None) != (std is None):
-        raise InputError(
-            f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "
-            "measure them on"
-        )
-    for name, value in (("mean", mean), ("std", std)):
-        if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
-            raise InputError(
-                f"--{name} {value:g}: is not a {'spread above 0' if name == 'std' else 'finite number'}; give "
-                "codes"
-            )
-    if mean is not None:
-        return {"mean": mean, "std": std, "source": "given"}
-    if recordings is not None:
-        mu, sigma = measure_scaling(config, recordings)
-        return {"mean": mu, "std": sigma, "source": str(recordings.source)}
-    kept = network.scale(config)
-    if kept is None:
-        raise InputError(
-            f"network '{network.path}': weights alone do not define the normalisation; give --mean and --std "
-            "(codes), or --data to measure them on"
-        )
-    return kept

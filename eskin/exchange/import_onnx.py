@@ -178,11 +178,9 @@ class Graph:
 class OnnxNetwork(Network):
     """Also its graph."""
 
-    graph: Graph
+    kind = "ONNX"
 
-    @property
-    def kind(self) -> str:
-        return "ONNX"
+    graph: Graph
 
     @property
     def ends(self) -> tuple[str, str]:

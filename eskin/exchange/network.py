@@ -23,6 +23,9 @@ class Network:
     names of the specification, section 8 (a linear cell: V (C, columns), b_y); names: what they are called in
     the file."""
 
+    kind = "torch state_dict"
+    """What the file is, in words."""
+
     path: Path
     cell: str
     reset: str
@@ -102,11 +105,6 @@ class Network:
             arrays |= {f"b_{gate}": first, f"bh_{gate}": second} if two else {f"b_{gate}": first + second}
         sizes = hidden, dense[0], layers["input"].shape[1]
         return cls(path, cell, reset, gate_activation, *sizes, arrays, names, **more)
-
-    @property
-    def kind(self) -> str:
-        """What the file is, in words."""
-        return "torch state_dict"
 
     @property
     def ends(self) -> tuple[str, str]:

@@ -35,7 +35,7 @@ class Thinner:
     """
 
     def __init__(self, size: int) -> None:
-        self.size, self._first = max(1, size), 0
+        self.size, self._first = size, 0
         self._held = np.zeros((0, 0), dtype=np.int64)
 
     def add(self, first: int, samples: np.ndarray) -> list[list[Any]]:

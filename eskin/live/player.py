@@ -8,6 +8,7 @@ import math
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,7 @@ class Controls:
             self._condition.wait(seconds)
 
 
+@dataclass
 class Player:
     """Plays recordings, or listens to a board, in the thread that calls ``run``.
 
@@ -71,22 +73,22 @@ class Player:
         None with a Listener.
     numbers:
         Indices of those to play, in this order.
+
+    Attributes
+    ----------
+    decisions: recording -> the model's decision, of those played to their end. error: what ended `run`.
     """
 
-    def __init__(
-        self,
-        source: ModelSource | Listener,
-        recordings: Recordings | None,
-        numbers: Sequence[int],
-        hub: Hub,
-        controls: Controls,
-    ) -> None:
-        self._source, self._recordings, self._numbers = source, recordings, list(numbers)
-        self._hub, self.controls = hub, controls
-        self.tally = Tally()
-        self.decisions: dict[int, int] = {}
-        """Recording -> the model's decision, of those played to their end."""
-        self.error: BaseException | None = None
+    source: ModelSource | Listener
+    recordings: Recordings | None
+    numbers: Sequence[int]
+    hub: Hub
+    controls: Controls
+    tally: Tally = field(default_factory=Tally)
+    decisions: dict[int, int] = field(default_factory=dict)
+    error: BaseException | None = None
+
+    def __post_init__(self) -> None:
         self._since, self._frames_then = time.monotonic(), 0
         self._ended, self._first_s = False, NO_SINCE
 
@@ -94,15 +96,15 @@ class Player:
         """Play until somebody stops it; after the last one wait to be asked for more. An exception is stored in ``error``."""
         try:
             self._state()
-            if isinstance(self._source, Listener):
-                self._listen(self._source)
+            if isinstance(self.source, Listener):
+                self._listen(self.source)
             else:
-                self._play(self._source)
+                self._play(self.source)
         except BaseException as error:
             self.error = error
         finally:
             try:
-                self._source.close()
+                self.source.close()
                 self._tell(now=True)
                 self._ended = True
                 self._state()
@@ -111,11 +113,11 @@ class Player:
 
     # ------------------------------------------------------------ recordings
     def _play(self, source: ModelSource) -> None:
-        assert self._recordings is not None
+        assert self.recordings is not None
         while not self.controls.stopped:
-            for number in self._numbers:  # of the class that is chosen when their turn comes
-                if self.controls.label in (-1, int(self._recordings.labels[number])):
-                    self._one(source, self._recordings, number)
+            for number in self.numbers:  # of the class that is chosen when their turn comes
+                if self.controls.label in (-1, int(self.recordings.labels[number])):
+                    self._one(source, self.recordings, number)
                 if self.controls.stopped:
                     return
             self._ended = True
@@ -131,7 +133,7 @@ class Player:
         length, controls, tally = len(samples), self.controls, self.tally
         wrong_before, self._first_s = tally.mismatches, NO_SINCE
         head = np.asarray(samples[: max(1, min(LEVEL_FRAMES, length // 8))])
-        self._hub.publish(Begin(number, label, length, np.median(head, axis=0)))
+        self.hub.publish(Begin(number, label, length, np.median(head, axis=0)))
         self._events(source.arm())
         at, due = 0, 0.0  # frames played, and frames beyond them whose time has come
         then = time.monotonic()
@@ -140,7 +142,7 @@ class Player:
             now, pace = time.monotonic(), recordings.sample_rate_hz * controls.speed
             passed, then = now - then, now
             if controls.paused:
-                self._hub.flush()
+                self.hub.flush()
                 self._tell()
                 controls.wait(TALLY_S)
                 then = time.monotonic()
@@ -158,7 +160,7 @@ class Player:
                     due = 0.0
             part = np.asarray(samples[at : at + count])
             events = source.take(part)
-            self._hub.publish(Frames(at + 1, part))
+            self.hub.publish(Frames(at + 1, part))
             self._events(events)
             at += len(part)
             tally.frames += len(part)
@@ -166,7 +168,7 @@ class Player:
         controls.skip = False
         whole = at >= length
         self._events(source.finish())
-        self._hub.publish(End(source.decision, whole))
+        self.hub.publish(End(source.decision, whole))
         if whole:
             self.decisions[number] = source.decision
             tally.recordings += 1
@@ -174,12 +176,12 @@ class Player:
             tally.labelled += label >= 0
             tally.correct += 0 <= label == source.decision
             wrong = tally.mismatches - wrong_before
-            self._hub.publish(Result(number, label, source.decision, self._first_s, wrong))
+            self.hub.publish(Result(number, label, source.decision, self._first_s, wrong))
         self._tell()
 
     # ------------------------------------------------------------ a board by itself
     def _listen(self, source: Listener) -> None:
-        self._hub.publish(Begin(-1, -1, 0, np.zeros(0)))
+        self.hub.publish(Begin(-1, -1, 0, np.zeros(0)))
         while not self.controls.stopped:
             self._events(source.listen(TALLY_S))
             self._tell()
@@ -201,13 +203,13 @@ class Player:
                             f"touch {event.touch}, {where} {event.step + 1}: {wrong} values differ ({names})"
                         )
                         if self._say(sentence):  # viewers count the values themselves
-                            self._hub.publish(Differs(sentence, mismatch=False))
+                            self.hub.publish(Differs(sentence, mismatch=False))
                 case Differs():
                     self.tally.mismatches += event.mismatch
                     self._say(event.sentence)
                 case Decided() if event.touch == 0:
                     self._first_s = event.since
-            self._hub.publish(event)
+            self.hub.publish(event)
 
     def _say(self, sentence: str) -> bool:
         """Keep a sentence for the end. False if the limit is reached."""
@@ -218,7 +220,7 @@ class Player:
     def _state(self) -> None:
         controls = self.controls
         speed = controls.speed if math.isfinite(controls.speed) else 0
-        self._hub.state(paused=controls.paused, speed=speed, label=controls.label, ended=self._ended)
+        self.hub.state(paused=controls.paused, speed=speed, label=controls.label, ended=self._ended)
 
     def _tell(self, *, now: bool = False) -> None:
         """Send the tally to the viewers, every TALLY_S at most, and set how much is thinned out."""
@@ -230,8 +232,8 @@ class Player:
             tally.frames_per_s = (tally.frames - self._frames_then) / passed
             self._since, self._frames_then = time.monotonic(), tally.frames
             if tally.frames_per_s:
-                self._hub.pace(tally.frames_per_s)
-        self._hub.tally(tally)
+                self.hub.pace(tally.frames_per_s)
+        self.hub.tally(tally)
 
 
 def hello(

@@ -46,7 +46,7 @@ class PageServer:
     Parameters
     ----------
     port:
-        0: any that is free; ``port`` then tells which.
+        0: any that is free; ``port`` and ``address`` then tell which.
 
     Raises
     ------
@@ -62,6 +62,7 @@ class PageServer:
         self._thread.start()
         try:
             self.port = opened.result()
+            self.address = f"http://{HOST}:{self.port}"
         except OSError as error:
             self._thread.join()
             why = f"cannot be opened ({error.strerror or error})"
@@ -69,11 +70,6 @@ class PageServer:
             raise InputError(
                 f"--host-port {port}: {why}; give another one, or 0 for any that is free"
             ) from None
-
-    @property
-    def address(self) -> str:
-        """Address of the page."""
-        return f"http://{HOST}:{self.port}"
 
     def close(self) -> None:
         """Take leave of every viewer and give the port back."""

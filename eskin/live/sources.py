@@ -284,32 +284,35 @@ def on_port(port: str) -> Iterator[None]:
         raise InputError(f"--port {port}: {error}") from None
 
 
+@dataclasses.dataclass
 class Listener:
     """A board that takes its frames from its own converter: its decisions as they come. No frames are on the
     link, and no model runs."""
 
     kind = "listening"
 
-    def __init__(self, config: AcceleratorConfig, link: Link, port: str) -> None:
-        self.config, self._link, self._port = config, link, port
-        self._touch = self._positions = 0
-        self.decision = -1
+    config: AcceleratorConfig
+    link: Link
+    port: str
+    decision: int = -1
+    touch: int = 0
+    positions: int = 0
 
     def listen(self, timeout_s: float) -> list[Event]:
         """Decisions that come within ``timeout_s``."""
-        with on_port(self._port):
-            heard = self._link.listen(timeout_s)
+        with on_port(self.port):
+            heard = self.link.listen(timeout_s)
             where = self._where() if self.config.interface.position else []
             # those too that came with the answers
             return [*(self._event(unpack_decision(self.config, payload)) for payload in heard), *where]
 
     def _where(self) -> list[Event]:
         """The latest position, where it is new and its registers belong together."""
-        before = self._link.read("POSITIONS")
-        place, peak = self._link.read("POSITION"), self._link.read("POSITION_PEAK")
-        if before == self._positions or before != self._link.read("POSITIONS"):
+        before = self.link.read("POSITIONS")
+        place, peak = self.link.read("POSITION"), self.link.read("POSITION_PEAK")
+        if before == self.positions or before != self.link.read("POSITIONS"):
             return []
-        self._positions = before
+        self.positions = before
         return [Where(0, place & 0xFF, place >> 8, peak & 0xFF, bool(peak >> 11 & 1), peak >> 8 & 7)]
 
     def close(self) -> None:
@@ -320,8 +323,8 @@ class Listener:
         label = min(fields["class"], self.config.classes - 1)
         if not fields["is_global"]:
             if step == 0 and self.decision >= 0:
-                self._touch, self.decision = self._touch + 1, -1
-            return Step(self._touch, step, 0, NOTHING, NOTHING, NOTHING, label, margin)
+                self.touch, self.decision = self.touch + 1, -1
+            return Step(self.touch, step, 0, NOTHING, NOTHING, NOTHING, label, margin)
         self.decision = label
         flags = bool(fields["partial"]), bool(fields["unsure"])
-        return Decided(self._touch, step, 0, label, margin, *flags, NO_SINCE)
+        return Decided(self.touch, step, 0, label, margin, *flags, NO_SINCE)

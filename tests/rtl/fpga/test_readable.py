@@ -3,10 +3,18 @@ names are anonymous."""
 
 import re
 
+import pytest
+from amaranth.back import rtlil
+
 from eskin.golden.core import PRESETS
-from eskin.rtl.fpga.export import export
+from eskin.rtl.decision.classifier import Classifier
+from eskin.rtl.fpga.export import export, verilog
 from eskin.rtl.fpga.readable import ports_named, readable
+from eskin.rtl.fpga.tools import run_tool
+from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
+from eskin.rtl.host.recording_state import RecordingState
 from tests.support.random_models import random_integer_model
+from tests.support.small_designs import SMALL
 
 MODULE = """module top(a, b, s, o);
   wire [3:0] _0_;
@@ -49,3 +57,19 @@ def test_at_most_a_tenth_of_the_names_is_anonymous():
     names = re.findall(r"^ *(?:wire|reg)\b[^;=]*?(\\\S+|\b\w+) ?;$", text, re.MULTILINE)
     anonymous = [name for name in names if re.fullmatch(r"_\d+_|\\port\$.*", name)]
     assert len(names) > 500 and len(anonymous) <= 0.1 * len(names)
+
+
+FLAT = "hierarchy -top top; proc; flatten; memory_map; setundef -undriven -zero; setundef -zero; opt_clean"
+EQUAL = f"""read_rtlil top.il; {FLAT}; rename top given; design -stash given
+read_verilog -sv top.sv; {FLAT}; rename top made; design -stash made
+design -copy-from given given; design -copy-from made made; equiv_make given made both
+hierarchy -top both; equiv_simple; equiv_induct -seq 4; equiv_status -assert"""
+
+
+@pytest.mark.parametrize("block", [Classifier, PreTriggerRing, RecordingState])
+def test_the_text_is_equivalent_to_the_design(block, tmp_path):
+    config = random_integer_model(SMALL, 5).config
+    (tmp_path / "top.il").write_text(rtlil.convert(block(config), name="top", emit_src=False))
+    (tmp_path / "top.sv").write_text(verilog(block(config), "top"))
+    (tmp_path / "equal.ys").write_text(EQUAL.replace("; ", "\n"))
+    run_tool("yosys", ["-q", "equal.ys"], tmp_path)
