@@ -254,7 +254,7 @@ class Scope:
     tests: dict[str, list[str]]
     named: dict[Mutant, list[str]]
     skip: frozenset[str]
-    reasons: dict[tuple[str, str, str], Record]
+    reasons: dict[tuple[str, str], Record]
 
     @classmethod
     def load(cls, root: Path) -> "Scope":
@@ -275,7 +275,7 @@ class Scope:
             {file: spelled(tests) for file, tests in values["files"].items()},
             named,
             frozenset(values.get("skip", [])),
-            {(entry["file"], entry["was"], entry["now"]): entry for entry in values.get("survivor", [])},
+            {(entry["file"], entry["now"]): entry for entry in values.get("survivor", [])},
         )
 
 
@@ -356,7 +356,7 @@ def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
     rows = []
     for mutant, row in zip(tests_of, judged(list(tests_of.items()), "mutants"), strict=True):
         was, now = mutant.lines()
-        reason = scope.reasons.get((mutant.file, was, now), {"open": True})
+        reason = scope.reasons.get((mutant.file, now), {"open": True})
         if row["outcome"] == "survived" and not reason.get("open"):
             row["outcome"] = "equivalent"
         reason = {"reason": mutant.name or reason.get("reason", "no reason given")}

@@ -51,7 +51,7 @@ def golden(c, a, centred):
     return states, logits
 
 
-@each_row("lanes, lane_type", [(3, "plain"), (1, "dsp")])
+@each_row("lanes, lane_type", [(3, "plain"), (1, "dsp"), (16, "plain")])
 def test_a_new_cell_is_a_program_and_a_golden_function(lanes, lane_type):
     config, rng = small("gru", "before", lanes, lane_type=lane_type), np.random.default_rng(lanes)
     h, d, k = config.network.hidden, config.sensor.taxels, config.classes
