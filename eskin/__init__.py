@@ -13,7 +13,7 @@ quick and does not need torch. ``eskin.golden`` (models), ``eskin.rtl`` (hardwar
 (benches) stand at the top of the checkout; links in this folder make them parts of the package.
 """
 
-import importlib
+import pkgutil
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -42,24 +42,23 @@ __all__ = [
 ]
 
 _PLACES = {
-    "Config": ("golden.core.config", "AcceleratorConfig"),
-    "Decision": ("golden.model.stream", "Decision"),
-    "InputError": ("golden.core.errors", "InputError"),
-    "Model": ("api", "Model"),
-    "Recordings": ("golden.data.recordings", "Recordings"),
-    "Stream": ("golden.model.stream", "Stream"),
-    "Trace": ("golden.model.pipeline", "Trace"),
-    "load": ("data.load", "load_recordings"),
-    "train": ("api", "train"),
+    "Config": "golden.core.config:AcceleratorConfig",
+    "Decision": "golden.model.stream:Decision",
+    "InputError": "golden.core.errors:InputError",
+    "Model": "api:Model",
+    "Recordings": "golden.data.recordings:Recordings",
+    "Stream": "golden.model.stream:Stream",
+    "Trace": "golden.model.pipeline:Trace",
+    "load": "data.load:load_recordings",
+    "train": "api:train",
 }
-"""Module of each public name."""
+"""Module and name of each public name."""
 
 
 def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'eskin' has no attribute '{name}'")
-    module, attribute = _PLACES[name]
-    globals()[name] = value = getattr(importlib.import_module(f"eskin.{module}"), attribute)
+    globals()[name] = value = pkgutil.resolve_name(f"eskin.{_PLACES[name]}")
     return value
 
 

@@ -25,10 +25,10 @@ from eskin.memo import Memo, code_version
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import step_cycles
 from eskin.study.energy import PARTS
+from eskin.study.first_touches import with_touches
 from eskin.training.formats import with_network
 from eskin.verbs import energy_job
 from eskin.verbs.build_job import suited
-from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
 from eskin.verbs.flow import BUILD
 from scripts.tables import Row, printed

@@ -31,7 +31,7 @@ from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
-from eskin.study import baselines, sweep
+from eskin.study import baselines
 from eskin.verbs import energy_job, sweep_job
 from tests.support.link_device import Device, golden_decisions
 from tests.support.recipes import few_updates
@@ -410,8 +410,7 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # workers would begin by importing torch
     for name, value in {"FOLDS": 2, "CELLS": [("gru", "before", 4)], "NETWORKS": ("tactnet-half",)}.items():
-        monkeypatch.setattr(sweep, name, value)
-    monkeypatch.setattr(sweep_job, "FOLDS", 2)
+        monkeypatch.setattr(sweep_job, name, value)
     monkeypatch.setattr(baselines, "run", partial(baselines.run, folds=2, seeds=1))
     few_updates(monkeypatch, 60)
     return lambda kind: Case(shop, kind, tmp_path)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from eskin.data.meaning import CLASS, whole
-from eskin.data.table import TIME, Reading, Refuse, Table, table_of
+from eskin.data.table import TIME, Names, Reading, Refuse, Table, table_of
 from eskin.golden.core import Arrays, Record
 from eskin.golden.data.recordings import check_offsets, natural
 
@@ -20,8 +20,6 @@ SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
 LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
 CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
 """Names of the array of class names, in the order of preference."""
-Names = tuple[str, ...]
-Facts = Record
 
 
 @dataclass
@@ -31,8 +29,8 @@ class Group:
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     groups: dict[str, Group] = field(default_factory=dict)
-    attributes: Facts = field(default_factory=dict)
-    of_arrays: dict[str, Facts] = field(default_factory=dict)
+    attributes: Record = field(default_factory=dict)
+    of_arrays: dict[str, Record] = field(default_factory=dict)
 
     def take(self, name: str, array: np.ndarray) -> None:
         """An array by its name. A single number or text is also an attribute; an array with fields
@@ -98,7 +96,7 @@ class _Arrays:
     reading: Reading
     refuse: Refuse
 
-    def table(self, part: np.ndarray, where: str, above: Names, attributes: Facts,
+    def table(self, part: np.ndarray, where: str, above: Names, attributes: Record,
               clock: tuple[str, np.ndarray] | None = None, **more: Any) -> Table:  # fmt: skip
         """A table of an array (frames, taxels), and of its clock, if it has one, behind them."""
         import pandas as pd
@@ -186,7 +184,7 @@ class _Arrays:
         return parts
 
     # ------------------------------------------------------------------ an array a recording
-    def group_tables(self, group: Group, above: Names, known: Facts) -> Iterator[Table]:
+    def group_tables(self, group: Group, above: Names, known: Record) -> Iterator[Table]:
         """Every table (frames, taxels) of a group and below as a recording, with the attributes of all above
         it; a clock beside it is its time. Vectors of one length, where there is no table, are one's columns."""
         import pandas as pd

@@ -23,8 +23,8 @@ TEXT = (".csv", ".tsv", ".txt", ".lvm")
 KINDS = dict.fromkeys((*TEXT, ".parquet"), "text") | dict.fromkeys(ARRAYS, "arrays")
 """Endings of recording files, and their kinds; logs are of text's kind, since they are tables too."""
 FORMS = (
-    "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5 or .npy files or "
-    "logs), a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"
+    "an .npz archive, a folder with sub-folders by class (.csv, .lvm, .parquet, .mat, .h5, .npy or logs), "
+    "a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, ROS bag) or the word synthetic"
 )
 
 SCENE = "synthetic"

@@ -24,6 +24,7 @@ NUMBER = re.compile(r"[-+]?(?:(?:\d[\d.,]*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)
 MISSING = ("", "nan", "n/a", "<na>", "null")
 
 Refuse = Callable[..., NoReturn]
+Names = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Reading:
     """
 
     rate_hz: float | None = None
-    columns: tuple[str, ...] = ()
+    columns: Names = ()
     recording: str | None = None
     label: str | None = None
     delimiter: str | None = None
@@ -60,18 +61,18 @@ class Table:
     """
 
     frame: DataFrame
-    names: tuple[str, ...]
+    names: Names
     source: str
-    path: tuple[str, ...] = ()
+    path: Names = ()
     attributes: Record = field(default_factory=dict)
     breaks: tuple[int, ...] = ()
     parts: tuple[Table, ...] = ()
     firsts: tuple[int, ...] = (0,)
-    units: tuple[str, ...] = ()
+    units: Names = ()
     clock: int | None = None
     row_is: str = "line"
-    class_names: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    class_names: Names = ()
+    notes: Names = ()
 
     @classmethod
     def joined(cls, tables: Sequence[Table]) -> Table:

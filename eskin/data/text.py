@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from eskin.data.table import NUMBER, Reading, Table, check_regular
+from eskin.data.table import NUMBER, Names, Reading, Table, check_regular
 from eskin.golden.core import InputError
 
 DELIMITERS = {";": "semicolon", "\t": "tab", ",": "comma", " ": "blank"}
@@ -203,7 +203,7 @@ class _File:
             )
         return best
 
-    def header(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def header(self) -> tuple[Names, Names]:
         """Names and units of the columns; their lines no longer count as rows."""
         first, *rest = self._cells(self.delimiter, self.rows[:3])
         numbers = [cell for cell in first if NUMBER.fullmatch(cell)]

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
-from eskin.golden.model import Touches, preprocess
+from eskin.golden.model import IntegerModel, Touches, preprocess
 
 
 def first_touches(config: AcceleratorConfig, recordings: Recordings) -> tuple[Touches, np.ndarray]:
@@ -17,3 +17,28 @@ def first_touches(config: AcceleratorConfig, recordings: Recordings) -> tuple[To
     after = touches.start_frame - 1 + config.last_frame + config.windows.hop
     ends[touches.recording] = np.minimum(ends[touches.recording], after)
     return touches, ends
+
+
+def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]:
+    """``count`` recordings with a whole touch, spread over the classes: their numbers, and they themselves, cut
+    a hop after it; where none goes on so long, each to its end.
+
+    Raises
+    ------
+    InputError
+        None has a whole touch.
+    """
+    config = model.config
+    recordings = recordings.scanned(config.sensor.scan_every)
+    touches, ends = first_touches(config, recordings)
+    touches = touches.take(~touches.partial)
+    if not len(having := touches.recording):
+        raise InputError(
+            f"recordings '{recordings.source}': none has a whole touch; energy needs one: look at their onsets with "
+            "'eskin inspect'"
+        )
+    after = touches.start_frame - 1 + config.last_frame + config.windows.hop
+    longer = having[after <= recordings.lengths[having]]
+    having = longer if len(longer) else having
+    numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
+    return numbers, recordings.subset(numbers).until(ends[numbers])

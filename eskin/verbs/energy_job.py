@@ -25,7 +25,7 @@ from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.study import energy
-from eskin.verbs.chip_energy import with_touches
+from eskin.study.first_touches import with_touches
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
@@ -68,57 +68,38 @@ def measure(
     work:
         Folder for design, vectors and captures.
     """
-    config = model.config.with_lanes(lanes, lane_type)
-    # frames as recorded: the chain alone is counted
-    requested, config = config, config.replace(converter="none")
-    design = generate(config, model.arrays, work / "design")
+    requested = model.config.with_lanes(lanes, lane_type)
+    config = requested.replace(converter="none")  # frames as recorded: the chain alone is counted
+    design, builds = generate(config, model.arrays, work / "design"), BUILD / "simulators"
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
     first = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
-    lowest = flow.lowest_clock(design, first, work=work / "clock", builds=BUILD / "simulators")
-    activity, cells, exact = counted(config, model, design, vectors, target, len(recordings), work=work)
-    part = find_target(target).device
+    lowest = flow.lowest_clock(design, first, work=work / "clock", builds=builds)
+    hardware, cells = netlist_of(config, model.arrays, target, probes=False)
+    (work / "counted.v").write_text(instrument(hardware.sources[0].read_text(), block_of))
+    sources = work / "counted.v", *hardware.sources[1:]
+    options: Record = {"hardware": dataclasses.replace(hardware, sources=sources), "builds": builds}
+    full = flow.cosim(design, vectors, work=work / "full", **options)
+    options["clock_hz"] = slower_cycles(config, full) * config.sensor.scan_rate_hz
+    slow = flow.cosim(design, vectors, work=work / "slow", pace="declared", **options)
+    activity = energy.counted_activity(
+        read_count(work / "full"),
+        read_count(work / "slow"),
+        frames=full["frames"],
+        touch_frames=len(recordings) * config.last_frame,
+        steps=full["steps"],
+        recordings=len(recordings),
+        quiet_frame_cycles=mean_frame_cycles(config)[1],
+        step_cycles=full["registers"]["LONGEST"] + logit_to_decision(config) - 1,
+    )
     described = {
         "name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}",
         "target": target,
         "lanes": lanes,
         "lane_type": lane_type,
-        "cells": cells,
-        "bit_exact": lowest["bit_exact"] and exact,
+        "cells": dict(cells),
+        "bit_exact": all(result["bit_exact"] for result in (lowest, full, slow)),
     }
-    return described | energy.estimate(requested, part, activity, lowest["clock_hz"])
-
-
-def counted(
-    config: AcceleratorConfig,
-    model: IntegerModel,
-    design: Path,
-    vectors: Path,
-    target: str,
-    recordings: int,
-    *,
-    work: Path,
-) -> tuple[energy.Activity, Record, bool]:
-    """Activity counted in the netlist of ``design``, its cells, and whether it was bit-exact."""
-    hardware, cells = netlist_of(config, model.arrays, target, probes=False)
-    text = instrument(hardware.sources[0].read_text(), block_of)
-    (work / "counted.v").write_text(text)
-    hardware = dataclasses.replace(hardware, sources=(work / "counted.v", *hardware.sources[1:]))
-    options: Record = {"hardware": hardware, "builds": BUILD / "simulators"}
-    results = [flow.cosim(design, vectors, work=work / "full", **options)]
-    options["clock_hz"] = slower_cycles(config, results[0]) * config.sensor.scan_rate_hz
-    results.append(flow.cosim(design, vectors, work=work / "slow", pace="declared", **options))
-    cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
-    activity = energy.counted_activity(
-        read_count(work / "full"),
-        read_count(work / "slow"),
-        frames=results[0]["frames"],
-        touch_frames=recordings * config.last_frame,
-        steps=results[0]["steps"],
-        recordings=recordings,
-        quiet_frame_cycles=mean_frame_cycles(config)[1],
-        step_cycles=cycles,
-    )
-    return activity, dict(cells), all(result["bit_exact"] for result in results)
+    return described | energy.estimate(requested, find_target(target).device, activity, lowest["clock_hz"])
 
 
 def slower_cycles(config: AcceleratorConfig, full: Record) -> int:

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from eskin.choose.choice import configure
-from eskin.golden.core import AcceleratorConfig, Arrays, Progress, Record, content_key
+from eskin.golden.core import AcceleratorConfig, Progress, Record, content_key
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
@@ -21,13 +21,6 @@ from eskin.verbs.cost import cost_model
 CACHE = Path("build/enrolments")
 """Finished seeds by content, safe to delete."""
 CODE = partial(code_version, *LEARNING, *COST)
-
-
-def choose(recordings: Recordings, group: list[str], values: Arrays) -> list[Record]:
-    """The configuration chosen without each value's recordings."""
-    return [
-        config.to_dict() for config in evaluation.front_ends_without(recordings, values, group, cost_model())
-    ]
 
 
 def evaluate(
@@ -57,7 +50,8 @@ def evaluate(
     if config is not None:
         configs = [configure(recordings, config, cost_model()).config] * len(values)
     else:
-        chosen = keep.remembered(content, lambda: choose(recordings, group, values))
+        without = partial(evaluation.front_ends_without, recordings, values, group, cost_model())
+        chosen = keep.remembered(content, lambda: [one.to_dict() for one in without()])
         configs = [AcceleratorConfig.from_dict(fields) for fields in chosen]
     plain = [configuration.to_dict() for configuration in configs]
     ordered = tuple(sorted(set(ks)))

@@ -21,6 +21,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
+    Trace,
     find_touches,
     float_features,
     images_of,
@@ -56,13 +57,8 @@ def generate_design(
             )
             write_image_vectors(vectors, run_images(model, images).streams, images)
         else:
-            length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
-            if recordings is None:
-                shown, trace = decided_recordings(model, [length])
-            else:
-                shown = recordings.subset([number]).scanned(config.sensor.scan_every)
-                trace = run(model, shown)
-            write_vectors(vectors, trace, shown, [number])
+            shown, trace = _played(model, recordings and recordings.subset([number]))
+            write_vectors(vectors, trace, shown.scanned(config.sensor.scan_every), [number])
         return generate(config, model.arrays, out, vectors=vectors, **system)
 
 
@@ -143,11 +139,16 @@ def _vectors(model: IntegerModel, recordings: Recordings | None) -> tuple[np.nda
             [1] * len(images),
             plain_c.expected_of_images(run_images(model, images)),
         )
-    lead, whole = config.rest_level.rest_frames, config.last_frame
-    # a touch that ends, and one that the recording cuts short
-    lengths = [lead + whole + 4 * config.windows.hop, lead + whole // 2 + config.windows.pretrigger_frames]
-    if recordings is None:
-        played, trace = decided_recordings(model, lengths)
-    else:
-        played, trace = recordings, run(model, recordings)
+    played, trace = _played(model, recordings, cut_short=True)
     return played.samples, played.lengths.tolist(), plain_c.expected(trace, played)
+
+
+def _played(
+    model: IntegerModel, recordings: Recordings | None, *, cut_short: bool = False
+) -> tuple[Recordings, Trace]:
+    """Recordings and their trace; by default a made-up touch, and one that the recording cuts short."""
+    if recordings is not None:
+        return recordings, run(model, recordings)
+    lead, whole, windows = model.config.rest_level.rest_frames, model.config.last_frame, model.config.windows
+    lengths = [lead + whole + 4 * windows.hop, lead + whole // 2 + windows.pretrigger_frames]
+    return decided_recordings(model, lengths[: 1 + cut_short])

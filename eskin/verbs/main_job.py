@@ -98,12 +98,11 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
     out = Path(os.path.abspath(request.out))
     check_folder(out, RESULT_MARK)
     job = _Steps(request, console or Console(stderr=True))  # bad input leaves nothing behind
-    with _Work(out) as work:
-        result = work.folder / "result"
-        record = job.all(work.folder, result)
+    with _work_folder(out) as work:
+        record = job.all(work, result := work / "result")
         with job.progress("report"):
             report.write_report(result)
-        work.publish(result)
+        exchange(result, out, work / "old")
     return record
 
 
@@ -133,11 +132,6 @@ def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
         return IMAGES
     small = recordings.frames * frame_cycles(config, ends_window=False) <= SMALL_CYCLES
     return len(recordings) if small else min(len(recordings), PER_CLASS * len(recordings.class_names))
-
-
-def recording_hashes(recordings: Recordings) -> list[str]:
-    """Hashes of the samples of each recording."""
-    return [content_key(recordings.recording(n).astype(np.int64)) for n in range(len(recordings))]
 
 
 def check_alike(held: Recordings, recordings: Recordings) -> None:
@@ -212,16 +206,12 @@ class _Steps:
         options: Any = None,
     ) -> Path:
         """The folder of a stage: found finished, or made now, by ``make(folder, notify, *given)``."""
-        key = content_key([name, code_version(*packages), self.base, options])
-        begin, made = time.perf_counter(), []
+        begin, key = time.perf_counter(), content_key([name, code_version(*packages), self.base, options])
+        folder = self.work / f"{name.replace(' ', '-')}.{key[:20]}"
+        cached = (folder / "finished").exists()
         with self.progress(name) as notify:
-
-            def fill(folder: Path) -> None:
-                make(folder, notify, *given)
-                made.append(folder)
-
-            folder = Memo(self.work).folder(f"{name.replace(' ', '-')}.{key[:20]}", fill)
-        self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin, "cached": not made})
+            Memo(self.work).folder(folder.name, lambda fresh: make(fresh, notify, *given))
+        self.timings.append({"stage": name, "wall_s": time.perf_counter() - begin, "cached": cached})
         return folder
 
     def all(self, work: Path, result: Path) -> Record:
@@ -329,8 +319,11 @@ class _Steps:
         if self.held is None:
             return None
         with self.progress("recordings held back"):
-            trained_on = recording_hashes(self.recordings)
-            repeated = sum(recording in trained_on for recording in recording_hashes(self.held))
+            trained_on, held = (
+                [content_key(data.recording(n).astype(np.int64)) for n in range(len(data))]
+                for data in (self.recordings, self.held)
+            )
+            repeated = int(np.isin(held, trained_on).sum())
             judged = evaluate.evaluate(quantised / "model", self.held)
         return {"source": self.held.source, "seen_in_training": repeated} | judged
 
@@ -512,44 +505,34 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
 
 
 # ---------------------------------------------------------------------- folders
-class _Work:
+@contextmanager
+def _work_folder(out: Path) -> Iterator[Path]:
     """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time
     may use it."""
-
-    def __init__(self, out: Path) -> None:
-        self.out, self.folder = out, out.with_name(f".{out.name}.work")
-
-    def __enter__(self) -> _Work:
+    folder = out.with_name(f".{out.name}.work")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / "lock").open("w")
+    except OSError as error:
+        raise InputError(
+            f"--out {out}: cannot be written ({error.strerror}); name a folder you may write to"
+        ) from None
+    with lock:
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self.lock = (self.folder / "lock").open("w")
-        except OSError as error:
-            raise InputError(
-                f"--out {self.out}: cannot be written ({error.strerror}); name a folder you may write to"
-            ) from None
-        try:
-            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            self.lock.close()
             raise InputError(
-                f"--out {self.out}: another run is writing it; wait for that one or name another folder"
+                f"--out {out}: another run is writing it; wait for that one or name another folder"
             ) from None
-        old = self.folder / "old"
-        if old.exists() and not self.out.exists():  # stopped between the two renames of publish
-            os.replace(old, self.out)
+        old = folder / "old"
+        if old.exists() and not out.exists():  # stopped between the two renames of `exchange`
+            os.replace(old, out)
         shutil.rmtree(old, ignore_errors=True)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Without a finished stage there is nothing to resume and the whole folder goes."""
-        shutil.rmtree(self.folder / "result", ignore_errors=True)
-        if not any(self.folder.glob("*/finished")):
-            shutil.rmtree(self.folder, ignore_errors=True)
-        self.lock.close()
-
-    def publish(self, result: Path) -> None:
-        """Let ``result`` take the place of ``out``; the stages are not needed any more."""
-        exchange(result, self.out, self.folder / "old")
-        for entry in self.folder.iterdir():
-            if entry.is_dir():
-                shutil.rmtree(entry)
+        try:
+            yield folder
+            for mark in folder.glob("*/finished"):
+                mark.unlink()  # ``out`` is there: nothing to resume
+        finally:
+            shutil.rmtree(folder / "result", ignore_errors=True)
+            if not any(folder.glob("*/finished")):
+                shutil.rmtree(folder, ignore_errors=True)

@@ -42,11 +42,8 @@ def opened_source(
     """
     if port is not None:
         assert baud is not None
-        transport = SerialPort(port, baud)
-        try:
+        with contextlib.closing(SerialPort(port, baud)) as transport:
             yield board_source(model, transport, port, baud, recordings is not None)
-        finally:
-            transport.close()
         return
     source: ModelSource = ModelSource(model)
     if simulate:
@@ -57,10 +54,8 @@ def opened_source(
         design = Design(export(config, arrays), BUILDS)
         boot = boot_writes(config, arrays)
         source = SimulationSource(model, Accelerator(design, config, register_map(config), boot))
-    try:
+    with contextlib.closing(source):
         yield source
-    finally:
-        source.close()
 
 
 def board_source(

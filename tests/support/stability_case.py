@@ -112,7 +112,7 @@ def changed(of: Bench, config: Any = None, arrays: Any = None) -> Bench:
     those of the sound one."""
     fields = of.config.replace(**(config or {}))
     model = IntegerModel(fields, of.model.arrays | (arrays or {}))
-    whole, few = (dataclasses.replace(each, config=fields, model=model, memo={}) for each in (of, of.sample))
+    whole, few = (dataclasses.replace(each, config=fields, model=model) for each in (of, of.sample))
     for other, sound in ((whole, of), (few, of.sample)):
         for name in ("clean", "onsets", "sigma", "rest_noise", "clean_accuracy"):
             vars(other)[name] = getattr(sound, name)

@@ -11,7 +11,7 @@ on neither weights nor recordings (a width, a table entry) is not a mode; the te
 import dataclasses
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -68,8 +68,6 @@ class Scene:
     few: int = 100
     points: int = 0
     turns: int = 0
-    seed: int = 1
-    memo: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         # the frames that reach the chain are what is disturbed: a converter reads no others, a host sends no others
@@ -78,11 +76,11 @@ class Scene:
 
     def __getstate__(self) -> Record:
         """State for another process, which cannot read the keys of the memo."""
-        return vars(self) | {"memo": {}}
+        return vars(self) | {"_memo": {}}
 
     def rng(self, *key: int) -> np.random.Generator:
-        """Random numbers that depend on the seed and ``key`` alone."""
-        return np.random.default_rng([self.seed, *key])
+        """Random numbers that depend on ``key`` alone."""
+        return np.random.default_rng([1, *key])
 
     def thin(self, levels: Sequence[float]) -> Sequence[float]:
         """The levels of a curve, the first ``points`` of them."""
@@ -90,9 +88,10 @@ class Scene:
 
     def remember(self, key: Hashable, make: Callable[[], Any]) -> Any:
         """``make()``, once: what two modes share."""
-        if key not in self.memo:
-            self.memo[key] = make()
-        return self.memo[key]
+        memo = vars(self).setdefault("_memo", {})
+        if key not in memo:
+            memo[key] = make()
+        return memo[key]
 
     @cached_property
     def clean(self) -> Recordings:
@@ -104,7 +103,7 @@ class Scene:
     def sample(self) -> Self:
         """The same on ``few`` of the clean recordings."""
         few = self.clean.subset(self.clean.evenly(self.few))
-        return dataclasses.replace(self, recordings=few, memo={})
+        return dataclasses.replace(self, recordings=few)
 
     @cached_property
     def touches(self) -> Touches:
@@ -138,16 +137,10 @@ class Scene:
     def rest_noise(self) -> np.ndarray:
         """(taxels) standard deviation of a taxel at rest, codes, from frame to frame: the median over taxels and
         recordings, and of columns of different kinds (`per_kind`) over recordings."""
-        quiet = [
-            stream[: max(int(onset) - 1, 16)]
-            for stream, onset in (
-                (self.clean.recording(i).astype(np.float64), self.onsets[i]) for i in range(len(self.clean))
-            )
-            if len(stream) > 2
-        ]
+        quiet = [self.clean.recording(i)[: max(int(onset) - 1, 16)] for i, onset in enumerate(self.onsets)]
         # the difference of two frames has twice the variance of one; slow drift does not count
-        still = [np.zeros_like(self.sigma)]
-        noise = np.array([np.diff(stream, axis=0).std(axis=0) for stream in quiet] or still) / np.sqrt(2)
+        spreads = [np.diff(part.astype(np.float64), axis=0).std(axis=0) for part in quiet if len(part) > 2]
+        noise = np.array(spreads or [np.zeros_like(self.sigma)]) / np.sqrt(2)
         return per_kind(np.median(noise, axis=0), float(np.median(noise)), self.sigma)
 
     @property

@@ -14,7 +14,6 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 from eskin.data import Reading, load_recordings
-from eskin.extras import EXTRAS
 from eskin.golden.data import Recordings
 from tests.support import doors
 from tests.support.table import each_row, refused
@@ -158,14 +157,20 @@ def test_a_pipe_in_the_folder_of_a_bag_is_refused(tmp_path, known):
 
 
 @each_row(
-    "name, package", [("a.h5", "h5py"), ("a.parquet", "pyarrow"), ("a.mcap", "mcap"), ("a.bag", "rosbags")]
+    "name, package, extra",
+    [
+        ("a.h5", "h5py", "hdf5"),
+        ("a.parquet", "pyarrow", "parquet"),
+        ("a.mcap", "mcap", "ros"),
+        ("a.bag", "rosbags", "ros"),
+    ],
 )
-def test_without_its_extra_the_sentence_names_it(tmp_path, monkeypatch, name, package):
+def test_without_its_extra_the_sentence_names_it(tmp_path, monkeypatch, name, package, extra):
     (tmp_path / name).write_bytes(b"x")
     for module in [module for module in sys.modules if module.partition(".")[0] == package]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, package, None)
-    with refused(rf"needs {package}, .* pip install 'eskin\[{EXTRAS[package]}\]'"):
+    with refused(rf"needs {package}, .* pip install 'eskin\[{extra}\]'"):
         load_recordings(tmp_path / name, reading=Reading(label="/x"))
 
 

@@ -1,4 +1,4 @@
-"""eskin/study/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of
+"""eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of
 finished trainings."""
 
 import numpy as np
@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from eskin.golden.core import PRESETS
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.pages.sweep_charts import accuracy_chart
+from eskin.pages.charts import accuracy_chart
 from eskin.rtl.program.schedule import schedule
-from eskin.study import sweep as sweeping
 from eskin.verbs import sweep_job
 from eskin.verbs.cost import cost_of
 from tests.support.image_scenes import shapes
@@ -47,16 +46,16 @@ def do_sweep(tmp_path, stub, base=SMALL, splits=(["person"], []), version="1", p
             "LANES": (1, 2),
             "judge_recordings": stub,
         }.items():
-            patch.setattr(sweeping, name, value)
-        points = sweeping.recording_points(base)
+            patch.setattr(sweep_job, name, value)
+        points = sweep_job.recording_points(base)
         jobs, keep = Jobs(workers=1, progress=progress), Memo(tmp_path / "cache")
-        outcomes = sweeping.judge_points(scene(20), points, splits, jobs, keep, version)
-    return sweeping.sweep(points, outcomes, sweep_job.cost_of, 20, **bounds)
+        outcomes = sweep_job.judge_points(scene(20), points, splits, jobs, keep, version)
+    return sweep_job.sweep(points, outcomes, 20, **bounds)
 
 
 # ---------------------------------------------------------------------- points
 def test_every_point_once_with_its_widths_and_the_costs_of_the_hardware(monkeypatch):
-    points = sweeping.recording_points(PRESETS["pvdf"])
+    points = sweep_job.recording_points(PRESETS["pvdf"])
     assert len(points) == len({point.name for point in points}) == 90
     for point in points[::7]:
         config, bits = point.config, point.widths["weight_bits"]
@@ -64,9 +63,9 @@ def test_every_point_once_with_its_widths_and_the_costs_of_the_hardware(monkeypa
         assert config.weight_bits == bits and (bits > 4 or config.formats.state_format.width == 12)
         assert cost["cycles_step"] == plan.step_cycles
         assert cost["latency_s"] == plan.decision_cycles / config.hardware.clock_hz
-    monkeypatch.setattr(sweeping, "CELLS", [("gru", "before", 100_000)])
+    monkeypatch.setattr(sweep_job, "CELLS", [("gru", "before", 100_000)])
     with refused("no network suits"):
-        sweeping.recording_points(SMALL)
+        sweep_job.recording_points(SMALL)
 
 
 def test_energy_of_a_point_is_that_by_which_networks_are_chosen():
@@ -102,13 +101,13 @@ def test_images_share_one_training_and_each_is_judged_by_its_bits(tmp_path, monk
         found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
         return {name: values.tolist() for name, values in found.items()}
 
-    monkeypatch.setattr(sweeping, "judge", judged)
-    points = sweeping.image_points(scene)
+    monkeypatch.setattr(sweep_job, "judge", judged)
+    points = sweep_job.image_points(scene)
     jobs, keep = Jobs(workers=1), Memo(tmp_path / "kept")
-    outcomes = sweeping.judge_points(scene, points, [[]], jobs, keep, "")
-    assert len(asked) == len(set(asked)) == 4 * sweeping.FOLDS
+    outcomes = sweep_job.judge_points(scene, points, [[]], jobs, keep, "")
+    assert len(asked) == len(set(asked)) == 4 * sweep_job.FOLDS
     assert len({name for name, _ in asked[:4]}) == 4  # a fold of every network before the next fold
-    result = sweeping.sweep(points, outcomes, sweep_job.cost_of, len(scene))
+    result = sweep_job.sweep(points, outcomes, len(scene))
     eight, four = result["points"][:2]
     assert [eight["accuracy"], four["accuracy"]] == pytest.approx([2 / 3, 1 / 3]) and eight[
         "float_accuracy"
@@ -139,14 +138,14 @@ def test_the_front_is_what_nothing_beats(records):
         return as_good and (a["accuracy"], a["latency_s"]) != (b["accuracy"], b["latency_s"])
 
     expected = {i for i, record in enumerate(records) if not any(beats(other, record) for other in records)}
-    assert set(sweeping.pareto(records, "latency_s")) == expected
+    assert set(sweep_job.pareto(records, "latency_s")) == expected
 
 
 @settings(deadline=None, derandomize=True)
 @given(figures, st.none() | st.integers(1, 10), st.none() | st.integers(1, 10))
 def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, tenths, budget):
     floor = tenths and tenths / 10
-    number, sentence = sweeping.recommend(records, floor, budget)
+    number, sentence = sweep_job.recommend(records, floor, budget)
     chosen, fast = records[number], [r for r in records if r["latency_s"] <= (budget or 99)]
     most = max(r["accuracy"] for r in fast or records)
     if not fast:
@@ -155,4 +154,4 @@ def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, tent
         assert chosen in fast and chosen["accuracy"] == most and "none has the accuracy" in sentence
     else:
         meeting = [r for r in fast if r["accuracy"] >= (floor or most - 0.1)]
-        assert chosen in meeting and sweeping.size(chosen) == min(map(sweeping.size, meeting))
+        assert chosen in meeting and sweep_job.size(chosen) == min(map(sweep_job.size, meeting))

@@ -14,7 +14,8 @@ from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.nets import Nets, costs
 from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
-from eskin.verbs import asic_job, chip_energy
+from eskin.study.first_touches import with_touches
+from eskin.verbs import asic_job
 from eskin.verbs.flow import cosimulate
 from tests.support.random_models import random_integer_model
 from tests.support.table import refused
@@ -55,10 +56,10 @@ def test_a_netlist_counts_what_its_changes_cost(tmp_path):
     own, pin = cells["sg13g2_xor2_1"].pins["X"].toggle_j, cells["sg13g2_dfrbpq_1"].pins["D"].capacitance
     assert own > 0 and cost.joule[X] == pytest.approx(own + (2e-15 + pin) * 2**2 / 2)
     assert cost.joule[GCLK] == pytest.approx(2 * (own + (4e-15 + 2 * pin + 0.01e-12) * 2**2 / 2))
-    device, rng = Device(Design(chip_energy.counting(nets, cost), chip_energy.BUILDS)), random.Random(4)
+    device, rng = Device(Design(asic_job.counting(nets, cost), asic_job.BUILDS)), random.Random(4)
 
     def counted() -> np.ndarray:
-        return np.array([device.get("edges__count"), device.get("joule__count") * chip_energy.ZEPTO])
+        return np.array([device.get("edges__count"), device.get("joule__count") * asic_job.ZEPTO])
 
     device.put("en", 1)
     device.cycle(3)  # nothing is random any more
@@ -87,7 +88,7 @@ def test_a_step_costs_what_frames_around_its_decision_cost_more():
     for number, row in enumerate((150, 200, 250, 300)):
         decisions[row] = 1 + (number == 3)
         joule[row - 1 : row + 1] += step / 2
-    found = chip_energy.summary(CONFIG, decisions, np.full(frames, 50), joule, 100, 1e-14, 4e-6, 627e3)
+    found = asic_job.summary(CONFIG, decisions, np.full(frames, 50), joule, 100, 1e-14, 4e-6, 627e3)
     period, rate = 627e3 / 3000, 3000
     assert found["step_j"] == pytest.approx(step)
     still = 1e-14 * (period - 50)
@@ -100,14 +101,14 @@ def test_recordings_may_end_with_their_touch():
     """A hop after it is taken where there is one; else its last frame is held for a hop."""
     case, hop = Case(SMALL), SMALL.windows.hop
     model = random_integer_model(SMALL, 5)
-    _, longer = chip_energy.with_touches(model, case.recordings, 1)
+    _, longer = with_touches(model, case.recordings, 1)
     ending = longer.until(longer.lengths - hop)
-    _, played = chip_energy.with_touches(model, ending, 1)
+    _, played = with_touches(model, ending, 1)
     assert played.lengths == longer.lengths - hop
-    held = chip_energy._resting(played, hop)
+    held = asic_job._resting(played, hop)
     assert held.lengths == longer.lengths and (held.samples[-hop:] == played.samples[-1]).all()
     with refused("none has a whole touch; energy needs one"):
-        chip_energy.with_touches(model, ending.until(ending.lengths - 1), 1)
+        with_touches(model, ending.until(ending.lengths - 1), 1)
 
 
 @pytest.mark.slow
@@ -122,12 +123,12 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     monkeypatch.setattr(asic_job, "CACHE", tmp_path / "chips")
     netlist = asic_job.netlist_of(case.config, model.arrays, process)
     nets, wire = Nets(netlist.module, process.cells), process.library.wire_loads["10k"]
-    played = partial(chip_energy.measured, model, nets, process.library.voltage, wire, 1e-6, case.recordings)
+    played = partial(asic_job.measured, model, nets, process.library.voltage, wire, 1e-6, case.recordings)
     whole = played()
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     if rom:  # another model's weights are not in this chip
         other = replace(random_integer_model(case.config, 6), config=case.config)
-        assert not chip_energy.measured(other, *played.args[1:])["bit_exact"]
+        assert not asic_job.measured(other, *played.args[1:])["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in paths], "rom": rom}
     options = {"level": "netlist", "target": "asic", "chip": chip, "cocotb": ()}

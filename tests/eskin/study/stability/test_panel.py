@@ -35,7 +35,7 @@ def test_the_panel_gives_the_figures_of_the_suite(make):
     bench, names = make(), [*PANEL, MASKED]
     panel = Panel(bench.recordings, dict.fromkeys(names, 1.0))
     wrong = panel.wrong(bench.config, bench.model, np.arange(len(bench.recordings)))
-    suite = replace(bench, few=len(bench.recordings), memo={})
+    suite = replace(bench, few=len(bench.recordings))
     figures = panel.figures(bench.config, wrong, bench.clean_accuracy)
     assert [row["mode"] for row in figures] == names
     for row in figures:

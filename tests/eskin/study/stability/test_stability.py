@@ -215,7 +215,7 @@ def test_recordings_without_and_with_defences_are_judged_and_the_recommended_one
 
 
 def test_the_spread_of_the_features_is_looked_for_once(monkeypatch):
-    fresh = replace(stability_case.linear_bench(), memo={})
+    fresh = replace(stability_case.linear_bench())
     find = Mock(wraps=preprocess.find_touches)
     monkeypatch.setattr(preprocess, "find_touches", find)
     assert len(disturbances.disturbed(fresh, disturbances.clipped, 1.0, [])) == 24
