@@ -356,8 +356,8 @@ def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
     rows = []
     for mutant, row in zip(tests_of, judged(list(tests_of.items()), "mutants"), strict=True):
         was, now = mutant.lines()
-        reason = scope.reasons.get((mutant.file, was, now), {})
-        if row["outcome"] == "survived" and reason.get("equivalent"):
+        reason = scope.reasons.get((mutant.file, was, now), {"open": True})
+        if row["outcome"] == "survived" and not reason.get("open"):
             row["outcome"] = "equivalent"
         reason = {"reason": mutant.name or reason.get("reason", "no reason given")}
         rows.append(row | reason | {"file": mutant.file, "line": mutant.line(), "kind": mutant.kind})

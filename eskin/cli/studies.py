@@ -11,7 +11,7 @@ from eskin.requests import BaselinesRequest, StabilityRequest, SweepRequest
 )
 def sweep(request: SweepRequest) -> None:
     """Train and quantise 90 networks, plot accuracy against cost, and name the smallest that is enough."""
-    from eskin.pages.sweep_charts import split_name
+    from eskin.pages.charts import split_name
     from eskin.verbs import sweep_job
 
     recordings, user_config = load_data(request.data, request.config)

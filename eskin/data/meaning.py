@@ -315,7 +315,14 @@ class _Meaning:
             table.refuse(
                 "has no column left for taxels; choose them with --columns, or what separates them with --delimiter"
             )
-        self._check_sorted([*self.taken, *self._named(_GROUPS)])
+        if "recording" in self.groups or self.reading.recording is not None:
+            columns = [*self.taken, *self._named(_GROUPS)]
+            cells = table.frame[columns].iloc[self.starts].assign(source=self.sources)
+            again = cells.duplicated().to_numpy()
+            if again.any():  # rows of one recording, class and groups with others between
+                first = int(np.argmax(again))
+                why = f"recording {cells[columns[0]].iloc[first]} goes on here after another one"
+                table.refuse(f"{why}; sort the rows by recording", int(self.starts[first]))
         if self.time is not None:
             self.notes.insert(0, f"{table.called(self.time)} is time")
         return taxels
@@ -369,16 +376,6 @@ class _Meaning:
             why = f"{table.called(column)} {what} and changes inside {where}; name what a recording is with --recording"
             table.refuse(f"{why}, or the taxels with --columns", row)
 
-    def _check_sorted(self, columns: Sequence[int]) -> None:
-        """Refuse rows of one recording, class and groups with others between: they are not sorted."""
-        if "recording" in self.groups or self.reading.recording is not None:
-            cells = self.table.frame[columns].iloc[self.starts].assign(source=self.sources)
-            again = cells.duplicated().to_numpy()
-            if again.any():
-                row = int(self.starts[np.argmax(again)])
-                why = f"recording {cells[columns[0]].iloc[np.argmax(again)]} goes on here after another one"
-                self.table.refuse(f"{why}; sort the rows by recording", row)
-
     # ------------------------------------------------------------------ rates
     def _called(self, recording: int) -> str:
         path = self.paths[self.sources[recording]]
@@ -404,10 +401,13 @@ class _Meaning:
                 table.refuse(
                     f"{called} {why}, {how}; split the recording there, or give {instead}", first + row
                 )
+            source = self.tables[table.part(first)]
+            match = TIME.match(source.names[time]) if source.names else None
+            (unit,) = source.units_of([time]) or [(match and (match[1] or match[0])) or ""]
             dates = table.frame[time].dtype.kind == "M"
-            unit = 1.0 if dates else _second(self.tables[table.part(first)], time)
-            rate = len(steps) / float(part[-1] - part[0]) / (unit or 1.0)
-            if not unit and rate < 2:
+            second = 1.0 if dates else _SECONDS.get(unit.lower().replace("seconds", "s"), 0.0)
+            rate = len(steps) / float(part[-1] - part[0]) / (second or 1.0)
+            if not second and rate < 2:  # the unit is not said
                 why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"
                 table.refuse(
                     f"{why}; name its unit in the header, as in time_ms, or give --rate HZ", first + 1
@@ -444,14 +444,6 @@ class _Meaning:
             why = f"'{slow}' has {low:g} frames a second and '{fast}' {high:g}"
             table.refuse(f"{why}; give recordings of one rate, or the rate of all with --rate HZ")
         return middle, f"the sample rate is that of the {'files' if self.time is None else 'time columns'}"
-
-
-def _second(table: Table, column: int) -> float:
-    """Seconds of one of a time column: by the unit in its name; 0: it does not say."""
-    match = TIME.match(table.names[column]) if table.names else None
-    of_name = match and (match[1] or match[0])
-    (unit,) = table.units_of([column]) or [of_name or ""]
-    return _SECONDS.get(unit.lower().replace("seconds", "s"), 0.0)
 
 
 def _course(values: np.ndarray, starts: np.ndarray) -> str:

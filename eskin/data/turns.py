@@ -118,6 +118,7 @@ def turn_recordings(
     of_array = np.random.default_rng([SEED, 0])
     gain = single(1 + 0.05 * of_array.standard_normal(len(grid)))
     rest = single(REST_VOLT + 0.004 * of_array.standard_normal(len(grid)))
+    decay = np.float32(np.exp(-2 * np.pi * CORNER_HZ / sample_rate_hz))
     each = trials * len(CLASSES)  # recordings of a person
     order = np.arange(persons * each)
     labels = order % len(CLASSES)
@@ -132,7 +133,11 @@ def turn_recordings(
         }
         turns = [TURNS[CLASSES[label]] for label in labels[:each]]
         force = np.stack([_touch(turn, rng, habit, grid, time) for turn in turns], axis=1)
-        volt = _high_pass(force, sample_rate_hz) * gain + rest
+        volt = np.diff(force, axis=0, prepend=force[:1])
+        for frame in range(1, len(volt)):  # the high-pass, from rest
+            volt[frame] += volt[frame - 1]
+            volt[frame] *= decay
+        volt = volt * gain + rest
         volt += NOISE_VOLT * rng.standard_normal(volt.shape, dtype=np.float32)
         drift, phase = rng.uniform(0.05, 0.2, volt.shape[1:]), rng.uniform(0, 2 * np.pi, volt.shape[1:])
         turned = single(2 * np.pi * drift) * single(time)[:, None, None] + single(phase)  # 0.05 to 0.2 Hz
@@ -184,14 +189,3 @@ def single(value) -> np.ndarray:
 def bump(q) -> np.ndarray:
     """``exp(-q^2 / 2)``."""
     return np.exp(-0.5 * single(q) ** 2)
-
-
-def _high_pass(force: np.ndarray, sample_rate_hz: float) -> np.ndarray:
-    """First-order high-pass along the first axis, from rest: ``V(t) = a (V(t-1) + F(t) - F(t-1))``, ``a =
-    exp(-2 pi CORNER_HZ / rate)``."""
-    decay = np.float32(np.exp(-2 * np.pi * CORNER_HZ / sample_rate_hz))
-    volt = np.diff(force, axis=0, prepend=force[:1])
-    for frame in range(1, len(volt)):
-        volt[frame] += volt[frame - 1]
-        volt[frame] *= decay
-    return volt

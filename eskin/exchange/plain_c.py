@@ -224,13 +224,10 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
 
 def _rendered(paths: Iterable[str], values: Record, prefix: str) -> dict[str, str]:
     """The files, each from the template of its name."""
-    fill = lambda path: template(__file__, Path(path).name, prefix, brackets=_brackets).render(values)
-    return {path.replace(f"{PREFIX}_", f"{prefix}_"): fill(path) for path in paths}
-
-
-def _brackets(size: Iterable[int]) -> str:
     # C has no array of no elements
-    return "".join(f"[{length or 1}]" for length in size)
+    brackets = lambda size: "".join(f"[{length or 1}]" for length in size)
+    fill = lambda path: template(__file__, Path(path).name, prefix, brackets=brackets).render(values)
+    return {path.replace(f"{PREFIX}_", f"{prefix}_"): fill(path) for path in paths}
 
 
 def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]]:

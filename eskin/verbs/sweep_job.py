@@ -34,7 +34,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
-from eskin.pages.sweep_charts import accuracy_chart, split_name
+from eskin.pages.charts import accuracy_chart, split_name
 from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.views.schedule_view import save_figure

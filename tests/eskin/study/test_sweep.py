@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from eskin.golden.core import PRESETS
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.pages.sweep_charts import accuracy_chart
+from eskin.pages.charts import accuracy_chart
 from eskin.rtl.program.schedule import schedule
 from eskin.verbs import sweep_job
 from eskin.verbs.cost import cost_of
