@@ -13,7 +13,7 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -24,6 +24,10 @@ from eskin.memo import Memo
 
 Function = Callable[[Any, Any], Any]
 """(shared, piece) -> result; a worker finds it by its module and name."""
+
+Submit = Callable[[Function, Any], Future[Any]]
+"""Begins a function and a piece. What is not finished is given up when the block that has it is left by an
+exception."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a worker: there are as many workers as cores."""
@@ -86,7 +90,18 @@ class Jobs:
             return results
         if self.progress:
             self.progress(what, 0, len(waiting))
-        with contextlib.closing(self._arriving(function, waiting, shared)) as arriving:
+        workers = min(self.workers or os.cpu_count() or 1, len(waiting))
+        place: contextlib.AbstractContextManager[Submit | None] = contextlib.nullcontext()
+        if self.dask is not None:
+            place = _cluster(self.dask, shared, self.version)
+        elif workers > 1:
+            place = _processes(workers, shared)
+        with place as submit:
+            arriving = ((key, function(shared, piece)) for key, piece in waiting.items())
+            if submit:
+                with _quiet_children():
+                    futures = {submit(function, piece): key for key, piece in waiting.items()}
+                arriving = ((futures[future], future.result()) for future in as_completed(futures))
             for finished, (key, result) in enumerate(arriving, 1):
                 if keep:
                     keep.write(key, result)
@@ -94,30 +109,6 @@ class Jobs:
                 if self.progress:
                     self.progress(what, finished, len(waiting))
         return results
-
-    def _arriving(
-        self, function: Function, pieces: Record, shared: Any
-    ) -> Generator[tuple[str, Any], None, None]:
-        """(key, result) as they are finished."""
-        workers = min(self.workers or os.cpu_count() or 1, len(pieces))
-        if self.dask is not None:
-            place = _cluster(self.dask, shared, self.version)
-        elif workers > 1:
-            place = _processes(workers, shared)
-        else:
-            for key, piece in pieces.items():
-                yield key, function(shared, piece)
-            return
-        with place as submit:
-            with _quiet_children():
-                futures = {submit(function, piece): key for key, piece in pieces.items()}
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-
-
-Submit = Callable[[Function, Any], Future[Any]]
-"""Begins a function and a piece. What is not finished is given up when the block that has it is left by an
-exception."""
 
 
 # ---------------------------------------------------------------------- processes of this machine

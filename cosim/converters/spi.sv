@@ -1,5 +1,5 @@
-// Any SPI converter that the fields spi_... of a configuration describe; several on shared clock, command and select.
-// fault: 1 lines stay low, 2 not driven (high), 3 the channel's number is not heard.
+// Any SPI converter that the fields spi_... of a configuration describe; several share clock, command and select.
+// fault: 1 lines stay low, 2 not driven (high), 3 no channel's number is heard.
 `timescale 1ns / 1ps
 
 module converter #(
@@ -11,7 +11,7 @@ module converter #(
     input wire [SELECTS-1:0] cs_n, input wire sclk, input wire mosi, output reg [LINES-1:0] miso,
     input wire [32*TAXELS-1:0] analog, input wire [2:0] fault, output integer violations
 );
-    // asked[d]: the channel asked for d transfers ago; without a delay the answer follows the command within its transfer.
+    // asked[d]: the channel asked for d transfers ago; without a delay the answer follows the command in its transfer.
     integer asked [0:7];
     integer clocks = 0, k = 0, s = 0, channel = 0, position = 0;
     reg [31:0] in = 0, word = 0, number = 0;
@@ -24,9 +24,9 @@ module converter #(
         begin
             s = 0;
             while (s < SELECTS - 1 && cs_n[s]) s = s + 1;
-            if (DELAY == 0) begin  // bits of the command that are in
+            if (DELAY == 0) begin  // the command's bits so far
                 number = clocks >= FRAME_BITS - CHANNEL_BIT ? in >> (clocks - FRAME_BITS + CHANNEL_BIT) : 0;
-                channel = number % CHANNELS;
+                channel = number & (1 << $clog2(CHANNELS)) - 1;
             end else channel = asked[DELAY-1];
             if (fault == 3) channel = 0;
             position = FRAME_BITS - 1 - clocks;
@@ -41,7 +41,7 @@ module converter #(
         if (&cs_n) begin
             if (clocks == FRAME_BITS) begin
                 for (k = 7; k > 0; k = k - 1) asked[k] = asked[k-1];
-                asked[0] = (in >> CHANNEL_BIT) % CHANNELS;
+                asked[0] = in >> CHANNEL_BIT & (1 << $clog2(CHANNELS)) - 1;
             end else if (clocks != 0) violations = violations + 1;
         end else begin
             clocks = 0;

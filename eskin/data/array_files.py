@@ -59,9 +59,8 @@ def _values(item: Any) -> np.ndarray | None:
 
     if h5py.check_string_dtype(item.dtype):
         return np.array(item.asstr()[()], dtype=np.str_)
-    fields = [item.dtype[name] for name in item.dtype.names or ()]
-    numbers = fields and all(field.kind in "iufb" and not field.shape for field in fields)
-    plain = item.dtype.kind in "iufb" or numbers
+    parts = [item.dtype[name] for name in item.dtype.names or ()] or [item.dtype]
+    plain = all(part.kind in "iufb" and not part.shape for part in parts)
     return np.asarray(item[()]) if plain and item.shape is not None else None
 
 

@@ -34,10 +34,11 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, Touches, decide_touches, find_touches, real_by_input, real_features
+from eskin.golden.model import FloatModel, Touches, decide_touches, real_by_input, real_features
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
 from eskin.requests import BaselinesRequest
+from eskin.study.first_touches import first_touches
 from eskin.training import LEARNING
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
@@ -78,15 +79,13 @@ class Scene:
         InputError
             No recording has a touch.
         """
-        found = find_touches(config, recordings)
-        first = found.first_touch()
-        usable = np.flatnonzero(first >= 0)
-        usable = usable[found.completed[first[usable]] > 0]
-        if not len(usable):
+        touches = first_touches(config, recordings)[0]
+        touches = touches.take(touches.completed > 0)
+        if not len(usable := touches.recording):
             raise InputError(
                 f"{recordings.source}: no recording has a touch with a completed window; look with 'eskin inspect'"
             )
-        touches, where = found.take(first[usable]), np.full(len(recordings), -1)
+        where = np.full(len(recordings), -1)
         where[usable] = np.arange(len(usable))
         means = real_features(config, touches.sums)
         return cls(recordings, config, touches, where, means, recordings.labels[usable])

@@ -62,19 +62,12 @@ def smallest_activity(recordings: Recordings, config: AcceleratorConfig, block: 
     """Smallest activity (docs/specification.md, section 10) of a whole block after settling, any recording,
     any live taxel, codes."""
     live, least = config.sensor.live, []
+    first = -(-config.rest_level.rest_frames // block) * block
     for index in range(len(recordings)):
-        stream = recordings.recording(index).astype(np.int64)[:, live]
-        first = -(-config.rest_level.rest_frames // block) * block
-        blocks = (len(stream) - first) // block
-        if blocks > 0:
-            least.append(
-                int(
-                    activity(
-                        config,
-                        stream[first : first + blocks * block].reshape(blocks, block, -1).swapaxes(0, 1),
-                    ).min()
-                )
-            )
+        stream = recordings.recording(index)[first:, live]
+        blocks = stream[: len(stream) // block * block].reshape(-1, block, len(live))
+        if len(blocks):
+            least.append(int(activity(config, blocks.swapaxes(0, 1)).min()))
     return min(least, default=0)
 
 
@@ -82,17 +75,13 @@ def recommended(recordings: Recordings, config: AcceleratorConfig) -> Accelerato
     """``config`` with the recommended defences: the fault detector with its limit from the training
     recordings, a lower onset threshold that must be met ONSET_HITS times in ONSET_SPAN (where the rule is
     judged on a rest level), and ROBUST_HIDDEN units."""
-    block = max(
-        FAULT_FRAMES, config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 2
-    )
+    rule, onset = config.onset_rule, dict[str, int]()
+    block = FAULT_FRAMES
+    if rule.onset == "baseline":
+        block = max(FAULT_FRAMES, rule.onset_check_frames)
+        onset["onset_threshold"] = max(1, round(THRESHOLD_SHARE * rule.onset_threshold))
+        onset |= {"onset_hits": ONSET_HITS, "onset_span": ONSET_SPAN}
     activity = min(smallest_activity(recordings, config, block) // QUIET_SHARE, 65535)
-    onset: dict[str, int] = {}
-    if config.onset_rule.onset == "baseline":
-        onset = {
-            "onset_threshold": max(1, round(THRESHOLD_SHARE * config.onset_rule.onset_threshold)),
-            "onset_hits": ONSET_HITS,
-            "onset_span": ONSET_SPAN,
-        }
     return config.replace(
         fault_frames=block, fault_activity=activity, hidden=max(config.network.hidden, ROBUST_HIDDEN), **onset
     )

@@ -1,5 +1,7 @@
 """The first touch of each recording, and where what can change its decision ends."""
 
+from typing import Any
+
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, InputError
@@ -7,10 +9,13 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, preprocess
 
 
-def first_touches(config: AcceleratorConfig, recordings: Recordings) -> tuple[Touches, np.ndarray]:
+def first_touches(
+    config: AcceleratorConfig, recordings: Recordings, **options: Any
+) -> tuple[Touches, np.ndarray]:
     """(the first touch of each recording that has one, for each recording the frame a hop after its first touch:
-    what follows cannot change the decision; its last frame, where that comes first or there is no touch)."""
-    touches = preprocess.find_touches(config, recordings)
+    what follows cannot change the decision; its last frame, where that comes first or there is no touch).
+    ``options``: of `preprocess.find_touches`."""
+    touches = preprocess.find_touches(config, recordings, **options)
     first = touches.first_touch()
     touches = touches.take(first[first >= 0])
     ends = recordings.lengths.copy()

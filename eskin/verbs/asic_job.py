@@ -12,7 +12,7 @@ import math
 import shutil
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from operator import ne
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -131,9 +131,13 @@ def asic(
     wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
     slowest = _slowest(netlist, libraries, load) if timing.has_sta() else dict.fromkeys(("typ", "slow"))
     leakage = sum(cell.leakage * number for cell, number in counted)
-    energy: Record = {"step_j": None, "interval_j": None, "touch_j": None, "leakage_w": leakage, "band": BAND}
-    energy |= {"waiting_cycle_j": costs(nets, process.library.voltage, wire).root_j}
-    energy |= {"method": f"{METHOD}; what needs recordings is null without --data"}
+    energy: Record = {
+        **dict.fromkeys(("step_j", "interval_j", "touch_j")),
+        "leakage_w": leakage,
+        "band": BAND,
+        "waiting_cycle_j": costs(nets, process.library.voltage, wire).root_j,
+        "method": f"{METHOD}; what needs recordings is null without --data",
+    }
     if recordings is not None:
         energy |= measured(model, nets, process.library.voltage, wire, leakage, recordings)
     result = {
@@ -313,7 +317,7 @@ def measured(
     device.command("FINISH")
     decisions = device.streams()["decision"][0].view(np.uint32).tolist()
     expected = [pack_decision(config, row) for row in trace.streams["decision"][0]]
-    differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
+    differing = sum(one != other for one, other in zip_longest(decisions, expected))
     onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
     spent = joule * ZEPTO + cost.root_j * edges

@@ -101,9 +101,8 @@ def play_all(
     begin = time.monotonic()
     link.connect()
     link.load(boot_writes(config, model.arrays))
-    for number in range(len(recordings)):
+    for number, (rows, frames, touches) in enumerate(decided):  # which heeds what is taught below
         before = int(recordings.offsets[number])
-        rows, frames, touches = next(decided)
 
         def report(taken: int, before: int = before) -> None:
             progress(before + taken, recordings.frames)

@@ -91,8 +91,8 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
         if name not in MODES:
             raise InputError(f"stability, mode '{name}': is unknown; the modes are {', '.join(MODES)}")
     asked = [MODES[name] for name in request.mode or MODES]
-    models = IntegerModel.load(model_dir), FloatModel.load(model_dir)
-    bench = Bench.of(*models, recordings, few=few)
+    model, real = IntegerModel.load(model_dir), FloatModel.load(model_dir)
+    bench = Bench(config=model.config, recordings=recordings, model=model, real=real, few=few)
     content = content_key(bench.model, recordings, CODE(), few, bench.real)
     jobs = Jobs(dask=request.dask, progress=progress, version=CODE)
 

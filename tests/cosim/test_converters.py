@@ -41,7 +41,7 @@ RANDOM = {
     "mcp3208x2": behind("mcp3208x2"),
     "mcp3208 in series": behind("mcp3208x2", data_lines=1, taxels=16, sample_rate_hz=500.0),
     "ad7476": behind("ad7476"),
-    "spi": behind("spi", channels=4, frame_bits=20, channel_bit=18, code_bits=16),
+    "spi": behind("spi", channels=5, taxels=10, frame_bits=22, command=1 << 21, channel_bit=18, code_bits=16),
     "spi, late codes with numbers": TAGGED,
     "ddc232": behind("ddc232", version="C", clock_hz=6e6),
     "ddc232, 16 bits, other order": behind("ddc232", clock_hz=6e6, **OTHER_ORDER),

@@ -84,7 +84,8 @@ def _trained(config: AcceleratorConfig, recipe: str, updates: int) -> Bench:
     rows = [datasets.touch_rows(held, np.arange(len(data)))]
     (model,) = fitting.fit_networks(held, config, recipe, rows, 1, lambda done, total: None)
     integer = quantise_model(model, profile(model, held.touches))
-    return Bench.of(integer, model, data, few=9, points=1, long=200, flips=96)
+    options = {"config": integer.config, "few": 9, "points": 1, "long": 200, "flips": 96}
+    return Bench(recordings=data, model=integer, real=model, **options)
 
 
 @cache

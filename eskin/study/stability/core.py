@@ -166,11 +166,6 @@ class Bench(Scene):
     long: int = 20000
     flips: int = 4000
 
-    @classmethod
-    def of(cls, model: IntegerModel, real: FloatModel, recordings: Recordings, **options: Any) -> Self:
-        """The bench of a model, under the model's configuration."""
-        return cls(config=model.config, model=model, real=real, recordings=recordings, **options)
-
     @cached_property
     def codes(self) -> np.ndarray:
         """Feature codes (n, K, D) of ``touches``."""

@@ -21,7 +21,8 @@ import numpy as np
 from eskin.choose.first_touches import GATE_BATCH
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
+from eskin.golden.model import IntegerModel, Touches, decide_touches
+from eskin.study.first_touches import first_touches
 from eskin.study.stability.core import Mode, Scene, why_not
 from eskin.study.stability.shapes import Experiment, Played
 from eskin.study.stability.table import MODES
@@ -248,16 +249,15 @@ def _first_touches(cases: Sequence[tuple[int, Played]]) -> tuple[Touches, np.nda
         labels=np.concatenate([part.labels for part in parts]),
         groups={},
     )
-    touches = find_touches(config, together, most=GATE_BATCH)
-    first = touches.first_touch()
-    touches = touches.take(first[first >= 0])
+    touches, _ = first_touches(config, together, most=GATE_BATCH)
     faults = np.zeros(touches.sums.shape, dtype=bool) if touches.faults is None else touches.faults
     case = np.concatenate([np.full(len(played.rows), number) for number, played in cases])
     row = np.concatenate([played.rows for _, played in cases])
+    of = touches.recording
     touches = dataclasses.replace(
         touches,
-        recording=row[touches.recording],
+        recording=row[of],
         sums=touches.sums.astype(np.int32),
         faults=faults | np.array(config.input_mask),
     )
-    return touches, case[first >= 0]
+    return touches, case[of]

@@ -154,7 +154,7 @@ def job(tmp_path, **options):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "cpu_count", lambda: 1)  # no process of its own
         patch.setattr(stability_job, "CACHE", tmp_path / "cache")
-        patch.setattr(Bench, "of", partial(Bench.of, points=1, long=200, flips=60))
+        patch.setattr(stability_job, "Bench", partial(Bench, points=1, long=200, flips=60))
         return stability_job.run(request, stability_case.recordings())
 
 
