@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 import eskin
-from eskin import data as reader
+from eskin.cli import common as reader
 from eskin.data import load_recordings, turns
 from eskin.golden.core import ArchiveError, InputError, read_arrays
 from eskin.golden.core.files import MOST_UNPACKED_BYTES
