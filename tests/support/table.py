@@ -43,6 +43,8 @@ def each_row(names: str | tuple[str, ...], table: Iterable[Any]) -> Callable[[Ca
                         own["tmp_path"].mkdir()
                     try:
                         test(**own, **row)
+                    except pytest.skip.Exception:
+                        raise
                     except BaseException as error:
                         error.add_note(f"row {number}: {row}")
                         raise
