@@ -25,7 +25,7 @@ from eskin.memo import Memo, code_version
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import step_cycles
 from eskin.study.energy import PARTS
-from eskin.study.first_touches import with_touches
+from eskin.study.touch_ends import with_touches
 from eskin.training.formats import with_network
 from eskin.verbs import energy_job
 from eskin.verbs.build_job import suited

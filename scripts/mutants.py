@@ -7,9 +7,9 @@ them changes what the hardware computes. Faults that somebody thought of (``name
 judged beside those that are drawn.
 
 Each mutant is tested in a copy of the project. Verdicts are kept by the content of all files that git knows and
-of the mutant, so an interrupted run goes on where it stopped. It is killed when its tests fail, cannot be loaded, or take too long. One that
-survives is a hole in the tests, or equivalent: the same function written otherwise, of which
-tests/mutants.toml says why. The score is the killed share of those that are drawn and not equivalent.
+of the mutant, so an interrupted run goes on where it stopped. A mutant is killed when its tests fail, cannot be
+loaded, or take too long. One that survives is a hole in the tests, or equivalent: the same function written
+otherwise; tests/mutants.toml gives the reason. The score is the killed share of those that are drawn and not equivalent.
 
 No library does this: cosmic-ray knows four of the nine kinds of fault and one test command for all files,
 mutmut neither.

@@ -38,7 +38,7 @@ from eskin.golden.model import FloatModel, Touches, decide_touches, real_by_inpu
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
 from eskin.requests import BaselinesRequest
-from eskin.study.first_touches import first_touches
+from eskin.study.touch_ends import touches_and_ends
 from eskin.training import LEARNING
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
@@ -79,7 +79,7 @@ class Scene:
         InputError
             No recording has a touch.
         """
-        touches = first_touches(config, recordings)[0]
+        touches = touches_and_ends(config, recordings)[0]
         touches = touches.take(touches.completed > 0)
         if not len(usable := touches.recording):
             raise InputError(

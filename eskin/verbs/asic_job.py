@@ -43,7 +43,7 @@ from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.study.energy import TOUCHES_PER_S
-from eskin.study.first_touches import with_touches
+from eskin.study.touch_ends import with_touches
 
 CACHE = Path("build/chips")
 """Finished netlists by content; safe to delete."""
@@ -361,9 +361,8 @@ def summary(
     hop, rate = config.windows.hop, config.sensor.scan_rate_hz
     period, steps, frames = clock_hz / rate, config.windows.steps, config.last_frame
 
-    def whole(
-        which: np.ndarray | slice,
-    ) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
+    def whole(which: np.ndarray | slice) -> float:
+        """Energy of a frame at that clock: its edges, and the clock's first net in the cycles without one."""
         return float(frame[which].mean() + root_j * (period - edges[which].mean()))
 
     step = float((frame[near].sum() - near.sum() * frame[plain].mean()) / steps)

@@ -25,7 +25,7 @@ from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.study import energy
-from eskin.study.first_touches import with_touches
+from eskin.study.touch_ends import with_touches
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")

@@ -48,9 +48,9 @@ from eskin.requests import RunRequest
 from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
-from eskin.study.first_touches import first_touches
 from eskin.study.leak import known_from_first_frames, known_without_touch
 from eskin.study.stability.panel import panel_of
+from eskin.study.touch_ends import touches_and_ends
 from eskin.training import LEARNING, evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
@@ -362,7 +362,7 @@ class _Steps:
         a whole touch, else the first with a completed step."""
         number = 0
         if not self.config.is_image:
-            touches, _ = first_touches(self.config, self.recordings)
+            touches, _ = touches_and_ends(self.config, self.recordings)
             steps = np.zeros(len(self.recordings))
             steps[touches.recording] = np.sign(touches.completed) + ~touches.partial
             order = [*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]
@@ -384,7 +384,7 @@ class _Steps:
         config, classes = self.config, len(self.recordings.class_names)
         numbers = numbers[self.recordings.subset(numbers).evenly(PER_CLASS * classes)]
         whole = self.recordings.subset(numbers).scanned(config.sensor.scan_every)
-        touches, ends = first_touches(config, whole)
+        touches, ends = touches_and_ends(config, whole)
         few_windows = ends.copy()
         after = touches.start_frame - 1 + config.window_spans[:FEWEST_WINDOWS][-1][1] + config.windows.hop
         few_windows[touches.recording] = np.minimum(ends[touches.recording], after)

@@ -74,7 +74,15 @@ hardware its widths."""
 COSTS = ("latency_s", "energy_j")
 """Keys of a record that accuracy is set against."""
 
-SPLIT = "groups integer_accuracy integer_by_seed float_accuracy agreement decision_time_s per_step".split()
+SPLIT = (
+    "groups",
+    "integer_accuracy",
+    "integer_by_seed",
+    "float_accuracy",
+    "agreement",
+    "decision_time_s",
+    "per_step",
+)
 """Keys of a cross-validation that sweep.json keeps."""
 
 

@@ -57,10 +57,10 @@ class OnsetDetector(Block):
 
     Timing
     ------
-    Latency ``detector_latency`` cycles (`eskin.rtl.program.timing`) from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a
-    cycle; onset ``baseline``: the last beat of each frame that ends a block of ``onset_check_frames`` waits 3
-    cycles for the verdict. State of a taxel is written at most 3 beats after it was read, which 4 taxels
-    allow; with fewer a frame waits until the stages have been empty for 2 cycles.
+    Latency `eskin.rtl.program.timing.detector_latency` cycles from ``i`` to ``o``: 1 without rest level, 2 with,
+    3 with clip. One beat a cycle; onset ``baseline``: the last beat of each frame that ends a block of
+    ``onset_check_frames`` waits 3 cycles for the verdict. State of a taxel is written at most 3 beats after it was
+    read, which 4 taxels allow; with fewer a frame waits until the stages have been empty for 2 cycles.
     """
 
     def ports(self, config: AcceleratorConfig):

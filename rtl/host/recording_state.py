@@ -66,7 +66,8 @@ class RecordingState(Block):
             moving.eq(self.moving | self.engine.working | (finishing & self.passing)),
             quiet.eq(Cat(1, quiet[:-1])),
         ]
-        # (What a command changes follows the beats that are on their way.)
+        # (What a command changes follows the beats that are on their way. FINISH waits as after a beat: one may
+        # have come in the same cycle.)
         late = self.passing & ~quiet.all() & self.spec.hardware.clock_gate
         with m.If(moving | self.finish_asked | late):
             m.d.sync += quiet.eq(0)

@@ -23,7 +23,13 @@ def pass_layout(plan: ImagePlan) -> data.StructLayout:
         rows=8,
         groups=8,
         last_group=8,
-        **dict.fromkeys("channels row kernel_row group weights corner addends".split(), address),
+        channels=address,
+        row=address,
+        kernel_row=address,
+        group=address,
+        weights=address,
+        corner=address,
+        addends=address,
     )
 
 

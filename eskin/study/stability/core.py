@@ -21,7 +21,7 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.data.codes import UNEVEN
 from eskin.golden.model import FloatModel, IntegerModel, Touches, pipeline, preprocess
-from eskin.study.first_touches import first_touches
+from eskin.study.touch_ends import touches_and_ends
 from eskin.training.datasets import scaling
 from eskin.training.derive import find_onsets
 
@@ -97,7 +97,7 @@ class Scene:
     def clean(self) -> Recordings:
         """The recordings up to the end of their first touch and a hop: what follows cannot change its
         decision. All, without an onset."""
-        return self.recordings.until(first_touches(self.config, self.recordings)[1])
+        return self.recordings.until(touches_and_ends(self.config, self.recordings)[1])
 
     @cached_property
     def sample(self) -> Self:
@@ -108,7 +108,7 @@ class Scene:
     @cached_property
     def touches(self) -> Touches:
         """First touches (with a completed step) of the clean recordings."""
-        touches = first_touches(self.config, self.clean)[0]
+        touches = touches_and_ends(self.config, self.clean)[0]
         touches = touches.take(touches.completed > 0)
         if not len(touches):
             raise InputError(

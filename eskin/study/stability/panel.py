@@ -22,10 +22,10 @@ from eskin.choose.first_touches import GATE_BATCH
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches
-from eskin.study.first_touches import first_touches
 from eskin.study.stability.core import Mode, Scene, why_not
 from eskin.study.stability.shapes import Experiment, Played
 from eskin.study.stability.table import MODES
+from eskin.study.touch_ends import touches_and_ends
 from eskin.training.datasets import front_end_key
 
 PANEL = (
@@ -249,7 +249,7 @@ def _first_touches(cases: Sequence[tuple[int, Played]]) -> tuple[Touches, np.nda
         labels=np.concatenate([part.labels for part in parts]),
         groups={},
     )
-    touches, _ = first_touches(config, together, most=GATE_BATCH)
+    touches, _ = touches_and_ends(config, together, most=GATE_BATCH)
     faults = np.zeros(touches.sums.shape, dtype=bool) if touches.faults is None else touches.faults
     case = np.concatenate([np.full(len(played.rows), number) for number, played in cases])
     row = np.concatenate([played.rows for _, played in cases])

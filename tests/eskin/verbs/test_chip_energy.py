@@ -14,7 +14,7 @@ from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.nets import Nets, costs
 from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
-from eskin.study.first_touches import with_touches
+from eskin.study.touch_ends import with_touches
 from eskin.verbs import asic_job
 from eskin.verbs.flow import cosimulate
 from tests.support.random_models import random_integer_model

@@ -9,7 +9,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, preprocess
 
 
-def first_touches(
+def touches_and_ends(
     config: AcceleratorConfig, recordings: Recordings, **options: Any
 ) -> tuple[Touches, np.ndarray]:
     """(the first touch of each recording that has one, for each recording the frame a hop after its first touch:
@@ -35,7 +35,7 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
     """
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
-    touches, ends = first_touches(config, recordings)
+    touches, ends = touches_and_ends(config, recordings)
     touches = touches.take(~touches.partial)
     if not len(having := touches.recording):
         raise InputError(
