@@ -234,8 +234,9 @@ def test_an_interrupt_ends_with_130_and_one_sentence(folder):
                 time.sleep(0.05)
         assert writer is not None and child.poll() is None
         child.send_signal(signal.SIGINT)
-        _, err = child.communicate(timeout=600)
+        # a signal between two reads of the pipe is seen when the second one ends: end it
         os.close(writer)
+        _, err = child.communicate(timeout=600)
     finally:
         child.kill()
     assert child.returncode == 130 and err.startswith("eskin: stopped by the user") and err.count("\n") == 1
