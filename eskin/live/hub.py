@@ -1,14 +1,13 @@
-"""From a source to any number of viewers: frames are thinned out, messages wait in bounded queues; what does
-not fit is counted.
+"""From a source to any number of viewers: frames are thinned out, and the latest messages are kept for all
+viewers.
 
 Nothing here waits for a viewer. The source's thread calls ``publish``; a viewer takes messages (JSON text)
-when it can.
+when it can. What was gone before is counted.
 """
 
 import json
 import threading
 from collections import deque
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,10 +20,8 @@ DISPLAY_HZ = 100.0
 for."""
 VALUES_HZ = 3200.0
 """Taxel values a second that a viewer gets, at most: large arrays get fewer display frames."""
-WAITING_FRAMES, WAITING_EVENTS = 240, 1500
-"""Display frames and other messages that wait for one viewer."""
-HISTORY, RESULTS = 900, 60
-"""Messages of the present recording, and results of those before, that a viewer who comes later gets."""
+KEPT, RESULTS = 4000, 60
+"""Messages that are kept, and results before the present recording that a viewer who comes later gets."""
 
 
 class Thinner:
@@ -57,45 +54,8 @@ class Thinner:
         return [first, count, *(values.tolist() for values in (part.min(axis=0), part.max(axis=0), part[-1]))]
 
 
-class Viewer:
-    """One viewer's queue. ``take`` gives what waits. dropped: display frames, lost: other messages that did
-    not fit."""
-
-    def __init__(self, wake: Callable[[], None]) -> None:
-        self._waiting: deque[tuple[int, str]] = deque()
-        self._frames = self._events = 0
-        self._lock, self._wake = threading.Lock(), wake
-        self.dropped = self.lost = 0
-
-    def put(self, frames: int, text: str) -> None:
-        """Queue a message of ``frames`` display frames (0: another message); the oldest of its kind makes
-        room."""
-        with self._lock:
-            self._waiting.append((frames, text))
-            self._frames, self._events = self._frames + frames, self._events + (not frames)
-            while self._frames > WAITING_FRAMES:
-                self.dropped += self._drop(True)
-            while self._events > WAITING_EVENTS:
-                self.lost += self._drop(False)
-        self._wake()
-
-    def _drop(self, display: bool) -> int:
-        message = next(message for message in self._waiting if bool(message[0]) == display)
-        self._waiting.remove(message)
-        self._frames, self._events = self._frames - message[0], self._events - (not display)
-        return message[0] or 1
-
-    def take(self) -> list[str]:
-        """Every message that waits, oldest first."""
-        with self._lock:
-            texts = [text for _, text in self._waiting]
-            self._waiting.clear()
-            self._frames = self._events = 0
-        return texts
-
-
 class Hub:
-    """Thins out, keeps what a late viewer needs, and hands messages to every viewer.
+    """Thins out and keeps messages for every viewer.
 
     Parameters
     ----------
@@ -105,6 +65,10 @@ class Hub:
         Frames a second of the sensor.
     taxels:
         Of a frame.
+
+    Attributes
+    ----------
+    viewers: number of viewers.
     """
 
     def __init__(self, hello: Record, rate_hz: float, taxels: int) -> None:
@@ -112,44 +76,21 @@ class Hub:
         self._display_hz = max(10.0, min(DISPLAY_HZ, VALUES_HZ / max(1, taxels)))
         self._thinner = Thinner(1)
         self.pace(rate_hz)
-        self._viewers: list[Viewer] = []
-        self._history: deque[str] = deque(maxlen=HISTORY)
-        self._results: deque[str] = deque(maxlen=RESULTS)
+        self.viewers = self._count = self._begun = 0  # messages so far, and those before this recording
+        self._messages: deque[str] = deque(maxlen=KEPT)
+        self._results: deque[tuple[int, str]] = deque(maxlen=RESULTS)
         self._latest: dict[str, str] = {}  # state and tally, which late viewers get
         self._lock = threading.Lock()
-        self._gone_dropped = 0
 
     def pace(self, frames_per_s: float) -> None:
         """Set the thinning for a source with this frame rate."""
         self._thinner.size = max(1, round(frames_per_s / self._display_hz))
 
-    def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:
-        """A new viewer, who has the present recording's beginning waiting; ``wake`` is called, from any
-        thread, when something waits."""
-        viewer = Viewer(wake)
+    def since(self, number: int) -> tuple[int, list[str]]:
+        """(Number of messages so far, those from ``number`` on that are kept)."""
         with self._lock:
-            # the whole history, whatever the limits of a queue: they are for viewers who are too slow
-            for text in (self._hello, *self._latest.values(), *self._results, *self._history):
-                viewer.put(0, text)
-            self._viewers.append(viewer)
-        return viewer
-
-    def detach(self, viewer: Viewer) -> None:
-        """Forget a viewer; what he missed stays counted."""
-        with self._lock:
-            if viewer in self._viewers:
-                self._viewers.remove(viewer)
-                self._gone_dropped += viewer.dropped
-
-    @property
-    def viewers(self) -> int:
-        """Number of viewers."""
-        return len(self._viewers)
-
-    @property
-    def dropped(self) -> int:
-        """Display frames that some viewer, present or gone, did not get."""
-        return self._gone_dropped + sum(viewer.dropped for viewer in list(self._viewers))
+            first = self._count - len(self._messages)
+            return self._count, [*self._messages][max(0, number - first) :]
 
     def state(self, **fields: Any) -> None:
         """Tell what the player is at; late viewers get the last of these."""
@@ -160,7 +101,6 @@ class Hub:
         figures = vars(tally) | {
             "behind_s": round(tally.behind_s, 3),
             "frames_per_s": round(tally.frames_per_s),
-            "dropped": self.dropped,
             "viewers": self.viewers,
         }
         del figures["said"]
@@ -170,7 +110,7 @@ class Hub:
         text = encoded(kind, **fields)
         if text != self._latest.get(kind):
             self._latest[kind] = text
-            self._send(0, text, keep=False)
+            self._send(text)
 
     def publish(self, event: Event) -> None:
         """Hand on an event; frames that fill no bucket wait for the next ones, but no other event overtakes
@@ -180,13 +120,12 @@ class Hub:
             return
         self.flush()
         kind = "said" if isinstance(event, Differs) else type(event).__name__.lower()
-        text, is_result = encoded(kind, **vars(event)), isinstance(event, Result)
-        with self._lock:
-            if isinstance(event, Begin):
-                self._history.clear()
-            if is_result:
-                self._results.append(text)
-        self._send(0, text, keep=not is_result)
+        text = encoded(kind, **vars(event))
+        if isinstance(event, Begin):
+            self._begun = self._count
+        elif isinstance(event, Result):
+            self._results.append((self._count, text))
+        self._send(text)
 
     def flush(self) -> None:
         """Hand on the frames that wait for their bucket to fill."""
@@ -194,14 +133,33 @@ class Hub:
 
     def _frames(self, buckets: list[list[Any]]) -> None:
         if buckets:
-            self._send(len(buckets), encoded("frames", b=buckets))
+            self._send(encoded("frames", b=buckets))
 
-    def _send(self, frames: int, text: str, *, keep: bool = True) -> None:
+    def _send(self, text: str) -> None:
         with self._lock:
-            if keep:
-                self._history.append(text)
-            for viewer in self._viewers:
-                viewer.put(frames, text)
+            self._messages.append(text)
+            self._count += 1
+
+    def before(self) -> tuple[int, list[str]]:
+        """For a late viewer: the number of the present recording's first message, and what comes before it."""
+        with self._lock:
+            results = [text for number, text in self._results if number < self._begun]
+            return self._begun, [self._hello, *self._latest.values(), *results]
+
+
+class Viewer:
+    """One viewer's place among the messages of a hub. lost: messages that he did not get."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub, self.lost = hub, 0
+        self._next, self._first = hub.before()
+
+    def take(self) -> list[str]:
+        """Every message that waits, oldest first; at first the present recording from its beginning."""
+        count, texts = self._hub.since(self._next)
+        self.lost += count - self._next - len(texts)
+        first, self._first, self._next = self._first, [], count
+        return first + texts
 
 
 def encoded(kind: str, **fields: Any) -> str:

@@ -1,8 +1,7 @@
 """The browser page and its messages over one port: HTTP for the page, a websocket for the rest.
 Runs in its own thread.
 
-Each viewer has a queue in the hub; a viewer who does not take his messages fills only that. One who vanished
-is found out by a ping.
+A viewer who does not take his messages loses the oldest of them. One who vanished is found out by a ping.
 """
 
 import asyncio
@@ -132,35 +131,25 @@ class PageServer:
         return Response(200, "OK", Headers(headers), self._page)
 
     async def _viewer(self, connection: ServerConnection) -> None:
-        waiting, loop = asyncio.Event(), asyncio.get_running_loop()
-
-        def wake() -> None:
-            with contextlib.suppress(RuntimeError):  # the loop has ended: so has the viewer
-                loop.call_soon_threadsafe(waiting.set)
-
-        viewer = self._hub.attach(wake)
-        tasks = [
-            asyncio.create_task(self._send(connection, viewer, waiting)),
-            asyncio.create_task(self._listen(connection)),
-        ]
+        self._hub.viewers += 1
+        tasks = [asyncio.create_task(each(connection)) for each in (self._send, self._listen)]
         try:
             # he who has left sends nothing any more
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            self._hub.detach(viewer)
+            self._hub.viewers -= 1
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def _send(self, connection: ServerConnection, viewer: Viewer, waiting: asyncio.Event) -> None:
+    async def _send(self, connection: ServerConnection) -> None:
         """Send the waiting events to the viewer, one message at a time: JSON, a list. The next message is
         sent only when the browser can take it."""
+        viewer = Viewer(self._hub)
         with contextlib.suppress(ConnectionClosed):
             while True:
-                await waiting.wait()
-                waiting.clear()
                 if texts := viewer.take():
-                    note = f'{{"k":"mine","dropped":{viewer.dropped},"lost":{viewer.lost}}}'
+                    note = f'{{"k":"mine","lost":{viewer.lost}}}'
                     await connection.send(f"[{','.join([*texts, note])}]")
                 await asyncio.sleep(BATCH_S)
 

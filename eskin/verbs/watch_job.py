@@ -99,7 +99,7 @@ def watch(
     -------
     dict
         recordings, frames, touches, labelled, correct, undecided, compared_values, mismatches, mismatch_list,
-        display_frames_dropped, decisions (recording -> class), passed.
+        decisions (recording -> class), passed.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def watch(
             _run(player, controls)
     if player.error is not None:
         raise player.error
-    return figures(player, hub)
+    return figures(player)
 
 
 def _run(player: Player, controls: Controls) -> None:
@@ -154,13 +154,12 @@ def _ending_in_order(controls: Controls) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def figures(player: Player, hub: Hub) -> Record:
+def figures(player: Player) -> Record:
     """Figures of the recordings played, for table and JSON."""
     tally = player.tally
     return vars(tally) | {
         "compared_values": tally.compared,
         "mismatch_list": tally.said,
-        "display_frames_dropped": hub.dropped,
         "decisions": player.decisions,
         "passed": tally.mismatches == 0,
     }

@@ -6,10 +6,11 @@ import json
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from eskin.golden.data import Recordings
-from eskin.live.hub import Hub
+from eskin.live.hub import Hub, Viewer
 from eskin.live.player import Controls, Player, hello
 from eskin.live.sources import Listener, ModelSource
 
@@ -45,20 +46,18 @@ class Stage:
         self.controls.speed = speed
         self.messages: list[dict] = []
         self._texts: list[str] = []
-        self.viewer = self.hub.attach(self._take)
+        self.hub._messages = deque()  # all of them
+        self.viewer = Viewer(self.hub)
         self.player = Player(source, recordings, numbers, self.hub, self.controls)
         self.thread = threading.Thread(target=self.player.run, daemon=True)
         self.viewer.take()
-
-    def _take(self) -> None:
-        if hasattr(self, "viewer"):
-            self._texts += self.viewer.take()
 
     def go(self) -> Stage:
         self.controls.wait = lambda seconds: self.controls.stop()  # the first wait is the one after the last
         self.player.run()
         if self.player.error:
             raise self.player.error
+        self._texts += self.viewer.take()
         self.messages = [json.loads(text) for text in self._texts]
         return self
 
@@ -68,7 +67,8 @@ class Stage:
 
     def seen(self, kind: str) -> list[dict]:
         """The messages of a kind so far."""
-        return [message for message in map(json.loads, list(self._texts)) if message["k"] == kind]
+        self._texts += self.viewer.take()
+        return [message for message in map(json.loads, self._texts) if message["k"] == kind]
 
     def until(self, condition: Callable[[], bool]) -> None:
         """Wait for ``condition()``."""

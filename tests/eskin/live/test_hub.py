@@ -1,4 +1,4 @@
-"""eskin/live/hub.py: thinning loses no peak, queues are bounded, drops are counted, late viewers get what
+"""eskin/live/hub.py: thinning loses no peak, messages are bounded, lost ones are counted, late viewers get what
 they need."""
 
 import json
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from eskin.live import hub as module
 from eskin.live.feed import Begin, End, Frames, Onset, Result, Tally
-from eskin.live.hub import Hub, Thinner
+from eskin.live.hub import Hub, Thinner, Viewer
 
 
 def messages(viewer) -> list[dict]:
@@ -54,7 +54,7 @@ def frames(first: int, count: int) -> Frames:
 
 
 def test_a_viewer_who_does_not_take_fills_no_memory_and_is_counted(hub):
-    slow, quick = hub.attach(), hub.attach()
+    slow, quick = Viewer(hub), Viewer(hub)
     hub.publish(Begin(0, 0, 0, np.zeros(2)))
     taken = 0
     for number in range(3000):
@@ -62,16 +62,9 @@ def test_a_viewer_who_does_not_take_fills_no_memory_and_is_counted(hub):
         hub.publish(Onset(number, 10 * number, 1))
         taken += sum(len(message["b"]) for message in messages(quick) if message["k"] == "frames")
     got = messages(slow)
-    kept = sum(len(message["b"]) for message in got if message["k"] == "frames")
-    assert kept == module.WAITING_FRAMES
-    assert slow.dropped == 3000 - kept
-    assert (quick.dropped, taken) == (0, 3000)
-    assert len(got) == kept + module.WAITING_EVENTS and slow.lost == 3000 + 2 - module.WAITING_EVENTS
-    assert got[-1]["touch"] == 2999, "the newest stay"
-    assert hub.dropped == slow.dropped
-    hub.detach(slow)
-    hub.detach(slow)
-    assert hub.dropped == 3000 - kept and hub.viewers == 1
+    assert len(got) == module.KEPT + 1 and slow.lost == 6001 - module.KEPT
+    assert (quick.lost, taken) == (0, 3000)
+    assert got[0]["k"] == "hello" and got[-1]["touch"] == 2999, "the newest stay"
 
 
 def test_a_late_viewer_gets_this_recording_and_the_results_before_it(hub):
@@ -83,18 +76,14 @@ def test_a_late_viewer_gets_this_recording_and_the_results_before_it(hub):
     hub.publish(frames(1, 4000))
     hub.state(paused=True)
     hub.tally(Tally(frames=900))
-    late = hub.attach()
+    late = Viewer(hub)
     got = messages(late)
-    assert [message["k"] for message in got] == [
-        "hello",
-        "state",
-        "tally",
-        "result",
-        "begin",
-        "frames",
-    ] and got[4]["number"] == 7
+    kinds = ["hello", "state", "tally", "result", "begin", "frames", "state", "tally"]
+    assert [message["k"] for message in got] == kinds and got[4]["number"] == 7
     assert got[2]["frames"] == 900, "after the last recording no other tally comes"
-    assert len(got[5]["b"]) == 400 > module.WAITING_FRAMES and late.dropped == 0
+    assert len(got[5]["b"]) == 400 and late.lost == 0
+    hub.publish(Result(7, 0, 1, 0.5, 0))
+    assert [message["number"] for message in messages(Viewer(hub)) if message["k"] == "result"] == [0, 7]
     hub.tally(Tally(frames=901, mismatches=2))
-    (tally,) = messages(late)
-    assert (tally["k"], tally["frames"], tally["mismatches"], tally["dropped"]) == ("tally", 901, 2, 0)
+    result, tally = messages(late)
+    assert (result["number"], tally["frames"], tally["mismatches"]) == (7, 901, 2)
