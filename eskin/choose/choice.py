@@ -50,17 +50,19 @@ from eskin.training.crossval import (
     Progress,
     cross_validate,
     fold_records,
-    judge_folds,
     over_folds,
-    record_of,
+    seed_by_seed,
     share_right,
+    split_record,
+    train_folds,
 )
 from eskin.training.datasets import Datasets
 from eskin.training.derive import derive_config, settling_frames
 from eskin.training.fit import one_thread
 from eskin.training.image_models import train_image_model
 from eskin.training.losses import Callback
-from eskin.training.splits import default_splits, error_over_groups, held_out, split_folds
+from eskin.training.splits import default_splits, error_over_groups, split_folds
+from eskin.training.times import step_times
 from eskin.training.train import TrainingRequest, train
 
 LEAST = {
@@ -333,11 +335,10 @@ def unseen(
         for copy in range(len(seeds))
         for candidate, part, test in zip(chosen, parts, tests, strict=True)
     ]
-    runs = judge_folds(settings.datasets, pieces, seeds[0], settings.progress)
+    trained = train_folds(settings.datasets, pieces, seeds[0], settings.progress)
+    runs = [network.decided() for network in trained]
     correct = share_right(recordings.labels, [piece.test for piece in pieces], runs)
-    names = [held_out(recordings, split, test) for test in tests]
-    of_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]
-    per_fold = fold_records(names, tests, of_fold, recordings.labels)
+    per_fold = fold_records(recordings, split, tests, seed_by_seed(runs, len(tests)))
     for fold, candidate in zip(per_fold, chosen, strict=True):
         del fold["by_seed"]
         fields = front_end_fields(candidate.config)
@@ -390,7 +391,8 @@ def cross_validation_of(
     """The record of a candidate's runs, as `eskin.training.crossval.cross_validate` gives it."""
     data = settings.datasets.of(one.config, one.candidate.recipe)
     seeds = list(settings.seeds)[: len(one.runs) // len(tests)]
-    return record_of(settings.recordings, settings.groups, tests, one.runs, seeds, one.config, data)
+    times, by_fold = step_times(one.config, data.touches), seed_by_seed(one.runs, len(tests))
+    return split_record(settings.recordings, settings.groups, tests, by_fold, seeds, times)
 
 
 def splits_to_report(

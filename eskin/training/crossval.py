@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, decide_touches
 from eskin.golden.model.pipeline import by_recording
 from eskin.training.datasets import Dataset, Datasets, touch_rows
-from eskin.training.fit import fine_tune, fit_networks, post_training
+from eskin.training.fit import fit_networks, post_training
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import held_out, split_folds
 from eskin.training.times import step_rows, step_times
@@ -29,7 +30,6 @@ def cross_validate(
     folds: int = 5,
     recipe: Recipe | None = None,
     widths: Record | None = None,
-    quantisation_aware: bool = False,
     datasets: Datasets | None = None,
     progress: Progress | None = None,
 ) -> list[Record]:
@@ -47,9 +47,6 @@ def cross_validate(
         A network for each fold and seed; figures are means over seeds of the share of recordings.
     widths:
         Bits, as ``eskin.training.quantise.choose_formats`` takes them.
-    quantisation_aware:
-        True: the training of the integer networks continues in integer arithmetic. False: they are quantised
-        after training. Float figures are the same.
     datasets:
         Touches that were found before.
 
@@ -67,17 +64,18 @@ def cross_validate(
     tests = [split_folds(recordings, groups, folds, None) for groups in splits]
     every = [test for of_split in tests for test in of_split]
     jobs = fold_jobs(config, recipe, len(recordings), every, seeds)
-    trained = train_folds(
-        datasets, jobs, int(seeds[0]), progress, widths=widths or {}, quantisation_aware=quantisation_aware
-    )
-    runs, data = [network.decided() for network in trained], datasets.of(config, recipe)
-    records, first = list[Record](), 0
-    for groups, of_split in zip(splits, tests, strict=True):
-        seed_by_seed = [runs[begin : begin + len(of_split)] for begin in range(first, len(runs), len(every))]
-        own = [run for of_seed in seed_by_seed for run in of_seed]
-        records.append(record_of(recordings, groups, of_split, own, seeds, config, data))
-        first += len(of_split)
-    return records
+    trained = train_folds(datasets, jobs, int(seeds[0]), progress, widths)
+    by_fold = iter(seed_by_seed([network.decided() for network in trained], len(every)))
+    times = step_times(config, datasets.of(config, recipe).touches)
+    return [
+        split_record(recordings, groups, of_split, list(islice(by_fold, len(of_split))), seeds, times)
+        for groups, of_split in zip(splits, tests, strict=True)
+    ]
+
+
+def seed_by_seed(runs: Sequence[FoldDecisions], folds: int) -> list[Sequence[FoldDecisions]]:
+    """Runs of all folds with the first seed, then with the next, as a list for each fold."""
+    return [runs[fold::folds] for fold in range(folds)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,11 +111,6 @@ class FoldJob:
     test: np.ndarray
     copy: int = 0
 
-    @property
-    def key(self) -> tuple[int, bytes]:
-        """Key of the training data."""
-        return self.copy, self.train.tobytes()
-
 
 def fold_jobs(
     config: AcceleratorConfig, recipe: Recipe, count: int, tests: Sequence[np.ndarray], seeds: Sequence[int]
@@ -150,64 +143,25 @@ def train_folds(
     jobs: Sequence[FoldJob],
     seed: int,
     progress: Progress | None = None,
-    *,
     widths: Record | None = None,
-    quantisation_aware: bool = False,
 ) -> list[Trained]:
-    """The network of each job, quantised with ranges of its own training part, or with its training continued
-    in integers.
+    """The network of each job, quantised with ranges of its own training part.
 
     Networks of one configuration and recipe train at once. Jobs with the same training part share one
     network.
     """
-    outcomes: dict[int, Trained] = {}
-    kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
-    for number, job in enumerate(jobs):
-        kinds.setdefault((job.config, job.recipe), []).append(number)
-    for (config, recipe), numbers in kinds.items():
+    trained: dict[FoldJob, tuple[FloatModel, IntegerModel]] = {}
+    kinds: dict[tuple[AcceleratorConfig, Recipe], dict[tuple[int, bytes], list[FoldJob]]] = {}
+    for job in jobs:
+        alike = kinds.setdefault((job.config, job.recipe), {})
+        alike.setdefault((job.copy, job.train.tobytes()), []).append(job)
+    for (config, recipe), alike in kinds.items():
         data = datasets.of(config, recipe)
-        first: dict[tuple[int, bytes], FoldJob] = {}
-        for number in numbers:
-            first.setdefault(jobs[number].key, jobs[number])
-        parts = [touch_rows(data, job.train) for job in first.values()]
+        parts = [touch_rows(data, sharing[0].train) for sharing in alike.values()]
         models = fit_networks(data, config, recipe, parts, seed, named(progress, "cross-validation"))
-        if quantisation_aware:
-            report = named(progress, "quantisation-aware training")
-            integers = fine_tune(data, recipe, parts, models, seed, widths or {}, report)
-        else:
-            integers = [
-                post_training(model, data, rows, widths or {})
-                for model, rows in zip(models, parts, strict=True)
-            ]
-        places = {key: place for place, key in enumerate(first)}
-        for number in numbers:
-            at = places[jobs[number].key]
-            outcomes[number] = Trained(jobs[number], models[at], integers[at], data)
-    return [outcomes[number] for number in range(len(jobs))]
-
-
-def judge_folds(
-    datasets: Datasets, jobs: Sequence[FoldJob], seed: int, progress: Progress | None = None
-) -> list[FoldDecisions]:
-    """The decisions of each network on its test."""
-    return [network.decided() for network in train_folds(datasets, jobs, seed, progress)]
-
-
-def record_of(
-    recordings: Recordings,
-    groups: Sequence[str],
-    tests: Sequence[np.ndarray],
-    runs: Sequence[FoldDecisions],
-    seeds: Sequence[int],
-    config: AcceleratorConfig,
-    data: Dataset,
-) -> Record:
-    """The record of one split, as ``cross_validate`` returns it, from the networks' decisions on ``tests``,
-    seed by seed."""
-    names = [held_out(recordings, groups, test) for test in tests]
-    by_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]
-    times, numbers = step_times(config, data.touches), list(map(int, seeds))
-    return split_record(list(groups), names, tests, by_fold, recordings, numbers, times)
+        for model, rows, sharing in zip(models, parts, alike.values(), strict=True):
+            trained |= dict.fromkeys(sharing, (model, post_training(model, data, rows, widths or {})))
+    return [Trained(job, *trained[job], datasets.of(job.config, job.recipe)) for job in jobs]
 
 
 def named(progress: Progress | None, activity: str) -> Callable[[int, int], None]:
@@ -256,18 +210,24 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
 SHARES = ("float_accuracy", "integer_accuracy", "agreement")
 
 
-def fold_records(names, tests, decided, labels: np.ndarray) -> list[Record]:
+def fold_records(
+    recordings: Recordings,
+    groups: Sequence[str],
+    tests: Sequence[np.ndarray],
+    decided: Sequence[Sequence[FoldDecisions]],
+) -> list[Record]:
     """For each fold: the groups held out, the number of recordings, and SHARES as means over seeds and by
-    seed."""
+    seed. decided: a list for each fold, in it one entry for each seed."""
     records = []
-    for name, test, runs in zip(names, tests, decided, strict=True):
-        right = labels[test]
+    for test, runs in zip(tests, decided, strict=True):
+        right = recordings.labels[test]
         shares = {
             "float_accuracy": [float(np.mean(run.float_global == right)) for run in runs],
             "integer_accuracy": [float(np.mean(run.integer_global == right)) for run in runs],
             "agreement": [float(np.mean(run.float_global == run.integer_global)) for run in runs],
         }
         means = {key: float(np.mean(values)) for key, values in shares.items()}
+        name = held_out(recordings, groups, test)
         records.append({"held_out": name, "recordings": len(test), "by_seed": shares} | means)
     return records
 
@@ -288,9 +248,16 @@ def share_right(labels: np.ndarray, tests: Sequence[np.ndarray], runs: Sequence[
     return right / np.maximum(judged, 1)
 
 
-def split_record(groups, names, tests, decided, recordings, seeds, times) -> Record:
-    """The record of one split for training.json, from the decisions of each network on the part left out: a
-    list for each fold, in it one entry for each seed."""
+def split_record(
+    recordings: Recordings,
+    groups: Sequence[str],
+    tests: Sequence[np.ndarray],
+    decided: Sequence[Sequence[FoldDecisions]],
+    seeds: Sequence[int],
+    times: Sequence[float] | np.ndarray,
+) -> Record:
+    """The record of one split, as ``cross_validate`` returns it. decided: a list for each fold, in it one entry
+    for each seed. times: seconds of each step."""
     classes = len(recordings.class_names)
     confusion = np.zeros((classes, classes + 1), dtype=np.int64)
     steps = np.zeros((2, len(times)))
@@ -300,32 +267,29 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> Rec
             np.add.at(confusion, (labels, run.integer_global), 1)  # -1, no decision, is the last column
             for row, local in enumerate((run.float_local, run.integer_local)):
                 steps[row] += (local == labels[:, None]).sum(axis=0) / (len(recordings) * len(seeds))
-    per_fold = fold_records(names, tests, decided, recordings.labels)
-    weights = [len(test) for test in tests]
+    per_fold = fold_records(recordings, groups, tests, decided)
 
     def spread(key: str) -> float:
         return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
 
-    decided_steps = np.concatenate(
-        [run.integer_step[run.integer_step >= 0] for runs in decided for run in runs]
-    )
-
-    errors = np.concatenate([run.logit_error for runs in decided for run in runs])
-
-    by_seed = np.average([fold["by_seed"]["integer_accuracy"] for fold in per_fold], axis=0, weights=weights)
+    runs = [run for of_fold in decided for run in of_fold]
+    decided_steps = np.concatenate([run.integer_step[run.integer_step >= 0] for run in runs])
+    errors = np.concatenate([run.logit_error for run in runs])
+    of_seeds = [fold["by_seed"]["integer_accuracy"] for fold in per_fold]
     return {
-        "groups": groups,
+        "groups": list(groups),
         "folds": len(tests),
-        "seeds": seeds,
+        "seeds": list(map(int, seeds)),
         **over_folds(per_fold),
         "float_spread": spread("float_accuracy"),
         "integer_spread": spread("integer_accuracy"),
-        "integer_by_seed": by_seed.tolist(),
+        "integer_by_seed": np.average(of_seeds, axis=0, weights=[len(test) for test in tests]).tolist(),
         "per_step": step_rows(zip(times, *steps, strict=True)),
         "per_fold": per_fold,
         "decision_time_s": float(np.mean(np.asarray(times)[decided_steps])) if len(decided_steps) else None,
-        "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())}
-        if len(errors)
-        else {"mean": None, "max": None},
+        "logit_error": {
+            "mean": float(errors.mean()) if len(errors) else None,
+            "max": float(errors.max()) if len(errors) else None,
+        },
         "confusion": confusion.tolist(),
     }

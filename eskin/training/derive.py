@@ -1,9 +1,8 @@
 """A first guess at a configuration from an archive, quick and by rules, with the reasons in words.
 
 ``inspect`` shows the onsets that it finds. ``train`` and ``run`` without ``--config`` use
-``eskin.choose.choice``, which starts from these measurements and judges them. A preset is taken if it has the
-same taxels, rate and code format, and its onset rule and windows suit the recordings. Otherwise, from at most
-64 recordings spread evenly over the classes:
+``eskin.choose.choice``, which starts from these measurements and judges them, beside the presets of the same
+sensor. From at most 64 recordings spread evenly over the classes:
 
 - *settling*: 64 ms, at least 5 and at most 64 frames; their mean is the rest level of each taxel.
 - *moving mean*: 4 blocks of the power of two nearest to 8 ms.
@@ -25,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
 
@@ -68,23 +67,27 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
             "docs/images.md lists those "
             "that do"
         )
-    reasons = list(recordings.notes)
-    sample = recordings.subset(recordings.evenly(LOOKED_AT))
-    for name in CONVERTERS:
-        preset = PRESETS[name]
-        if not fits_sensor(preset, recordings):
-            continue
-        config = for_recordings(preset, recordings, name=name)
-        why_not = _unsuited(config, sample)
-        if why_not is None:
-            reasons.append(
-                f"{recordings.taxels} taxels, {recordings.sample_rate_hz:g} Hz, {recordings.sample_format} "
-                f"codes: these match preset '{name}', which is used"
-            )
-            return config, reasons
-        reasons.append(f"preset '{name}' has the same taxels, rate and codes but is not used: {why_not}")
-    config, why = _general(sample, recordings)
-    return config, reasons + why
+    rate, sample = recordings.sample_rate_hz, recordings.subset(recordings.evenly(LOOKED_AT))
+    base, why = sensor_sizes(recordings)
+    base["rest_frames"] = settling_frames(rate)
+    onset, of_onset, begin = _onset_rule(sample, recordings, base)
+    # 20 windows of two hops reach over 21 hops
+    available = int(np.quantile(sample.lengths, 0.25, method="lower")) - begin
+    fit = available // (STEPS + 1)
+    pace_s = 0.2 if onset["onset"] == "immediate" else 0.048
+    hop = int(np.clip(min(max(round(pace_s * rate), 4), fit), 1, 65535))
+    steps = STEPS if fit >= 1 else max(1, available - 1)
+    reasons = [
+        *recordings.notes,
+        f"{recordings.taxels} taxel{'s' * (recordings.taxels > 1)} at {rate:g} Hz with {recordings.sample_format} "
+        "codes: the sizes are derived from the recordings",
+        *why,
+        *of_onset,
+        f"{steps} window{'s' * (steps > 1)} of {2 * hop} frames every {hop} ({1000 * hop / rate:.3g} ms), "
+        f"{(steps + 1) * hop / rate:.3g} s in all",
+    ]
+    windows = {"hop": hop, "window": 2 * hop, "steps": steps}
+    return for_recordings(AcceleratorConfig(), recordings, **base | onset | windows), reasons
 
 
 def fits_sensor(preset: AcceleratorConfig, recordings: Recordings) -> bool:
@@ -109,29 +112,6 @@ def for_recordings(config: AcceleratorConfig, recordings: Recordings, **changes)
         raise InputError(
             f"recordings '{recordings.source}' do not lead to a working configuration: {error}"
         ) from None
-
-
-def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
-    """Why the preset's onset rule or windows do not suit these recordings; None when they do."""
-    onsets = find_onsets(config, recordings)
-    touched = onsets >= 0
-    if touched.mean() < 0.9:
-        return f"its onset rule finds a touch in {touched.sum()} of {len(recordings)} recordings"
-    if (
-        not config.opens_at_once
-        and (
-            onsets[touched] <= config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames
-        ).mean()
-        > 0.5
-    ):
-        return "most recordings start with an onset by its rule"
-    full = (
-        recordings.lengths[touched] - np.maximum(onsets[touched] - config.windows.hop, 0) >= config.last_frame
-    )
-    if full.mean() < 0.5:
-        cut = f"{len(recordings) - full.sum()} of {len(recordings)}"
-        return f"its {config.windows.steps} windows end after the recording in {cut}"
-    return None
 
 
 def sensor_sizes(recordings: Recordings) -> tuple[Record, list[str]]:
@@ -178,33 +158,6 @@ def settling_frames(rate: float) -> int:
     return int(np.clip(round(0.064 * rate), 5, 64))
 
 
-def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
-    rate = recordings.sample_rate_hz
-    reasons = [
-        f"{recordings.taxels} taxel{'s' * (recordings.taxels > 1)} at {rate:g} Hz with {recordings.sample_format} "
-        "codes match no preset, so the sizes are derived"
-    ]
-    base, why = sensor_sizes(recordings)
-    reasons += why
-    base["rest_frames"] = settling_frames(rate)
-    onset, why, begin = _onset_rule(sample, recordings, base)
-    base |= onset
-    reasons += why
-    pace_s = 0.2 if onset["onset"] == "immediate" else 0.048
-    # 20 windows of two hops reach over 21 hops
-    available = int(np.quantile(sample.lengths, 0.25, method="lower")) - begin
-    fit = available // (STEPS + 1)
-    hop = int(np.clip(min(max(round(pace_s * rate), 4), fit), 1, 65535))
-    steps = STEPS if fit >= 1 else max(1, available - 1)
-    reasons.append(
-        f"{steps} window{'s' * (steps > 1)} of {2 * hop} frames every {hop} ({1000 * hop / rate:.3g} ms), "
-        f"{(steps + 1) * hop / rate:.3g} s in all"
-    )
-    return for_recordings(
-        AcceleratorConfig(), recordings, **base, hop=hop, window=2 * hop, steps=steps
-    ), reasons
-
-
 @dataclass(frozen=True)
 class OnsetRule:
     """Measures for an onset rule, codes: noise (90 % quantile of the lead-ins' largest moving mean), signal
@@ -220,10 +173,23 @@ class OnsetRule:
 
 
 def measure_onset(recordings: Recordings, settle: int, mean_frames: int) -> OnsetRule | None:
-    """The rule that the module describes; None where recordings have no room for a lead-in."""
-    lead, peak, largest = _measure(recordings, settle, mean_frames, int(0.064 * recordings.sample_rate_hz))
-    if not len(lead):
+    """The rule that the module describes; None where recordings have no room for settling, lead-in and as much
+    again."""
+    lead_frames = max(2 * mean_frames, int(0.064 * recordings.sample_rate_hz))
+    rows = []
+    for index in range(len(recordings)):
+        samples = recordings.recording(index).astype(np.float64)
+        if len(samples) < settle + 2 * lead_frames:
+            continue
+        deviation = samples - samples[:settle].mean(axis=0)
+        # moving sums as differences of running ones
+        total = np.vstack([np.zeros(deviation.shape[1]), np.cumsum(deviation[settle:], axis=0)])
+        moving = np.abs(total[mean_frames:] - total[:-mean_frames]).max(axis=1) / mean_frames
+        quiet = moving[: lead_frames - mean_frames + 1].max()
+        rows.append((quiet, np.quantile(moving, 0.99), np.abs(deviation).max()))
+    if not rows:
         return None
+    lead, peak, largest = np.array(rows).T
     noise = float(np.quantile(lead, 0.9))
     clear = peak[peak > 3 * noise]  # a recording without a touch must not count as one with a weak touch
     signal = float(np.quantile(clear if len(clear) else peak, 0.1))
@@ -272,32 +238,3 @@ def _onset_rule(sample: Recordings, recordings: Recordings, base: Record) -> tup
             "many recordings have no onset: check them with eskin inspect, or give your own configuration"
         )
     return fields, reasons, int(np.median(onsets[touched]))
-
-
-def _measure(
-    recordings: Recordings, settle: int, mean_frames: int, lead_frames: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Per recording, codes from rest: largest moving mean of the lead-in, 99 % quantile of moving means,
-    largest single sample.
-
-    Recordings without room for settling, lead-in and as much again are left out.
-    """
-    lead_frames = max(2 * mean_frames, lead_frames)
-    rows = []
-    for index in range(len(recordings)):
-        samples = recordings.recording(index).astype(np.float64)
-        if len(samples) < settle + 2 * lead_frames:
-            continue
-        deviation = samples - samples[:settle].mean(axis=0)
-        # moving sums as differences of running ones
-        total = np.vstack([np.zeros(deviation.shape[1]), np.cumsum(deviation[settle:], axis=0)])
-        moving = np.abs(total[mean_frames:] - total[:-mean_frames]).max(axis=1) / mean_frames
-        rows.append(
-            (
-                moving[: lead_frames - mean_frames + 1].max(),
-                np.quantile(moving, 0.99),
-                np.abs(deviation).max(),
-            )
-        )
-    lead_in, moving_means, single = np.array(rows, dtype=np.float64).reshape(-1, 3).T
-    return lead_in, moving_means, single

@@ -5,11 +5,20 @@ from typing import Any
 
 import numpy as np
 
+from eskin.data.fit import check_fit
 from eskin.golden.core import Record
 from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    find_touches,
+    float_images,
+    images_of,
+    run,
+    run_images,
+)
 from eskin.golden.model.image_network import image_seconds
-from eskin.training.stage_error import logit_error
-from eskin.training.task import load_task
+from eskin.training.stage_error import layer_errors, logit_error, stage_errors
 from eskin.training.times import decision_times, step_rows, step_times
 
 MAX_LOSS = 0.01
@@ -17,6 +26,9 @@ MAX_LOSS = 0.01
 
 MIN_AGREEMENT = 0.98
 """Share of recordings on which both must decide the same."""
+
+LOOKED_AT = 200
+"""Images, spread evenly over the classes, on which errors are taken layer by layer."""
 
 OF_LABELS = ("float_accuracy", "integer_accuracy", "per_step", "per_class", "confusion", "chance")
 """Figures that mean nothing where labels are random."""
@@ -46,13 +58,28 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     InputError
         When the folder is not a quantised model folder, or the recordings are of another array or task.
     """
-    task = load_task(model_dir, recordings)
-    stages, result = task.stages(), compare(task.ideal, task.trace, recordings.labels)
+    integer, real = IntegerModel.load(model_dir, images=True), FloatModel.load(model_dir, images=True)
+    check_fit(recordings, integer.config)
+    ideal: Any
+    trace: Any
+    if integer.config.is_image:
+        images, agreement, steps = images_of(recordings), None, len(recordings)
+        ideal, trace = float_images(real, images, maps=False), run_images(integer, images, maps=False)
+        stages = layer_errors(real, integer, images[recordings.evenly(LOOKED_AT)])
+    else:
+        touches = find_touches(integer.config, recordings)
+        # with the same prototypes if prototypes decide
+        ideal = run(real, recordings, touches=touches, readout=integer)
+        trace = run(integer, recordings, touches=touches)
+        done = trace.local >= 0
+        agreement = float(np.mean((trace.local == ideal.local)[done])) if done.any() else None
+        stages, steps = stage_errors(real, integer, touches), int(done.sum())
+    result = compare(ideal, trace, recordings.labels)
     return result | {
         "model": str(model_dir),
         "source": str(recordings.source),
-        "steps": int(task.done.sum()),
-        "local_agreement": task.local_agreement,
+        "steps": steps,
+        "local_agreement": agreement,
         "logit_error": logit_error(stages),
         "stages": stages,
         "passed": passes(result),

@@ -235,10 +235,7 @@ def split_of(
             ideal, whole = np.array(result["float"]), np.array(result[integers])
             correct[test] += (whole == recordings.labels[test]) / len(seeds)
             decided.append([FoldDecisions.from_images(ideal, whole, config)])
-        names = [f"part {number + 1}" for number in range(len(tests))]
-        records.append(
-            split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)])
-        )
+        records.append(split_record(recordings, groups, tests, decided, [seed], [image_seconds(config)]))
     record = records[0] | {"seeds": seeds, "correct": correct}
     for kind in ("float", "integer"):
         by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in records]

@@ -1,13 +1,20 @@
-"""Float against integer, stage by stage: difference, share of saturated values, used part of each format."""
+"""Float against integer, stage by stage: difference, share of saturated values, used part of each format.
+
+The stages of a network for recordings are those of STAGES; the stages of a network for images are its layers
+with weights.
+"""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays, QFormat, Record
+from eskin.golden.core import AcceleratorConfig, QFormat, Record
+from eskin.golden.core.images import PIXEL_FORMAT
+from eskin.golden.model import float_images, layer_formats, run_images
 from eskin.golden.model.cells import Fixed, Float, run_cell
+from eskin.golden.model.image_network import layer_by_layer
 from eskin.golden.model.model import FloatModel, IntegerModel, network_formats
 from eskin.golden.model.pipeline import feature_codes, float_features
 from eskin.golden.model.preprocess import Touches
@@ -24,7 +31,7 @@ STAGES = {
 
 FIGURES = ("mean", "max", "saturated", "used", "logit_mean", "logit_max")
 """Figures for one stage of an integer model compared with the same stage of the float one, over completed
-steps of touches.
+steps of touches, or over images.
 
 mean, max: absolute difference, real values (all stages before it included). saturated: share of values at an
 end of the stage's format, of pre-activations beyond their table, of weights at an end. used: largest absolute
@@ -45,22 +52,81 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     touches:
         As ``find_touches`` gives them.
     """
-    runs, errors = _Runs(real, integer, touches), []
-    for stage, (fmt, ideal, values) in runs.values.items():
-        error, alone = np.abs(values - ideal), runs.alone(stage)
+    config, formats, steps = integer.config, integer.config.formats, integer.config.windows.steps
+    complete = np.arange(steps) < touches.completed[:, None]
+    if not complete.any():
+        return []
+    of_weights = network_formats(config)
+    weights = [real.arrays, {name: fmt.to_real(integer.arrays[name]) for name, fmt in of_weights.items()}]
+    codes = formats.feature_format.to_real(feature_codes(integer, touches))
+    features = [values[:, :steps].astype(np.float64) for values in (float_features(real, touches), codes)]
+
+    def run(stages: Collection[str]) -> tuple[_Arithmetic, np.ndarray]:
+        """The network with these stages as in the integer model: the values of all stages, and the logits."""
+        arithmetic = _Arithmetic(config, stages)
+        arrays = weights["accumulators" in stages].items()
+        parameters = {name: np.asarray(array, dtype=np.float64) for name, array in arrays}
+        return arithmetic, run_cell(arithmetic, config, parameters, features["features" in stages])[1]
+
+    (ideal, logits), (exact, _) = run(()), run(STAGES)
+    frac = config.product_frac if config.recurrent else config.dense_product_frac
+    of_stage = {
+        "features": formats.feature_format,
+        "accumulators": QFormat(config.accumulator_bits - frac, frac),
+        "gates": config.gate_format,
+        "hidden state": formats.state_format,
+        "logits": formats.logit_format,
+    }
+    errors = []
+    for stage in STAGES if config.recurrent else ("features", "accumulators", "logits"):
+        fmt = of_stage[stage]
+        wanted, values = (
+            [of[complete] for of in features]
+            if stage == "features"
+            else [arithmetic.of(stage, complete) for arithmetic in (ideal, exact)]
+        )
+        alone = np.abs(run([stage])[1] - logits)[complete]
         size = np.abs(values).max() * 2.0**fmt.frac_bits
         at_ends, used = _at_ends(values * 2.0**fmt.frac_bits, fmt), size / fmt.magnitude
         if stage == "accumulators":
-            names = network_formats(integer.config)
-            ends = [_at_ends(integer.arrays[name], fmt) for name, fmt in names.items()]
-            at_ends = float(np.average(ends, weights=[integer.arrays[name].size for name in names]))
+            ends = [_at_ends(integer.arrays[name], fmt) for name, fmt in of_weights.items()]
+            at_ends = float(np.average(ends, weights=[integer.arrays[name].size for name in of_weights]))
         elif stage == "gates":
-            at_ends, used = float(np.mean(runs.reach > 1)), min(1.0, runs.reach.max())
-        errors.append(figures_of(stage, error, at_ends, used, alone))
+            reach = exact.of("reach", complete)
+            at_ends, used = float(np.mean(reach > 1)), min(1.0, reach.max())
+        errors.append(_figures(stage, np.abs(values - wanted), at_ends, used, alone))
     return errors
 
 
-def figures_of(stage: str, error: np.ndarray, at_ends: float, used: float, alone: np.ndarray) -> Record:
+def layer_errors(real: FloatModel, integer: IntegerModel, images: np.ndarray) -> list[Record]:
+    """The same for networks for images: stage and FIGURES of each layer with weights."""
+    config, layers = integer.config, layer_formats(integer.config)
+    ideal, trace = float_images(real, images), run_images(integer, images)
+    maps = [(ideal.maps[stage.number], trace.maps[stage.number]) for stage, *_ in layers[:-1]]
+    errors = []
+    for index, (stage, weight, before, after) in enumerate(layers):
+        wanted, codes = [*maps, (ideal.logits, trace.logits)][index]
+        names = f"W_{stage.number}", f"b_{stage.number}"
+        # this layer alone has weights, bias and output format of the integer network
+        arrays = dict(real.arrays)
+        arrays[names[0]] = weight.to_real(integer.arrays[names[0]])
+        arrays[names[1]] = integer.arrays[names[1]] / 2.0 ** (weight.frac_bits + before.frac_bits)
+
+        def behind(number: int, sums: np.ndarray, alone: int = index, fmt: QFormat = after) -> np.ndarray:
+            if number == alone:
+                return fmt.to_real(fmt.quantise(sums, rounding="RND"))
+            return sums if number == len(layers) - 1 else np.maximum(sums, 0.0)
+
+        *_, logits = layer_by_layer(config, arrays, PIXEL_FORMAT.to_real(images)[..., None], behind)
+        alone = np.abs(logits.reshape(len(images), -1) - ideal.logits)
+        at_end = (codes >= after.max_code) | (after.signed & (codes <= after.min_code))
+        used = np.abs(codes.astype(np.int64)).max() / after.max_code
+        error = np.abs(after.to_real(codes) - wanted)
+        errors.append(_figures(f"{stage.number} {stage.layer}", error, at_end.mean(), used, alone))
+    return errors
+
+
+def _figures(stage: str, error: np.ndarray, at_ends: float, used: float, alone: np.ndarray) -> Record:
     """The record of a stage: absolute errors of its values, and of the logits by it alone."""
     figures = (error.mean(), error.max(), at_ends, used, alone.mean(), alone.max())
     return {"stage": stage, **dict(zip(FIGURES, map(float, figures), strict=True))}
@@ -79,7 +145,7 @@ def _at_ends(codes: np.ndarray, fmt: QFormat) -> float:
     return float(np.mean((codes <= fmt.min_code) | (codes >= fmt.max_code)))
 
 
-# ---------------------------------------------------------------------- both networks, every value looked at
+# ---------------------------------------------------------------------- every value looked at
 OPERATIONS = {
     "sigmoid": ("gates", "product", "gate"),
     "tanh": ("gates", "product", "state"),
@@ -93,111 +159,55 @@ TABLE_ENDS = {"sigmoid": 8.0, "tanh": 4.0, "tanh_of_state": 4.0}
 """Largest pre-activation of each table."""
 
 
-def _units(config: AcceleratorConfig) -> dict[str, float]:
-    """Codes of 1.0, by unit."""
-    gate, state = float(config.gate_one), 2.0**config.formats.state_format.frac_bits
-    products = {"product": 2.0**config.product_frac, "dense": 2.0**config.dense_product_frac}
-    logit = 2.0**config.formats.logit_format.frac_bits
-    return products | {"gate": gate, "state": state, "gate x state": gate * state, "logit": logit}
+class _Arithmetic:
+    """Real arithmetic in which some stages are those of the integer model. It notes the results of each stage,
+    the sums that are narrowed (``accumulators``) and pre-activations over the end of their table (``reach``)."""
 
-
-class _Only:
-    """Real arithmetic in which one stage is that of the integer model."""
-
-    def __init__(self, config: AcceleratorConfig, stage: str) -> None:
-        self._float = Float(config)
-        self._fixed = Fixed(config)
-        self._stage = stage
-        self._units = _units(config)
-
-    def __getattr__(self, name: str) -> Any:
-        stage, source, result = OPERATIONS.get(name, ("", "", ""))
-        if stage != self._stage:
-            return getattr(self._float, name)
-        units, operation = self._units, getattr(self._fixed, name)
-        return lambda value: operation(value * units[source]) / units[result]
-
-
-class _Noted:
-    """An arithmetic that notes operands and results of its operations, as real values, step by step."""
-
-    def __init__(self, arithmetic: Float | Fixed, config: AcceleratorConfig) -> None:
-        self._arithmetic, self._steps = arithmetic, config.windows.steps
-        units = _units(config)
-        self._units = units if isinstance(arithmetic, Fixed) else dict.fromkeys(units, 1.0)
-        self._calls: dict[str, list[np.ndarray]] = defaultdict(list)
-        self._rows = np.zeros(0)
-        """Sums of the dense layer (touches, steps, classes)."""
+    def __init__(self, config: AcceleratorConfig, stages: Collection[str]) -> None:
+        self._float, self._fixed, self._stages = Float(config), Fixed(config), stages
+        gate, state = float(config.gate_one), 2.0**config.formats.state_format.frac_bits
+        self._units = {
+            "product": 2.0**config.product_frac,
+            "dense": 2.0**config.dense_product_frac,
+            "gate": gate,
+            "state": state,
+            "gate x state": gate * state,
+            "logit": 2.0**config.formats.logit_format.frac_bits,
+        }
+        self._steps = config.windows.steps
+        self._noted: dict[str, list[np.ndarray]] = defaultdict(list)
 
     def __getattr__(self, name: str) -> Any:
-        operation = getattr(self._arithmetic, name)
         if name not in OPERATIONS:
-            return operation
+            return getattr(self._float, name)
         stage, source, target = OPERATIONS[name]
 
-        def noted(value: np.ndarray) -> np.ndarray:
-            before, result = value / self._units[source], operation(value)
-            if source == "dense":  # (touches x steps, classes), of a linear cell (steps, touches, classes)
-                by_step = before.reshape(-1, self._steps, before.shape[-1])
-                self._rows = before.swapaxes(0, 1) if before.ndim == 3 else by_step
+        def operation(value: np.ndarray) -> np.ndarray:
+            if stage in self._stages:
+                codes = getattr(self._fixed, name)(value * self._units[source])
+                result = codes / self._units[target]
             else:
-                self._calls[stage].append(result / self._units[target])
-            if source == "product":
-                self._calls["accumulators"].append(before)
+                result = getattr(self._float, name)(value)
+            self._noted[stage].append(result)
+            if source in ("product", "dense"):
+                self._noted["accumulators"].append(value)
             if name in TABLE_ENDS:
-                self._calls["reach"].append(np.abs(before) / TABLE_ENDS[name])
+                self._noted["reach"].append(np.abs(value) / TABLE_ENDS[name])
             return result
 
-        return noted
+        return operation
 
     def of(self, stage: str, complete: np.ndarray) -> np.ndarray:
         """All values of completed steps, flat."""
-        calls = self._calls[stage]
-        a_step = len(calls) // self._steps  # the same number of values of a stage in every step
-        parts = [value[complete[:, k // a_step]].flatten() for k, value in enumerate(calls)]
-        return np.concatenate(parts + [self._rows[complete].flatten()] * (stage == "accumulators"))
-
-
-class _Runs:
-    """A network and its integers on the completed steps of touches.
-
-    values: stage of STAGES -> (format, real values, integer ones as real); nothing without a step. reach:
-    pre-activations of the integer network over the end of their table.
-    """
-
-    def __init__(self, real: FloatModel, integer: IntegerModel, touches: Touches) -> None:
-        self._config = config = integer.config
-        self._real, self._integer, formats, steps = real, integer, config.formats, config.windows.steps
-        self._complete = complete = np.arange(steps) < touches.completed[:, None]
-        self.values: dict[str, tuple[QFormat, np.ndarray, np.ndarray]] = {}
-        if not complete.any():
-            return
-        self._features = float_features(real, touches)[:, :steps]
-        codes = feature_codes(integer, touches)[:, :steps]
-        self._codes = formats.feature_format.to_real(codes)
-        ideal, exact = _Noted(Float(config), config), _Noted(Fixed(config), config)
-        self._logits = self._run(ideal, real.arrays, self._features)
-        logits = formats.logit_format.to_real(self._run(exact, integer.arrays, codes))
-        frac = config.product_frac if config.recurrent else config.dense_product_frac
-        inner = {"accumulators": QFormat(config.accumulator_bits - frac, frac)}
-        if config.recurrent:
-            inner |= {"gates": config.gate_format, "hidden state": formats.state_format}
-            self.reach = exact.of("reach", complete)
-        self.values["features"] = (formats.feature_format, self._features[complete], self._codes[complete])
-        for stage, fmt in inner.items():
-            self.values[stage] = (fmt, ideal.of(stage, complete), exact.of(stage, complete))
-        self.values["logits"] = (formats.logit_format, self._logits[complete], logits[complete])
-
-    def alone(self, stage: str) -> np.ndarray:
-        """Errors of the logits when this stage alone is that of the integer model."""
-        arrays = dict(self._real.arrays)
-        if stage == "accumulators":
-            formats = network_formats(self._config)
-            arrays = {name: fmt.to_real(self._integer.arrays[name]) for name, fmt in formats.items()}
-        features = self._codes if stage == "features" else self._features
-        logits = self._run(_Only(self._config, stage), arrays, features)
-        return np.abs(logits - self._logits)[self._complete]
-
-    def _run(self, arithmetic: Any, arrays: Arrays, features: np.ndarray) -> np.ndarray:
-        parameters = {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}
-        return run_cell(arithmetic, self._config, parameters, features.astype(np.float64))[1]
+        noted = self._noted[stage]
+        # the dense layer comes last: all steps at once
+        whole = [noted[-1]] if stage in ("accumulators", "logits") else []
+        by_step = noted[: len(noted) - len(whole)]
+        a_step = len(by_step) // self._steps  # the same number of values of a stage in every step
+        parts = [value[complete[:, k // a_step]].ravel() for k, value in enumerate(by_step)]
+        # (touches x steps, classes), of a linear cell (steps, touches, classes)
+        parts += [
+            (rows.swapaxes(0, 1) if rows.ndim == 3 else rows.reshape(*complete.shape, -1))[complete].ravel()
+            for rows in whole
+        ]
+        return np.concatenate(parts)

@@ -154,8 +154,8 @@ def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypa
     settings = CrossValidationSettings(
         recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1]
     )
-    played = Mock(wraps=choosing.judge_folds)
-    monkeypatch.setattr(choosing, "judge_folds", played)
+    played = Mock(wraps=choosing.train_folds)
+    monkeypatch.setattr(choosing, "train_folds", played)
     plan = configure(gripped, CONFIG, priced())
     record = unseen(plan, settings, SearchOptions(cell="linear"), ["person"])
     tests, pieces = split_folds(gripped, ["person"], 5, None), played.call_args.args[1]

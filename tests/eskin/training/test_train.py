@@ -96,9 +96,9 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 12)
     monkeypatch.setattr(fitting, "FINE_TUNING_RATE", 0.1)
     recipe = replace(RECIPES["onset"], updates=10, batch=16)
-    cross_validate(
-        scene(30, seed=4), config, [[]], (0,), folds=2, recipe=recipe, widths=widths, quantisation_aware=True
-    )
+    data, part = touches_of(scene(30, seed=4), config, recipe)
+    parts = [part[::2], part[1::2]]
+    fitting.fine_tune(data, recipe, parts, fit(data, parts, recipe, config), 0, widths, lambda *_: None)
     assert len(seen) == 24
     assert any(
         (seen[0][name] != seen[-1][name]).any()
@@ -138,20 +138,20 @@ def test_training_features_are_those_of_integers(config):
 @pytest.mark.slow
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 80)
-    recordings = scene(60, seed=1)
-    by_training = {}
-    for aware, bits in ((False, 8), (False, 2), (True, 2)):
-        (record,) = cross_validate(
-            recordings, SMALL, [["person"]], (0, 1), folds=2, recipe=QUICK, widths={"weight_bits": bits},
-            quantisation_aware=aware,
-        )  # fmt: skip
-        by_training[aware, bits] = record
-        for kind in ("float", "integer"):
-            assert record[f"{kind}_accuracy"] == pytest.approx(np.mean(record[f"{kind}_by_seed"]))
-    assert by_training[True, 2]["integer_accuracy"] > by_training[False, 2]["integer_accuracy"] + 0.05
-    assert by_training[False, 8]["agreement"] > 0.95
-    # they start from the same float networks
-    assert len({record["float_accuracy"] for record in by_training.values()}) == 1
+    recordings, few_bits = scene(60, seed=1), {"weight_bits": 2}
+    data, _ = touches_of(recordings)
+    tests = split_folds(recordings, ["person"], 2, None)
+    parts = [datasets.touch_rows(data, np.setdiff1d(np.arange(60), test)) for test in tests]
+    models = fit(data, parts, QUICK)
+
+    def accuracy(integers) -> float:
+        of_fold = (run(one, recordings.subset(test)) for one, test in zip(integers, tests, strict=True))
+        right = [trace.accuracy(recordings.labels[test]) for trace, test in zip(of_fold, tests, strict=True)]
+        return float(np.mean(right))
+
+    rounded = [fitting.post_training(*each, few_bits) for each in zip(models, [data] * 2, parts, strict=True)]
+    tuned = fitting.fine_tune(data, QUICK, parts, models, 0, few_bits, lambda *_: None)
+    assert accuracy(tuned) > accuracy(rounded) + 0.05
 
 
 def test_weights_trained_as_integers_stay_within_their_formats():
