@@ -18,7 +18,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eskin.api import Model, train
+    from eskin.api import Model
     from eskin.data import load_recordings as load
     from eskin.golden.core import AcceleratorConfig as Config
     from eskin.golden.core import InputError
@@ -38,7 +38,6 @@ __all__ = [
     "Trace",
     "__version__",
     "load",
-    "train",
 ]
 
 _PLACES = {
@@ -50,7 +49,6 @@ _PLACES = {
     "Stream": "golden.model.stream:Stream",
     "Trace": "golden.model.pipeline:Trace",
     "load": "data.load:load_recordings",
-    "train": "api:train",
 }
 """Module and name of each public name."""
 

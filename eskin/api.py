@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike
 from eskin.choose.cost import Prefer
 from eskin.data import load_recordings
 from eskin.data.fit import check_fit, for_model
-from eskin.estimator import Estimator, probabilities
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, array_of
 from eskin.golden.data import Recordings
 from eskin.golden.data.recordings import recordings_of
@@ -67,13 +66,13 @@ class ClassNames(np.ndarray):
         return iter(np.asarray(self))
 
 
-class Model(Estimator):
+class Model:
     """A network that names touches, in integers as the hardware computes, and in real numbers as it was
     trained.
 
-    Load one (`Model.load`), or train one (`fit`, or `eskin.train`). It keeps to what scikit-learn calls
-    things: `fit`, `predict`, `decision_function`, `score`, `classes_`. A sample there is a recording here;
-    the class of a recording is the decision of its first touch, and -1 where there is no touch or none that
+    Load one (`Model.load`), or train one (`fit`). It keeps to what scikit-learn calls things: `fit`, `predict`,
+    `decision_function`, `score`, `classes_`. A sample there is a recording here; the class of a recording is the
+    decision of its first touch, and -1 where there is no touch or none that
     completes a window.
 
     Parameters
@@ -153,6 +152,38 @@ class Model(Estimator):
         return config, {name: values[name] for name in ("cell", "hidden", "folds", "seed")} | {
             "group": words or None
         }
+
+    # ------------------------------------------------------------------ what scikit-learn's tools ask for
+    def get_params(self, deep: bool = True) -> Record:
+        """The parameters as they were given; ``deep`` says nothing here, no parameter has its own."""
+        return dict(self._parameters)
+
+    def set_params(self, **parameters: Any) -> Self:
+        """Other parameters for the next `fit`.
+
+        Raises
+        ------
+        InputError
+            One that there is not; all are as before then. `fit` refuses wrong values.
+        """
+        if unknown := sorted(set(parameters) - set(self._parameters)):
+            raise InputError(
+                f"model: has no parameter '{unknown[0]}'; it has {', '.join(sorted(self._parameters))}"
+            )
+        self._parameters = self._parameters | parameters
+        return self
+
+    def __sklearn_tags__(self) -> Any:
+        """A classifier of recordings of any length, which a two-dimensional array of features is not."""
+        from sklearn.utils import ClassifierTags, InputTags, Tags, TargetTags
+
+        return Tags(
+            estimator_type="classifier",
+            target_tags=TargetTags(required=True),
+            classifier_tags=ClassifierTags(),
+            input_tags=InputTags(two_d_array=False, three_d_array=True),
+            no_validation=True,
+        )
 
     def __sklearn_is_fitted__(self) -> bool:
         """Is there a network?"""
@@ -238,12 +269,7 @@ class Model(Estimator):
                 raise InputError(
                     "fit: arrays have neither classes nor a rate; give labels and sample_rate_hz, or Recordings"
                 )
-            names: Sequence[str] | None = asked.network.class_names if asked else None
-            labels = array_of(labels, "labels")
-            words = labels.ravel().tolist()
-            if labels.dtype.kind in "OUT" and all(isinstance(word, str) for word in words):
-                names = names or sorted(set(words))
-                labels = _places(labels, names, "fit")
+            names = asked.network.class_names if asked else None
             recordings = Recordings.of(recordings, labels, sample_rate_hz=rate, class_names=names)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
@@ -292,15 +318,8 @@ class Model(Estimator):
     def __repr__(self) -> str:
         if self._integer is None and self._real is None:
             return "Model(not fitted)"
-        config = self.config
-        if config.is_image:
-            pixels = f"{config.image.height} x {config.image.width} pixels"
-            summary = f"images of {pixels}, {config.name}"
-        else:
-            cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
-            summary = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, {cell}"
         rest = "" if self._integer is not None else ", not quantised"
-        return f"Model({summary}, {config.classes} classes{rest})"
+        return f"Model({self.config.name}, {self.config.classes} classes{rest})"
 
     # ------------------------------------------------------------------ decisions
     def predict(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
@@ -369,12 +388,6 @@ class Model(Estimator):
         """
         votes = not self.config.is_image and self.config.network.decision == "vote"
         return probabilities(self.decision_function(frames, integer=integer), votes=votes)
-
-    def margin(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
-        """Largest minus second largest of `decision_function`, float64 (recordings); NaN where `predict` says
-        -1."""
-        ordered = np.sort(self.decision_function(frames, integer=integer), axis=1)
-        return ordered[:, -1] - ordered[:, -2]
 
     def score(self, frames: Frames, labels: ArrayLike | None = None, *, integer: bool = True) -> float:
         """Share of recordings that are decided rightly; no decision counts as wrong.
@@ -551,24 +564,15 @@ class Model(Estimator):
         return recordings
 
 
-def train(
-    recordings: str | Path | Recordings | Sequence[ArrayLike],
-    labels: ArrayLike | None = None,
-    *,
-    sample_rate_hz: float | None = None,
-    progress: Progress | None = None,
-    **options: Any,
-) -> Model:
-    """A model, trained on all of the recordings and quantised: ``Model(**options).fit(recordings)``.
-
-    Parameters
-    ----------
-    recordings, labels, sample_rate_hz, progress
-        As for `Model.fit`.
-    **options
-        ``config``, ``cell``, ``hidden``, ``groups``, ``folds``, ``seed`` as for `Model`.
-    """
-    return Model(**options).fit(recordings, labels, sample_rate_hz=sample_rate_hz, progress=progress)
+def probabilities(scores: np.ndarray, *, votes: bool) -> np.ndarray:
+    """Shares of ``scores`` (n, C) that add up to 1: of votes their shares, else exp(score) over the sum of
+    all; rows that are not a number give equal shares."""
+    finite = np.where(np.isnan(scores), 0.0, scores)
+    if votes:
+        shares = finite + (finite.sum(axis=1, keepdims=True) == 0)
+    else:
+        shares = np.exp(finite - finite.max(axis=1, keepdims=True))
+    return shares / shares.sum(axis=1, keepdims=True)
 
 
 def _places(labels: ArrayLike, names: Sequence[str], verb: str) -> np.ndarray:

@@ -26,7 +26,7 @@ from eskin.requests import (
     parse_count,
     parse_lanes,
 )
-from eskin.study.converter_power import in_words
+from eskin.study.energy import in_words
 
 
 @app.command(epilog="Example: eskin generate model --out design --lanes 4")
@@ -34,15 +34,12 @@ def generate(request: GenerateRequest) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, a cocotb bench."""
     from eskin.verbs.generate_job import generate_design
 
-    integer = integer_model(request.model)
+    integer = integer_model(request.model).with_lanes(*parse_lanes(request.lanes))
     recordings = None if request.data is None else recordings_for(request.data, integer.config)
-    lanes, lane_type = parse_lanes(request.lanes)
     folder = generate_design(
         integer,
         request.out,
         recordings=recordings,
-        lanes=lanes,
-        lane_type=lane_type,
         bus=request.bus,
         axis=request.streams is not None,
         top=request.top,
@@ -84,10 +81,7 @@ def cosim(request: CosimRequest) -> Record:
 
     if request.clock is not None and not 1 <= request.clock < math.inf:
         raise InputError(f"--clock {request.clock:g}: is not a clock; give 1 Hz or more")
-    lanes, lane_type = parse_lanes(request.lanes)
     options: Record = {
-        "lanes": lanes,
-        "lane_type": lane_type,
         "simulator": request.simulator,
         "pace": request.pace,
         "clock_hz": request.clock,
@@ -101,7 +95,8 @@ def cosim(request: CosimRequest) -> Record:
     if request.pdk or request.liberty or request.rom or request.target == "asic":
         liberty = [str(path) for path in request.liberty or ()]
         options["chip"] = {"pdk": request.pdk, "liberty": liberty, "rom": request.rom}
-    count, integer = parse_count(request.recordings), integer_model(request.model)
+    count = parse_count(request.recordings)
+    integer = integer_model(request.model).with_lanes(*parse_lanes(request.lanes))
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
     with _work_folder() as work, progress_bars() as report:

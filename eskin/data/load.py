@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from eskin.data.archive import load_archive
-from eskin.data.array_files import ARRAYS
-from eskin.data.arrays import tables_of
+from eskin.data.arrays import ARRAYS, tables_of
 from eskin.data.logs import is_log, read_log
 from eskin.data.meaning import understand
 from eskin.data.table import DataFrame, Reading, Refuse, Table, check_regular, check_unpacked, table_of

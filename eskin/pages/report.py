@@ -40,7 +40,6 @@ from eskin.pages.views import page, short_name, tables, words, write_text
 from eskin.training.formats import describe_formats
 
 PAGE = "report.html"
-TEMPLATES = Path(__file__).with_name("templates")
 CONFUSED_WITH = 3
 """Number of wrong decisions that are listed for a class."""
 
@@ -111,16 +110,12 @@ def confusions(split: Record, class_names: Sequence[str]) -> list[Record]:
     names = [*class_names, "none"]
     rows = []
     for index, name in enumerate(class_names):
-        wrong = [
-            int(decided)
+        confused = [
+            {"name": names[decided], "share": float(shares[index, decided])}
             for decided in np.argsort(-shares[index], kind="stable")
             if decided != index and shares[index, decided] > 0
         ]
-        confused = [
-            {"name": names[decided], "share": float(shares[index, decided])}
-            for decided in wrong[:CONFUSED_WITH]
-        ]
-        rows.append({"name": name, "share": float(shares[index, index]), "others": confused})
+        rows.append({"name": name, "share": float(shares[index, index]), "others": confused[:CONFUSED_WITH]})
     return sorted(rows, key=lambda row: row["share"])
 
 

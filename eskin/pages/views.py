@@ -86,8 +86,8 @@ def mean_and_largest(error: Record) -> str:
 
 
 def verdict(played: Record) -> str:
-    """Result of a co-simulation in a word or two; results of version 0.2 have only bit_exact."""
-    word = played.get("verdict") or ("bit-exact" if played["bit_exact"] else "differs")
+    """Result of a co-simulation in a word or two."""
+    word = played["verdict"]
     return word.upper() if word in ("differs", "gave up") else word
 
 

@@ -17,10 +17,9 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import decide_touches, find_touches
 from eskin.golden.model.pipeline import by_recording
 from eskin.golden.model.preprocess import activity
-from eskin.study.stability.core import Change, Mode
+from eskin.study.stability.core import Change, Experiment, Mode
 from eskin.study.stability.disturbances import stuck
 from eskin.study.stability.panel import Panel
-from eskin.study.stability.shapes import Experiment
 from eskin.training.crossval import fold_jobs, train_folds
 from eskin.training.datasets import Datasets
 from eskin.training.recipe import Recipe

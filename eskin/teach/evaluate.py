@@ -1,11 +1,12 @@
 """Benefit of enrolment: each value of a group is left out of the training in turn, then enrolled with a
 few of its touches, by training on or by prototypes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from eskin.choose.choice import search_inside
 from eskin.choose.cost import CostModel
@@ -106,8 +107,8 @@ def set_aside(recordings: Recordings, values: Arrays) -> np.ndarray:
 
 
 def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
-    """For each value left out and each k: value, k, before, after (integer accuracy on the recordings of that
-    value that no k enrols), others_before, others_after (on recordings of the other values that were set
+    """For each value left out, each k and each draw: value, k, before, after (integer accuracy on the recordings of
+    that value that no k enrols), others_before, others_after (on recordings of the other values that were set
     aside from both trainings; None: there are none), recordings, others (how many judge), lacking (classes
     that the value has no recording of).
 
@@ -124,9 +125,9 @@ def judge(recordings: Recordings, trial: EnrolmentTrial) -> list[Record]:
 
 
 class Lesson(NamedTuple):
-    """A draw of ``k`` touches a class: number of its value, rows to enrol, recordings that judge."""
+    """A draw of ``k`` touches a class of a ``value``: rows to enrol, recordings that judge."""
 
-    number: int
+    value: str
     k: int
     rows: np.ndarray
     judged: np.ndarray
@@ -141,82 +142,68 @@ def _judge_values(
 ) -> list[Record]:
     recipe = choose_recipe(config)
     data, everything = find_dataset(recordings, config, recipe), np.arange(len(recordings))
-    parts = [touch_rows(data, np.setdiff1d(everything[~aside], members)) for members in values.values()]
-    others = [np.setdiff1d(everything[aside], members) for members in values.values()]
-    models = fit_networks(data, config, recipe, parts, trial.seed, lambda done, total: None)
-    before = [
-        Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)
-    ]
+    parts = {
+        value: touch_rows(data, np.setdiff1d(everything[~aside], members))
+        for value, members in values.items()
+    }
+    models = fit_networks(data, config, recipe, [*parts.values()], trial.seed, lambda done, total: None)
+    before = {
+        value: Pair(model, post_training(model, data, rows, {}))
+        for (value, rows), model in zip(parts.items(), models, strict=True)
+    }
     ks = sorted({*trial.ks} | ({0} if trial.readout == "prototypes" else set()))
     lessons = []
-    for number, (value, members) in enumerate(values.items()):
+    for value, members in values.items():
         generator = np.random.default_rng([trial.seed, *value.encode()])
         for _ in range(DRAWS[trial.readout]):
             drawn = _draw(recordings, data, members, max(ks), value, trial, generator)
             judged = np.setdiff1d(members, np.concatenate(drawn))
             for k in ks:
                 rows = touch_rows(data, np.concatenate([of_class[:k] for of_class in drawn]))
-                lessons.append(Lesson(number, k, rows, judged))
+                lessons.append(Lesson(value, k, rows, judged))
     if trial.readout == "prototypes":
         after = _taught(recordings, trial, data, parts, before, lessons)
     else:
-        old, new = [parts[lesson.number] for lesson in lessons], [lesson.rows for lesson in lessons]
-        pairs = [before[lesson.number] for lesson in lessons]
-        trained = fit(pairs, data, recipe, new, old, trial.seed)
-        after = [pair.integer for pair in trained]
-    at_first = [right(pair.integer, data) for pair in before]
-    figures: dict[tuple[int, int], list[list[float]]] = {}
+        old, new = [parts[lesson.value] for lesson in lessons], [lesson.rows for lesson in lessons]
+        pairs = [before[lesson.value] for lesson in lessons]
+        after = [pair.integer for pair in fit(pairs, data, recipe, new, old, trial.seed)]
+    at_first = {value: right(pair.integer, data) for value, pair in before.items()}
+    found: list[Record] = []
     for lesson, model in zip(lessons, after, strict=True):
-        both = at_first[lesson.number], right(model, data)
-        of_draw = [
-            float(of[where].mean()) if len(where) else np.nan
-            for where in (lesson.judged, others[lesson.number])
-            for of in both
-        ]
-        figures.setdefault((lesson.number, lesson.k), []).append(of_draw)
-    names, judging = list(values), {lesson.number: len(lesson.judged) for lesson in lessons}
-    return [
-        {
-            "value": names[number],
-            "k": k,
-            **{
-                name: None if np.isnan(share) else float(share)
-                for name, share in zip(FIGURES, np.mean(of_draws, axis=0), strict=True)
-            },
-            "recordings": judging[number],
-            "others": len(others[number]),
-            "lacking": lacking(recordings, values[names[number]]),
-        }
-        for (number, k), of_draws in figures.items()
-    ]
+        members, decided = values[lesson.value], (at_first[lesson.value], right(model, data))
+        judging = lesson.judged, np.setdiff1d(everything[aside], members)
+        shares = [float(of[where].mean()) if len(where) else None for where in judging for of in decided]
+        row: Record = {"value": lesson.value, "k": lesson.k, "lacking": lacking(recordings, members)}
+        row |= dict(zip(("recordings", "others"), map(len, judging), strict=True))
+        found.append(row | dict(zip(FIGURES, shares, strict=True)))
+    return found
 
 
 def _taught(
     recordings: Recordings,
     trial: EnrolmentTrial,
     data: Dataset,
-    parts: Sequence[np.ndarray],
-    networks: Sequence[Pair],
+    parts: Arrays,
+    networks: Mapping[str, Pair],
     lessons: Sequence[Lesson],
 ) -> list[IntegerModel]:
     """For each lesson the network with prototypes of what it was trained on, taught the lesson's touches."""
     groups, labels = group_numbers(recordings, trial.groups), recordings.labels
-    where, ready = data.touches.recording, []
-    for pair, part in zip(networks, parts, strict=True):
-        whole = part[data.touches.completed[part] == pair.integer.config.windows.steps]
+    where, ready = data.touches.recording, {}
+    for value, part in parts.items():
+        integer = networks[value].integer
+        whole = part[data.touches.completed[part] == integer.config.windows.steps]
         rows = where[whole]
-        ready.append(
-            with_prototypes(
-                by_last_step(pair.integer),
-                data.touches.take(whole),
-                labels[rows],
-                groups[rows],
-                taught=max(1, *trial.ks),
-                source=f"recordings '{recordings.source}'",
-            )
+        ready[value] = with_prototypes(
+            by_last_step(integer),
+            data.touches.take(whole),
+            labels[rows],
+            groups[rows],
+            taught=max(1, *trial.ks),
+            source=f"recordings '{recordings.source}'",
         )
     return [
-        teach_touches(ready[lesson.number], data.touches.take(lesson.rows), labels[where[lesson.rows]])
+        teach_touches(ready[lesson.value], data.touches.take(lesson.rows), labels[where[lesson.rows]])
         for lesson in lessons
     ]
 
@@ -255,25 +242,18 @@ def summary(group: Sequence[str], by_seed: Sequence[Sequence[Record]]) -> Record
     Returns
     -------
     rows: {group, value, k, layers, before, after, others_before, others_after, recordings, others, lacking}, means
-    over seeds; mean: k -> the four over all values, weighted by their recordings.
+    over draws and seeds; mean: k -> the four over all values, weighted by their recordings.
     """
-    first = by_seed[0]
-    figures = np.array([[[row[name] for name in FIGURES] for row in rows] for rows in by_seed], dtype=float)
-    weights = np.array([[row["recordings"]] * 2 + [row["others"]] * 2 for row in first])
-
-    def told(of_seeds: np.ndarray) -> Record:
-        pairs = zip(FIGURES, of_seeds.mean(axis=0).tolist(), strict=True)
-        return {name: None if np.isnan(value) else value for name, value in pairs}
-
-    shared = ("value", "k", "recordings", "others", "lacking")
-    head = {"group": " and ".join(group), "layers": "all"}
-    rows = [
-        head | {name: row[name] for name in shared} | told(figures[:, number])
-        for number, row in enumerate(first)
-    ]
+    table = pd.DataFrame([row for rows in by_seed for row in rows]).astype(dict.fromkeys(FIGURES, float))
+    head, rows = {"group": " and ".join(group), "layers": "all"}, []
+    for _, same in table.groupby(["k", "value"], sort=False):
+        rows.append(head | same.iloc[0].to_dict() | same[[*FIGURES]].mean().to_dict())
     mean = {}
-    for k in sorted({row["k"] for row in first}):
-        of_k = [row["k"] == k for row in first]
-        whole = (figures[:, of_k] * weights[of_k]).sum(axis=1)
-        mean[str(k)] = told(whole / np.maximum(weights[of_k].sum(axis=0), 1))
+    for k, of_k in pd.DataFrame(rows).groupby("k"):
+        weights = of_k[["recordings", "recordings", "others", "others"]].to_numpy()
+        figures = of_k[[*FIGURES]].to_numpy(dtype=float)
+        whole = (figures * weights).sum(axis=0) / np.maximum(weights.sum(axis=0), 1)
+        mean[str(k)] = dict(zip(FIGURES, whole.tolist(), strict=True))
+    for row in (*rows, *mean.values()):
+        row |= {name: None for name in FIGURES if np.isnan(row[name])}
     return {"rows": rows, "mean": mean}

@@ -43,8 +43,6 @@ def cosimulate(
     recordings: Recordings,
     *,
     numbers: Sequence[int] | None = None,
-    lanes: int | None = None,
-    lane_type: str | None = None,
     work: Path = BUILD / "cosim",
     design: Path | None = None,
     level: str = "rtl",
@@ -62,8 +60,6 @@ def cosimulate(
 
     Parameters
     ----------
-    lanes, lane_type:
-        Other lanes than the configuration's.
     numbers:
         What each recording is called in messages (its index in the whole data set).
     work:
@@ -91,7 +87,7 @@ def cosimulate(
         netlist, an unknown one.
     """
     _check_target(level, target, chip)
-    config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
+    config = with_converter(model.config, converter, options.get("clock_hz"))
     codes = None
     recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
@@ -292,8 +288,7 @@ def cosimulate_parts(
         folder.mkdir(exist_ok=True)
     shared = (model, recordings, numbers, len(shown), options, folder)
     results = jobs.results(play, pieces, shared, keep=keep, what="parts co-simulated")
-    config = model.config.with_lanes(options.get("lanes"), options.get("lane_type"))
-    result = flow.joined(config, list(results.values()))
+    result = flow.joined(model.config, list(results.values()))
     differing = next((pieces[key] for key, part in results.items() if part["mismatches"]), None)
     if differing:  # once more, for its waves: those of a worker are not on this machine
         result["waves"] = play(shared, differing, waves=True)["waves"]

@@ -35,18 +35,11 @@ from eskin.training.made_up import decided_recordings, random_images
 
 
 def generate_design(
-    model: IntegerModel,
-    out: Path,
-    *,
-    lanes: int | None = None,
-    lane_type: str | None = None,
-    recordings: Recordings | None = None,
-    number: int = 0,
-    **system: Any,
+    model: IntegerModel, out: Path, *, recordings: Recordings | None = None, number: int = 0, **system: Any
 ) -> Path:
     """``eskin generate``: Verilog and its companions; the cocotb bench plays recording ``number`` of
     ``recordings`` (default: random). ``system``: bus, axis and top of `generate`."""
-    config = model.config.with_lanes(lanes, lane_type)
+    config = model.config
     if not out.name:
         raise InputError(f"--out {out}: cannot be replaced; name a new folder")
     with tempfile.TemporaryDirectory() as folder:

@@ -2,6 +2,7 @@
 over."""
 
 import contextlib
+import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -18,7 +19,7 @@ from eskin.live.player import Controls, Player, hello
 from eskin.live.serial_port import SerialPort
 from eskin.live.server import PageServer
 from eskin.live.sources import BoardSource, Listener, ModelSource, SimulationSource, on_port
-from eskin.pages.watch_page import guessed_shape, page
+from eskin.pages.views import TEMPLATES
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.verbs.replay_job import answer_s
@@ -173,3 +174,23 @@ def in_turn(recordings: Recordings) -> list[int]:
         for label in range(len(recordings.class_names))
     ]
     return [number for turn in zip_longest(*members) for number in turn if number is not None]
+
+
+LONGEST = 4
+"""Columns a row at most, of a shape that is guessed."""
+
+
+def page() -> bytes:
+    """The page as it is served."""
+    return (TEMPLATES / "watch.html").read_bytes()
+
+
+def guessed_shape(taxels: int) -> tuple[int, int]:
+    """(rows, columns) of an array with this number of taxels, if the configuration has no shape: the squarest rectangle that they fill,
+    no longer than ``LONGEST`` to 1; where there is none, the smallest square grid that holds them, with cells
+    left over."""
+    for rows in range(math.isqrt(taxels), 0, -1):
+        if taxels % rows == 0 and taxels // rows <= LONGEST * rows:
+            return rows, taxels // rows
+    rows = math.isqrt(taxels)
+    return rows, -(-taxels // rows)

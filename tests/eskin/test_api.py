@@ -16,10 +16,10 @@ from tests.support.touch_scenes import SMALL, scene
 
 @pytest.fixture(scope="module")
 def model():
-    """Trained on the small scene, as ``eskin.train`` does it."""
+    """Trained on the small scene."""
     with pytest.MonkeyPatch.context() as patch:
         few_updates(patch, 200, 0)
-        return eskin.train(scene(60), config=SMALL, folds=0)
+        return eskin.Model(SMALL, folds=0).fit(scene(60))
 
 
 def test_every_public_name_is_there_and_no_other():
@@ -52,10 +52,6 @@ def test_scores_are_those_that_decide(model):
         scores = model.decision_function(recordings, integer=integer)
         assert np.isnan(scores[decided < 0]).all() and (decided < 0).any()
         assert np.argmax(scores[decided >= 0], axis=1).tolist() == decided[decided >= 0].tolist()
-        ordered = np.sort(scores, axis=1)
-        assert np.array_equal(
-            model.margin(recordings, integer=integer), ordered[:, -1] - ordered[:, -2], equal_nan=True
-        )
     other = eskin.Model()
     other._integer = type(model.integer)(model.config.replace(decision="last"), dict(model.integer.arrays))
     trace = other.trace(recordings)
@@ -87,7 +83,7 @@ def test_a_model_of_real_samples_takes_real_samples():
     """Its scale is that of the recordings it was trained on, for predictions and streams alike."""
     whole = scene(30)
     arrays = [whole.recording(index) / 37.0 for index in range(30)]
-    trained = eskin.train(arrays, whole.labels, sample_rate_hz=1000, cell="linear", folds=0)
+    trained = eskin.Model(cell="linear", folds=0).fit(arrays, whole.labels, sample_rate_hz=1000)
     worth, decided = trained.config.sensor.volt_per_code, trained.predict(arrays)
     assert worth > 0 and trained.score(arrays, whole.labels) > 0.6
     codes = [np.rint(array / worth).astype(int) for array in arrays]
@@ -111,10 +107,8 @@ def test_a_network_for_images_predicts_from_arrays():
     classes = model.predict(images)
     assert len(set(classes.tolist())) > 1 and model.predict(images[2]).tolist() == [classes[2]]
     assert model.predict(images / 255.0).tolist() == classes.tolist()
-    assert (model.decision_function(images).argmax(axis=1) == classes).all() and (
-        model.margin(images) >= 0
-    ).all()
-    assert model.score(images, classes) == 1.0 and "7 x 9 pixels" in repr(model)
+    assert (model.decision_function(images).argmax(axis=1) == classes).all()
+    assert model.score(images, classes) == 1.0 and repr(model) == "Model(few, 3 classes)"
     for wrong, words in (
         (images[:, :6], "images of 6 x 9 pixels and configuration 'few' takes 7 x 9"),
         (images + 0.5, "real pixels lie in 0..1"),

@@ -16,7 +16,7 @@ from sklearn.utils import InputTags
 from sklearn.utils.estimator_checks import check_estimator
 
 import eskin
-from eskin.estimator import probabilities
+from eskin.api import probabilities
 from tests.support.table import refused
 from tests.support.touch_scenes import SMALL, scene
 

@@ -10,8 +10,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import preprocess
 from eskin.study.leak import Leak, known_without_touch
-from eskin.study.stability.core import At, Bench, Case, Outcome, Scene, curve, disturbed, rebuilt
-from eskin.study.stability.shapes import lead_ins
+from eskin.study.stability.core import At, Bench, Case, Outcome, Scene, curve, disturbed, lead_ins, rebuilt
 
 SPIKE_CODES = 3000
 """The largest spikes in the recordings of PVDF taxels are about as large."""

@@ -19,8 +19,7 @@ from eskin.golden.model import (
     pipeline,
     preprocess,
 )
-from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Outcome, curve
-from eskin.study.stability.shapes import agreement
+from eskin.study.stability.core import COMMON_OFFSET, Bench, Case, Outcome, agreement, curve
 
 GROWTH_STEPS = (20, 200, 2000, 20000)
 SEQUENCES = 32

@@ -22,8 +22,7 @@ from eskin.choose.first_touches import GATE_BATCH
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches
-from eskin.study.stability.core import Mode, Scene, why_not
-from eskin.study.stability.shapes import Experiment, Played
+from eskin.study.stability.core import Experiment, Mode, Played, Scene, why_not
 from eskin.study.stability.table import MODES
 from eskin.study.touch_ends import touches_and_ends
 from eskin.training.datasets import front_end_key

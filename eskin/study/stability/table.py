@@ -4,8 +4,17 @@ from dataclasses import replace
 from functools import partial
 
 from eskin.study.stability import disturbances, numbers
-from eskin.study.stability.core import COMMON_OFFSET, GROUPS, ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
-from eskin.study.stability.shapes import AGREED, AsInFloat, Experiment
+from eskin.study.stability.core import (
+    AGREED,
+    COMMON_OFFSET,
+    GROUPS,
+    ONE_TAXEL_MEAN,
+    ONE_TAXEL_WORST,
+    AsInFloat,
+    Experiment,
+    Mode,
+    harmless,
+)
 
 TWO_TAXELS_MEAN = 0.90
 """Share of the undisturbed accuracy that must be left without two taxels, mean over the pairs: less sharp,

@@ -1,11 +1,11 @@
-"""eskin/study/converter_power.py: the data sheet's power times chips and seconds, and nothing where no
+"""eskin/study/energy.py: the data sheet's power times chips and seconds, and nothing where no
 figure was read."""
 
 import pytest
 
 from eskin.golden.core import PRESETS
 from eskin.golden.core.converters import CONVERTERS
-from eskin.study.converter_power import converter_power, in_words
+from eskin.study.energy import converter_power, in_words
 from tests.support.table import each_row
 
 THESIS = PRESETS["thesis"].replace(feature_shift=(10, 9))

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from eskin.study import defences
-from eskin.study.stability.core import Scene
-from eskin.study.stability.shapes import Experiment
+from eskin.study.stability.core import Experiment, Scene
 from eskin.training import crossval
 from eskin.training import recipe as recipes
 from tests.support import stability_case

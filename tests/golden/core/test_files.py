@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import torch
 
-from eskin.exchange.torch_files import read_layers
+from eskin.exchange.import_network import read_layers
 from eskin.golden.core import files, replacing, replacing_folder, write_json
 from eskin.golden.model import pipeline, write_vectors
 from eskin.rtl.fpga.generate import generate
