@@ -225,11 +225,12 @@ def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mu
 
 
 def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = frozenset()) -> list[Mutant]:
-    """``count`` mutants of these files (or all): files in turn, in a file its kinds in turn, those chosen
-    least so far first."""
-    waiting = {file: mutants(file, text, skip) for file, text in texts.items()}
-    for file, rest in waiting.items():
-        random.Random(f"{seed} {file}").shuffle(rest)
+    """``count`` mutants of these files (or all): files in turn, in an order drawn by ``seed``; in a file its
+    kinds in turn, those chosen least so far first."""
+    draw = random.Random(seed)
+    waiting = {file: mutants(file, texts[file], skip) for file in draw.sample(sorted(texts), len(texts))}
+    for rest in waiting.values():
+        draw.shuffle(rest)
     chosen: list[Mutant] = []
     taken = Counter[Any]()
     while len(chosen) < count and any(waiting.values()):
@@ -247,41 +248,55 @@ def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = 
 # ---------------------------------------------------------------------- judging
 @dataclass
 class Scope:
-    """tests/mutants.toml: texts and tests of the files, tests of the faults that somebody thought of, what is
-    said of survivors by file and lines."""
+    """tests/mutants.toml: texts and tests of the files, tests of the faults that somebody thought of; by file
+    and line with the fault whether a survivor counts (``equivalent`` or ``survived``), and why."""
 
     texts: dict[str, str]
     tests: dict[str, list[str]]
     named: dict[Mutant, list[str]]
     skip: frozenset[str]
-    reasons: dict[tuple[str, str], Record]
+    reasons: dict[tuple[str, str], tuple[str, str]]
 
     @classmethod
     def load(cls, root: Path) -> "Scope":
         """Read the file; a test that begins with ``group.`` stands for all tests of that group above."""
         values = tomllib.loads((root / SCOPE).read_text())
         groups: dict[str, list[str]] = {}
-        spelled = lambda tests: [test for word in tests for test in groups.get(word, [word])]
+
+        def spelled(tests: list[str]) -> list[str]:
+            return [test for word in tests for test in groups.get(word, [word])]
+
         for name, tests in values.get("group", {}).items():
             groups[f"group.{name}"] = spelled(tests)
         named = {}
-        for fault in values.get("named", []):
-            file, text, old = fault["file"], (root / fault["file"]).read_text(), fault["old"]
+        for fault in values["named"]:
+            text, old = (root / fault["file"]).read_text(), fault["old"]
             begin = text.index(old)
-            mutant = Mutant(file, text, begin, begin + len(old), "named", fault["new"], fault["name"])
-            named[mutant] = spelled([fault["test"]])
+            place = (fault["file"], text, begin, begin + len(old))
+            named[Mutant(*place, "named", fault["new"], fault["name"])] = spelled([fault["test"]])
         return cls(
             {file: (root / file).read_text() for file in values["files"]},
             {file: spelled(tests) for file, tests in values["files"].items()},
             named,
             frozenset(values.get("skip", [])),
-            {(entry["file"], entry["now"]): entry for entry in values.get("survivor", [])},
+            {
+                (file, now): (outcome, reason)
+                for outcome in ("equivalent", "survived")
+                for file, lines in values.get(outcome, {}).items()
+                for now, reason in lines.items()
+            },
         )
 
 
 def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
-    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared,
-    log}. shared: the project, the folder of copies, seconds of the processor that a test may take."""
+    """What the tests say of a mutant, in this process's own copy of the project: {outcome, compared}. shared:
+    the project, the folder of copies, seconds of the processor that a test may take.
+
+    Raises
+    ------
+    SystemExit
+        A test fails without a mutant: nothing would be known.
+    """
     (root, folder, limit), (mutant, tests) = shared, work
     copy = folder / str(os.getpid()) / root.name
     if not copy.exists():  # with links: found as ``eskin`` by whoever has the copy on its path
@@ -309,90 +324,78 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
             break
     (copy / mutant.file).write_text(mutant.text)
     end = log.read_text(errors="replace")[-6000:]
+    if status and not mutant.kind:
+        sys.exit(f"a test fails without a mutant:\n{end}")
     return {
         "outcome": "timeout" if status in ENDED else "killed" if status else "survived",
         # a test compared, and did not find what it asserts
         "compared": status > 0 and bool(re.search(r":\d+: (AssertionError|assert )", end)),
-        "log": end,
     }
 
 
 def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
-    """Choose mutants, run what is not yet known: file, line, kind, was, now, outcome, compared and reason of each.
+    """Choose mutants, run what is not yet known, the tests as they are first: file, line, kind, was, now,
+    outcome, compared and reason of each.
 
     Parameters
     ----------
     only:
         All ``count`` mutants are of files in whose path this regular expression is found, and none is a
         named one.
-
-    Raises
-    ------
-    SystemExit
-        Tests fail without a mutant: nothing would be known.
     """
-    scope, copies, keep = Scope.load(root), root / OUT / "copies", Memo(root / OUT / "verdicts")
+    scope, out = Scope.load(root), root / OUT
     texts = {file: text for file, text in scope.texts.items() if re.search(only, file)}
-    tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)}
-    tests_of |= {} if only else scope.named
+    works = [(mutant, scope.tests[mutant.file]) for mutant in choose(texts, count, seed, scope.skip)]
+    works += [] if only else scope.named.items()
+    plain = Mutant("pyproject.toml", (root / "pyproject.toml").read_text())
+    before = [(plain, [test]) for test in sorted({test for _, tests in works for test in tests})]
     content = content_key(*(root / name for name in tracked(root) if str(name) != SCOPE))
-
-    def judged(works: list[Work], what: str) -> list[Record]:
-        keys = [content_key(content, mutant.file, mutant.applied(), tests) for mutant, tests in works]
-        pieces = dict(zip(keys, works, strict=True))
-        runs = Jobs(workers=2, progress=lambda *told: print("{}: {} of {}".format(*told), file=sys.stderr))
-        try:
-            results = runs.results(verdict, pieces, (root, copies, LIMIT), keep=keep, what=what)
-        finally:
-            shutil.rmtree(copies, ignore_errors=True)
-        return [results[key] for key in keys]
-
-    every = sorted({test for tests in tests_of.values() for test in tests})
-    same = Mutant("pyproject.toml", (root / "pyproject.toml").read_text())
-    for row in judged([(same, [test]) for test in every], "tests as they are"):
-        if row["outcome"] != "survived":
-            shutil.rmtree(root / OUT / "verdicts")
-            sys.exit(f"a test fails without a mutant:\n{row['log']}")
+    keys = [content_key(content, mutant.file, mutant.applied(), tests) for mutant, tests in before + works]
+    jobs = Jobs(workers=2, progress=lambda *told: print("{}: {} of {}".format(*told), file=sys.stderr))
+    try:
+        results = jobs.results(
+            verdict,
+            dict(zip(keys, before + works, strict=True)),
+            (root, out / "copies", LIMIT),
+            keep=Memo(out / "verdicts"),
+            what="tests as they are, then mutants",
+        )
+    except SystemExit:
+        shutil.rmtree(out / "verdicts")
+        raise
+    finally:
+        shutil.rmtree(out / "copies", ignore_errors=True)
     rows = []
-    for mutant, row in zip(tests_of, judged(list(tests_of.items()), "mutants"), strict=True):
+    for (mutant, _), key in zip(works, keys[len(before) :], strict=True):
         was, now = mutant.lines()
-        reason = scope.reasons.get((mutant.file, now), {"open": True})
-        if row["outcome"] == "survived" and not reason.get("open"):
-            row["outcome"] = "equivalent"
-        reason = {"reason": mutant.name or reason.get("reason", "no reason given")}
-        rows.append(row | reason | {"file": mutant.file, "line": mutant.line(), "kind": mutant.kind})
-        rows[-1] |= {"was": was, "now": now}
+        row = results[key] | {"file": mutant.file, "line": mutant.line(), "kind": mutant.kind}
+        known = scope.reasons.get((mutant.file, now), ("survived", mutant.name or "no reason given"))
+        if row["outcome"] == "survived":
+            row["outcome"] = known[0]
+        rows.append(row | {"was": was, "now": now, "reason": known[1]})
     return pd.DataFrame(rows)
 
 
-def score(rows: pd.DataFrame) -> float:
-    """Share of the drawn mutants that were killed; equivalent ones do not count."""
-    drawn = rows[(rows["kind"] != "named") & (rows["outcome"] != "equivalent")]
-    return float((drawn["outcome"] != "survived").mean())
-
-
-def table(rows: pd.DataFrame, seed: int) -> str:
-    """The result as Markdown: score, by kind, by file, survivors."""
-    compared = (rows["compared"] & (rows["kind"] != "named")).sum()
-    text = f"# Mutants: {score(rows):.1%} killed (seed {seed}), {compared} by a comparison; required {REQUIRED:.0%}\n"
+def report(root: Path, count: int, seed: int, only: str = "") -> bool:
+    """Judge and print the result as Markdown, which is kept but for ``only``: score, by kind, by file,
+    survivors. False below the required score, or where a named fault is not found by a comparison."""
+    rows = judge(root, count, seed, only)
+    named, outcome = rows["kind"] == "named", rows["outcome"]
+    score = (outcome[~named & (outcome != "equivalent")] != "survived").mean()
+    compared = (rows["compared"] & ~named).sum()
+    text = (
+        f"# Mutants: {score:.1%} killed (seed {seed}), {compared} by a comparison; required {REQUIRED:.0%}\n"
+    )
     for by in ("kind", "file"):
-        text += f"\n```\n{pd.crosstab(rows[by], rows['outcome'])}\n```\n"
-    shown = rows["outcome"].isin(["survived", "equivalent"]) | ((rows["kind"] == "named") & ~rows["compared"])
-    for row in rows[shown].sort_values("outcome").itertuples():
+        text += f"\n```\n{pd.crosstab(rows[by], outcome)}\n```\n"
+    shown = rows[outcome.isin(["survived", "equivalent"]) | (named & ~rows["compared"])]
+    for row in shown.sort_values("outcome").itertuples():
         text += f"- {row.outcome}: {row.file}:{row.line} ({row.kind}): {row.reason}\n"
         text += f"  ```diff\n  - {row.was}\n  + {row.now}\n  ```\n"
-    return text
-
-
-def report(root: Path, count: int, seed: int, only: str = "") -> bool:
-    """Judge, print the table and write it, but for ``only``; False below the required score, or where a
-    named fault is not found by a comparison."""
-    rows = judge(root, count, seed, only)
-    shown = table(rows, seed)
     if not only:
-        (root / OUT / "mutants.md").write_text(shown)
-    print(shown)
-    return score(rows) >= REQUIRED and bool(rows["compared"][rows["kind"] == "named"].all())
+        (root / OUT / "mutants.md").write_text(text)
+    print(text)
+    return bool(score >= REQUIRED and rows["compared"][named].all())
 
 
 def main(count: int = 154, seed: int = 1, only: str = "") -> None:

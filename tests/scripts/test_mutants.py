@@ -82,6 +82,10 @@ def project(tmp_path):
 def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
     monkeypatch.setattr("scripts.mutants.LIMIT", 4)
     out = project / OUT
+
+    def verdicts():
+        return {path.name: path.stat().st_mtime_ns for path in (out / "verdicts").iterdir()}
+
     rows = judge(project, 100, 1)
     outcomes = {(row.was, row.now): row.outcome for row in rows.itertuples()}
     assert outcomes["return value + value", "return ((value)-(value))"] == "killed"
@@ -96,13 +100,13 @@ def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
     )
     assert (rows["compared"] == (rows["outcome"] == "killed")).all()
     assert list(rows["outcome"][rows["kind"] == "named"]) == ["killed"]
-    verdicts = {path.name: path.stat().st_mtime_ns for path in (out / "verdicts").iterdir()}
+    first = verdicts()
     assert not report(project, 100, 1)
     shown = capsys.readouterr().out
     assert "+ return (flag)" in shown and "no reason given" in shown and "1 by a" not in shown
     survivors = "".join(
-        f'[[survivor]]\nfile = "{file}"\nnow = "{now}"\nreason = "never run"\n'
-        for file, now in (("golden/unit.py", "return (flag)"), ("golden/unseen.py", "return (value)"))
+        f'[equivalent."golden/{file}.py"]\n"return ({name})" = "never run"\n'
+        for file, name in (("unit", "flag"), ("unseen", "value"))
     )
     (project / "tests/mutants.toml").write_text(SCOPE + survivors)
     assert report(project, 100, 1)
@@ -112,9 +116,7 @@ def test_killed_survived_timeout_and_equivalent(project, capsys, monkeypatch):
         and "equivalent: golden/unseen.py:2" in shown
         and "never run" in shown
     )
-    assert {path.name: path.stat().st_mtime_ns for path in (out / "verdicts").iterdir()} == verdicts, (
-        "judged twice"
-    )
+    assert verdicts() == first, "judged twice"
     assert (project / "golden/unit.py").read_text() == CODE
 
 

@@ -8,8 +8,8 @@ from tests.support.stream_bench import Bench
 
 
 class Frame(NamedTuple):
-    """codes: by taxel. away: the converter was being set up. cycles: since it was asked for; end: the cycle
-    in which it ended."""
+    """codes: by taxel. away: the converter was being set up, as it was asked for or ended. cycles: since it was asked
+    for; end: the cycle in which it ended."""
 
     codes: dict[int, int]
     fault: ConverterFault
@@ -34,7 +34,7 @@ def play_frames(
     bench._sim.add_testbench(chip.play, background=True)
 
     async def drive(ctx):
-        begun, start, busy, away, put = 0, False, False, True, dut.put
+        begun, start, busy, away, away_before, put = 0, False, False, True, False, dut.put
         ticks = aiter(
             ctx.tick().sample(dut.busy, dut.away, put.valid, put.place, put.code, dut.finished, dut.fault)
         )
@@ -45,12 +45,15 @@ def play_frames(
                 ctx.set(dut.start, start)
             begun = bench.cycle if start else begun
             _, _, busy, away, valid, place, code, finished, fault = await anext(ticks)
+            away_before = away if start else away_before
             if valid:
                 assert place not in codes
                 codes[place] = code
             if finished:
                 cycles = bench.cycle - begun
-                ended.append(Frame(dict(codes), ConverterFault(fault), bool(away), cycles, bench.cycle))
+                ended.append(
+                    Frame(dict(codes), ConverterFault(fault), bool(away | away_before), cycles, bench.cycle)
+                )
                 codes.clear()
                 between(len(ended))
         ctx.set(dut.start, 0)

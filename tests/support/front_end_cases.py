@@ -46,6 +46,7 @@ CASES: dict[str, AcceleratorConfig] = {
         "synthetic": TRACKED | TOUCH | dict(taxels=5, rest_frames=6),
         "pvdf": TRACKED | FREE | dict(taxels=8, clip=60),
         "pvdf 64": TRACKED | FREE | dict(rest_frames=64, clip=60, onset_mean_frames=32, onset_threshold=9),
+        "two taxels": TRACKED | FREE | dict(taxels=2, clip=60),
         "one block": TRACKED | FREE | dict(onset_mean_frames=4, rest_frames=1, steps=5),
         "every frame": TRACKED
         | FREE

@@ -37,6 +37,7 @@ PAIRS = (
     "band initial",
     "band tracked",
     "pvdf 64",
+    "two taxels",
     "one block",
     "every frame",
     "thesis faults",

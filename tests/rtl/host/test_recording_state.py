@@ -18,8 +18,8 @@ def play(*cycles: tuple[int, dict]) -> list[dict[str, int]]:
 
     async def bench(ctx):
         for count, levels in cycles:
-            for name in {"decider_idle": 1} | levels:
-                ctx.set(operator.attrgetter(name)(dut), ({"decider_idle": 1} | levels)[name])
+            for name, level in ({"decider_idle": 1} | levels).items():
+                ctx.set(operator.attrgetter(name)(dut), level)
             for _ in range(count):
                 seen.append({name: ctx.get(getattr(dut, name)) for name in SEEN})
                 await ctx.tick()
@@ -34,10 +34,12 @@ BEGINS, DECIDED = (1, {"detector.started": 1}), (1, {"global_taken": 1})
 
 
 def test_finish_waits():
-    for waits in ({"passing": 1}, {"moving": 1}, {"engine.working": 1}, {"decider_idle": 0}):
+    """What `moving` sees is settled 3 cycles later."""
+    for name in ("passing", "moving", "engine.working", "decider_idle"):
+        waits = {name: int(name != "decider_idle")}
         seen = play((1, {"finish_asked": 1} | waits), (40, waits), (30, {}))
         finishes = [cycle["finish"] for cycle in seen]
-        assert not any(finishes[:41]) and sum(finishes) == 1, waits
+        assert finishes.index(1) == 41 + 3 * waits[name] and sum(finishes) == 1, waits
         assert seen[40]["busy"] and not seen[-1]["busy"]
 
 
