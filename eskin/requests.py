@@ -65,14 +65,14 @@ def parse_count(text: str) -> int:
     return int(text)
 
 
-def parse_lanes(text: str | None) -> tuple[int | None, Any]:
+def parse_lanes(text: str | None, option: str = "--lanes") -> tuple[Any, Any]:
     """(lanes, their type) of ``P[:TYPE]``; None where it is not said."""
     number, colon, kind = (text or "").partition(":")
     if text is None:
         return None, None
     if not (number.isdecimal() and len(number) < 4) or (colon and kind not in ("plain", "dsp")):
         raise InputError(
-            f"--lanes {text[:20]}: is not of the form P[:TYPE]; give a number and maybe plain or dsp, such as 4:dsp"
+            f"{option} {text[:20]}: is not of the form P[:TYPE]; give a number and maybe plain or dsp, such as 4:dsp"
         )
     return int(number), kind or None
 
@@ -352,7 +352,7 @@ class ExportRequest(ModelOptions):
 # ---------------------------------------------------------------------- studies
 @request
 class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
-    out: Path = option("Folder of sweep.json, sweep.csv and the chart.", Path("build/sweep"))
+    out: Path = option("Folder of sweep.json and the chart.", Path("build/sweep"))
     accuracy_floor: float | None = option("Required accuracy on new recordings.", min=0, max=1)
     latency_budget: float | None = option("Maximum time from features to decision, in seconds.", min=0)
 

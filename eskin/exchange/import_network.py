@@ -18,7 +18,7 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from eskin.exchange.network import MOST_VALUES, ROLES, Network, check_reference, fitted
+from eskin.exchange.network import MOST_VALUES, NAMES, ROLES, Network, check_reference, fitted
 from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, Record
 from eskin.golden.core.files import check_unpacked
 from eskin.golden.data import Recordings
@@ -124,11 +124,11 @@ def import_network(
                 f"--{name} {value:g}: is not a {'spread above 0' if name == 'std' else 'finite number'}; give "
                 "codes"
             )
-    network: Network
-    if Path(file).suffix == ONNX_SUFFIX:
-        from eskin.exchange.import_onnx import read_onnx
+    is_onnx = Path(file).suffix == ONNX_SUFFIX
+    if is_onnx:
+        from eskin.exchange import import_onnx
 
-        network = read_onnx(file)
+        network = import_onnx.read_onnx(file)
     else:
         cell, reset = cell or config.network.cell, reset or config.network.reset
         if cell == "linear":
@@ -137,8 +137,11 @@ def import_network(
             )
         network = read_layers(file)
     config, arrays = fitted(network, config, cell, reset)
-    config, shows, notes = network.shown(config, arrays)
-    scale = network.scale(config)
+    shows, scale, ends = "weights", None, NAMES
+    notes = ["reset gate after the recurrent product, as torch has it"] if network.cell == "gru" else []
+    if is_onnx:
+        config, shows, notes = import_onnx.shown(network, config, arrays)
+        scale, ends = import_onnx.scale_of(network.graph, config), network.graph.ends
     if mean is not None:
         scale = {"mean": mean, "std": std, "source": "given"}
     elif recordings is not None:
@@ -156,7 +159,7 @@ def import_network(
     scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
     checked: Record = {}
     if check is not None:
-        found = check_reference(check, FloatModel(config, arrays, str(file)), network.ends)
+        found = check_reference(check, FloatModel(config, arrays, str(file)), ends)
         checked = {"check": found, "passed": found["passed"]}
         if found["shows"] == "last" and shows in ("every", "weights"):
             shows = "reference"
@@ -169,7 +172,7 @@ def import_network(
         "imported": {
             "file": str(file),
             "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(),
-            "kind": network.kind,
+            "kind": "ONNX" if is_onnx else "torch state_dict",
             "arrays": network.names,
             "notes": notes,
         },

@@ -7,7 +7,6 @@ of another step, a transposed layout or an offset is found. Only the operators b
 
 import json
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -173,60 +172,49 @@ class Graph:
 
 
 # ---------------------------------------------------------------------- what the nodes say
-@dataclass(frozen=True)
-class OnnxNetwork(Network):
-    """Also its graph."""
+def scale_of(graph: Graph, config: AcceleratorConfig) -> Record | None:
+    """mean, std and their source as the file keeps them; None where it keeps none."""
+    if not (kept := graph.metadata):
+        return None
+    try:
+        values = {name: np.asarray(kept[name], dtype=np.float64) for name in ("mean", "std")}
+    except (ValueError, TypeError, OverflowError):
+        raise InputError(
+            f"network '{graph.path}', metadata {METADATA}: is damaged; export the model again"
+        ) from None
+    fit = all(value.shape == constants_shape(config) for value in values.values())
+    return values | {"source": "the file"} if fit else None
 
-    kind = "ONNX"
 
-    graph: Graph
-
-    @property
-    def ends(self) -> tuple[str, str]:
-        return self.graph.ends
-
-    def scale(self, config: AcceleratorConfig) -> Record | None:
-        kept = self.graph.metadata
-        if not kept:
-            return None
-        try:
-            values = {name: np.asarray(kept[name], dtype=np.float64) for name in ("mean", "std")}
-        except (ValueError, TypeError, OverflowError):
-            raise InputError(
-                f"network '{self.path}', metadata {METADATA}: is damaged; export the model again"
-            ) from None
-        shape = constants_shape(config)
-        return (
-            values | {"source": "the file"}
-            if all(value.shape == shape for value in values.values())
-            else None
+def shown(
+    network: Network, config: AcceleratorConfig, arrays: Arrays
+) -> tuple[AcceleratorConfig, str, list[str]]:
+    """``config`` with the decision that the file keeps; what shows how a touch is decided
+    (`eskin.exchange.import_network.SHOWS`); sentences about what was taken. A graph that computes something else than
+    ``arrays`` is refused (InputError)."""
+    shows, steps = _agree(network.graph, config, arrays)
+    if (own := network.graph.configuration) is not None:
+        kept = {name: getattr(own.network, name) for name in ("decision", "early_margin", "early_steps")}
+        shows, config = "metadata", config.replace(**kept)
+    notes = []
+    if network.cell == "gru":
+        flag = int(network.reset == "after")
+        notes.append(
+            f"reset gate {network.reset} the recurrent product, as linear_before_reset is {flag} in the file"
         )
-
-    def shown(self, config: AcceleratorConfig, arrays: Arrays) -> tuple[AcceleratorConfig, str, list[str]]:
-        """As of `Network`; refuses (InputError) a graph that computes something else than ``arrays``."""
-        shows, steps = _agree(self, config, arrays)
-        if (own := self.graph.configuration) is not None:
-            kept = {name: getattr(own.network, name) for name in ("decision", "early_margin", "early_steps")}
-            shows, config = "metadata", config.replace(**kept)
-        notes = []
-        if self.cell == "gru":
-            flag = int(self.reset == "after")
+        if network.graph.producer == "pytorch" and not flag:
             notes.append(
-                f"reset gate {self.reset} the recurrent product, as linear_before_reset is {flag} in the file"
+                "every GRU of torch has linear_before_reset 1; its newer exporter is known to drop it: compare with --check, "
+                "and if that fails save with torch.onnx.export(.., dynamo=False)"
             )
-            if self.graph.producer == "pytorch" and not flag:
-                notes.append(
-                    "every GRU of torch has linear_before_reset 1; its newer exporter is known to drop it: compare with --check, "
-                    "and if that fails save with torch.onnx.export(.., dynamo=False)"
-                )
-        if steps != config.windows.steps:
-            notes.append(
-                f"the file is for touches of {steps} steps, configuration '{config.name}' has {config.windows.steps}"
-            )
-        return config, shows, notes
+    if steps != config.windows.steps:
+        notes.append(
+            f"the file is for touches of {steps} steps, configuration '{config.name}' has {config.windows.steps}"
+        )
+    return config, shows, notes
 
 
-def read_onnx(path: str | Path) -> OnnxNetwork:
+def read_onnx(path: str | Path) -> Network:
     """The network of a file, its nodes and sizes checked; `shown` checks what it computes.
 
     Raises
@@ -243,7 +231,7 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
         arrays = {"V": weights, "b_y": bias}
         classes, columns = weights.shape
         linear = ("linear", "before", "sigmoid", 0, classes, columns)
-        return OnnxNetwork(graph.path, *linear, arrays, names, graph)
+        return Network(graph.path, *linear, arrays, names, graph)
     node = layers[0]
     attributes = node_attributes(node)
     gates, *others = attributes.get("activations") or ("Sigmoid", "Tanh")
@@ -257,7 +245,7 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
     order, given = ORDERS[node.op_type], dict(zip(ROLES, node.input[1:4], strict=False))
     both = graph.constant(node, 3, "bias") if given.get("bias") else np.zeros(2 * r.shape[1])
     roles = dict(zip(ROLES, (w[0], r[0], *np.array_split(both.ravel(), 2), weights, bias), strict=True))
-    return OnnxNetwork.of_layers(
+    return Network.of_layers(
         graph.path,
         roles,
         names | given,
@@ -289,10 +277,10 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     return np.asarray(weights, dtype=np.float64), np.asarray(bias, dtype=np.float64).ravel(), names
 
 
-def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: Arrays) -> tuple[str, int]:
+def _agree(graph: Graph, config: AcceleratorConfig, arrays: Arrays) -> tuple[str, int]:
     """The kind of the file's outputs, logits of the ``last`` or of ``every`` step, and the steps on which
     they were computed, by random touches. Refuses a graph that computes other logits than the arrays."""
-    graph, inputs, steps = network.graph, config.inputs, config.windows.steps
+    inputs, steps = config.inputs, config.windows.steps
     sizes = {
         "batch": 1,
         "steps": steps,

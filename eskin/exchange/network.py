@@ -113,10 +113,7 @@ MOST_VALUES = 1 << 20
 class Network:
     """cell, reset (of a GRU), gate_activation, hidden, classes; columns: of the first weights; arrays: by the
     names of the specification, section 8 (a linear cell: V (C, columns), b_y); names: what they are called in
-    the file."""
-
-    kind = "torch state_dict"
-    """What the file is, in words."""
+    the file; graph: of an ONNX file (`eskin.exchange.import_onnx`)."""
 
     path: Path
     cell: str
@@ -127,6 +124,7 @@ class Network:
     columns: int
     arrays: Arrays
     names: dict[str, str]
+    graph: Any = None
 
     @classmethod
     def of_layers(
@@ -197,21 +195,6 @@ class Network:
             arrays |= {f"b_{gate}": first, f"bh_{gate}": second} if two else {f"b_{gate}": first + second}
         sizes = hidden, dense[0], layers["input"].shape[1]
         return cls(path, cell, reset, gate_activation, *sizes, arrays, names, **more)
-
-    @property
-    def ends(self) -> tuple[str, str]:
-        """Names of input and output."""
-        return NAMES
-
-    def scale(self, config: AcceleratorConfig) -> Record | None:
-        """mean, std and their source as the file keeps them; None where it keeps none."""
-        return None
-
-    def shown(self, config: AcceleratorConfig, arrays: Arrays) -> tuple[AcceleratorConfig, str, list[str]]:
-        """``config`` with the decision that the file keeps; what shows how a touch is decided
-        (`eskin.exchange.import_network.SHOWS`); sentences about what was taken."""
-        notes = ["reset gate after the recurrent product, as torch has it"] if self.cell == "gru" else []
-        return config, "weights", notes
 
 
 def fitted(

@@ -48,7 +48,7 @@ class Where:
     cell, ``peak`` a taxel.
 
     frame: whose it is (0: not known). ended: the touch is over; direction: of its slide,
-    `eskin.golden.model.position.direction`. wrong: hardware told another one.
+    `eskin.golden.model.position.direction`.
     """
 
     frame: int
@@ -57,7 +57,6 @@ class Where:
     peak: int
     ended: bool
     direction: int
-    wrong: bool = False
 
 
 @dataclass(frozen=True)

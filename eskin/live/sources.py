@@ -232,19 +232,6 @@ class BoardSource(ModelSource):
         self._waiting.extend(decisions)
         return self._compare()
 
-    def where(self, samples: np.ndarray) -> list[Event]:
-        """Also the board's registers of position against the model's last position."""
-        events = super().where(samples)
-        last = events[-1] if events else None
-        if not isinstance(last, Where):
-            return events
-        with on_port(self._port):
-            position, peak = self._link.read("POSITION"), self._link.read("POSITION_PEAK")
-        wrong = (position, peak) != (last.x | last.y << 8, last.peak | last.direction << 8 | last.ended << 11)
-        board, model = f"{position:#06x}, {peak:#06x}", f"x {last.x}, y {last.y}, peak {last.peak}"
-        difference = f"frame {last.frame}: the board says {board}; the model {model}"
-        return [*events[:-1], dataclasses.replace(last, wrong=wrong), *[Differs(difference)] * wrong]
-
     def ended(self, decisions: Sequence[Decision]) -> list[Event]:
         self._waiting.extend(decisions)
         with on_port(self._port):

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
-from eskin.golden.core import NETWORKS, InputError, Record, replacing
-from eskin.golden.core.images import layer_stages, network
+from eskin.golden.core import InputError, Record, replacing
 from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.pages.charts import STYLE
@@ -42,8 +41,7 @@ def inspect(recordings: Recordings) -> Record:
     open at once, -1 none; or None).
 
     Of images also image_height, image_width, zeros (share of pixels that are 0), copies (images that are
-    equal to an earlier one), silent_rows, silent_columns (those that are the same in every pixel of every
-    image), networks (name -> multiplies an image), reasons (what the loader chose).
+    equal to an earlier one), reasons (what the loader chose).
     """
     values = {name: len(np.unique(array)) for name, array in recordings.groups.items()}
     why_none = {name: no_group(array, recordings.labels) for name, array in recordings.groups.items()}
@@ -65,18 +63,11 @@ def inspect(recordings: Recordings) -> Record:
 def _of_images(recordings: Recordings) -> Record:
     images = images_of(recordings)
     count, height, width = images.shape
-    classes = len(recordings.class_names)
     return {
         "image_height": height,
         "image_width": width,
         "zeros": float(np.mean(images == 0)),
         "copies": count - len(np.unique(images.reshape(count, -1), axis=0)),
-        "silent_rows": np.flatnonzero(np.ptp(images, axis=(0, 2)) == 0).tolist(),
-        "silent_columns": np.flatnonzero(np.ptp(images, axis=(0, 1)) == 0).tolist(),
-        "networks": {
-            name: sum(stage.multiplies for stage in layer_stages(height, width, network(name, classes)))
-            for name in NETWORKS
-        },
         "reasons": list(recordings.notes),
     }
 
@@ -168,7 +159,7 @@ def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
 
 def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path) -> None:
     """A PNG of PICTURED recordings, spread over the classes: a heat map of every taxel from its level in the first
-    frames, over time; the onset marked. Of images the mean of each class, and one image.
+    frames, over time; the onset marked. Of images the mean of each class.
 
     Raises
     ------
@@ -183,25 +174,17 @@ def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Pat
 
 def _image_picture(recordings: Recordings) -> Figure:
     images, shown = images_of(recordings), recordings.class_names[:CLASSES_SHOWN]
-    across = min(len(shown), 4)
+    across = min(len(shown), 8)
     rows = -(-len(shown) // across)
-    figure = Figure(figsize=(2.6 * 2 * across, 1.9 * rows))
-    axes = figure.subplots(rows, 2 * across, squeeze=False)
+    figure = Figure(figsize=(2.6 * across, 1.9 * rows), layout="constrained")
+    axes = figure.subplots(rows, across, squeeze=False)
     for place in axes.flat:
         place.axis("off")
-    for label, name in enumerate(shown):
+    for label, (name, place) in enumerate(zip(shown, axes.flat, strict=False)):
         members = images[recordings.labels == label]
-        left, right = axes[label // across][2 * (label % across) : 2 * (label % across) + 2]
-        if not len(members):
-            left.set_title(f"{name}: no image")
-            continue
-        for place, picture, title in (
-            (left, members.mean(axis=0), f"{name}: mean"),
-            (right, members[0], "first image"),
-        ):
-            place.imshow(picture, cmap="viridis", vmin=0)
-            place.set_title(title)
-    figure.tight_layout()
+        place.set_title(name if len(members) else f"{name}: no image")
+        if len(members):
+            place.imshow(members.mean(axis=0), cmap="viridis", vmin=0)
     return figure
 
 

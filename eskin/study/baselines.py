@@ -3,8 +3,8 @@ their accuracy on unseen recordings, and their cost.
 
 A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
 touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
-touch at a time, are those of the processor, in one thread. Whoever has another method gives `run` an
-object with the attributes of `Method` (examples/thesis does).
+touch at a time, are those of the processor, in one thread. Whoever has another method gives `run` a
+`Method` of his own (examples/thesis does).
 """
 
 import itertools
@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from sklearn.base import clone
@@ -122,21 +122,19 @@ class Fitted:
     alone: Callable[[int], Any] | None = None
 
 
-class Method(Protocol):
+@dataclass(frozen=True)
+class Method:
     """A way to fit classifiers to touches of a scene. hardware: eskin can build it. one_seed: further seeds
     would change nothing, or cost too much."""
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def label(self) -> str: ...
-    @property
-    def hardware(self) -> bool: ...
-    @property
-    def one_seed(self) -> bool: ...
+    name: str
+    label: str
+    hardware: ClassVar[bool] = False
+    one_seed: ClassVar[bool] = False
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         """A classifier for each of ``parts``, rows of the scene: it sees windows and labels of these alone."""
+        raise NotImplementedError
 
 
 # ---------------------------------------------------------------------- the methods
@@ -156,7 +154,7 @@ def cost_of(model: Any, x: np.ndarray, classes: int) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class Classifier:
+class Classifier(Method):
     """A classifier of scikit-learn on all windows of a touch.
 
     model: the classifier; its ``random_state`` becomes the seed. grid: the values of which three stratified inner
@@ -164,11 +162,8 @@ class Classifier:
     touches.
     """
 
-    name: str
-    label: str
     model: Any
     grid: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-    hardware, one_seed = False, False
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         return [self._fit(scene, part, seed) for part in parts]
@@ -196,16 +191,14 @@ class Classifier:
 
 
 @dataclass(frozen=True)
-class Network:
+class Network(Method):
     """A recurrent network in float, trained by our recipe or another; all parts at once.
 
     ``changed``: configuration -> the one that the network has, and its recipe.
     """
 
-    name: str
-    label: str
     changed: Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
-    hardware, one_seed = True, False
+    hardware = True
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         config, recipe = self.changed(scene.config)

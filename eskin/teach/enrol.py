@@ -194,11 +194,12 @@ OF_RECORDINGS = ("feature", "state", "logit", "sigmoid pre-activation", "tanh pr
 
 
 def check_other_folder(model_dir: str | Path, out: str | Path) -> None:
-    """Refuse (InputError) to write a model over the one it comes from."""
+    """Refuse (InputError) to write a model over the one it comes from, or over another folder."""
     if Path(out).resolve() == Path(model_dir).resolve():
         raise InputError(
             f"model '{out}': is the model to start from, which enrol does not change; name another folder"
         )
+    check_model_target(out)
 
 
 def enrol(
@@ -236,7 +237,6 @@ def enrol(
     """
     begin = time.perf_counter()
     check_other_folder(model_dir, out)
-    check_model_target(out)
     if load_config(model_dir).has_prototypes:
         raise InputError(
             f"model '{model_dir}', field readout: is 'prototypes', which would not fit the new weights; "
@@ -315,7 +315,6 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Rec
     """
     begin = time.perf_counter()
     check_other_folder(model_dir, out)
-    check_model_target(out)
     model, record = IntegerModel.load(model_dir), load_training(model_dir)
     check_teachable(model.config)
     few = for_model(few, model.config)

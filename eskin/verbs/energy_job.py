@@ -8,7 +8,6 @@ and at a slower one. Both runs must be bit-exact.
 
 import dataclasses
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from eskin.cosim.activity import instrument, read_count
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
+from eskin.requests import parse_lanes
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
@@ -37,15 +37,10 @@ RESULT = "energy.json"
 
 def parse_configuration(text: str) -> tuple[str, int, str]:
     """(target, lanes, lane type) of ``TARGET:LANES[:TYPE]``, plain where no type is named."""
-    target, _, of_lanes = text.partition(":")
-    lanes, _, kind = of_lanes.partition(":")
-    if not re.fullmatch(r"\d{1,4}", lanes):
-        raise InputError(
-            f"--configuration {text[:40]}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or "
-            "icebreaker:1:dsp"
-        )
+    target, _, rest = text.partition(":")
     find_target(target)
-    return target, int(lanes), kind or "plain"
+    lanes, kind = parse_lanes(rest, f"--configuration {target}:P[:TYPE],")
+    return target, lanes, kind or "plain"
 
 
 def measure(

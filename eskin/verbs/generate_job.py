@@ -22,8 +22,6 @@ from eskin.golden.model import (
     FloatModel,
     IntegerModel,
     Trace,
-    find_touches,
-    float_features,
     images_of,
     run,
     run_images,
@@ -89,32 +87,27 @@ ONNX_LIMIT = 1e-5
 another order."""
 
 
-def export_onnx(model: FloatModel, out: Path, *, recordings: Recordings | None = None) -> Record:
+def export_onnx(model: FloatModel, out: Path) -> Record:
     """Write the float network as ONNX into ``out``, new or an earlier exported folder, and compare what
     onnxruntime makes of it.
 
     Returns
     -------
     dict
-        file, parameters, recordings (compared; None: random features), touches (of them, by default 100),
-        difference (largest of a logit), limit, passed.
+        file, parameters, touches (of random features, that are compared), difference (largest of a logit), limit,
+        passed.
     """
     from eskin.exchange.onnx_file import largest_difference, write_onnx
 
     check_folder(out, ONNX_FILE)
     config = model.config
-    exportable = not (config.is_image or config.has_prototypes)  # else refused when it is written
-    if recordings is None or not exportable:
-        features = np.random.default_rng(1).normal(size=(100, config.windows.steps, config.inputs))
-    else:
-        features = float_features(model, find_touches(config, recordings))
+    features = np.random.default_rng(1).normal(size=(100, config.windows.steps, config.inputs))
     with replacing_folder(out) as folder:
         difference = largest_difference(model, write_onnx(model, folder / ONNX_FILE), features)
     limit = ONNX_LIMIT * max(1.0, float(np.abs(model.forward(features)[1]).max(initial=0.0)))
     return {
         "file": str(out / ONNX_FILE),
-        "parameters": model.config.parameter_count,
-        "recordings": None if recordings is None else len(recordings),
+        "parameters": config.parameter_count,
         "touches": len(features),
         "difference": difference,
         "limit": limit,

@@ -24,7 +24,6 @@ from rich.console import Console
 
 from eskin.choose import choice, doubts, yardsticks
 from eskin.choose.choice import configure
-from eskin.choose.choice_table import left_out, unseen
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.data import load_recordings
@@ -45,7 +44,6 @@ from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.requests import RunRequest
-from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
@@ -54,7 +52,6 @@ from eskin.study.touch_ends import touches_and_ends
 from eskin.training import LEARNING, evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
-from eskin.verbs import cost
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import cost_model
 from eskin.verbs.flow import cosimulate, one_of_each
@@ -113,17 +110,6 @@ def _stress(training: Record) -> Record:
         return {}
     held = sum(row["held"] for row in taken["stress"])
     return {"stress": taken["stress"], "stress_held": held, "stress_modes": len(taken["stress"])}
-
-
-def board_sentence(config: AcceleratorConfig, board: str) -> str:
-    """A sentence on the board that holds the whole design, by the estimate of its cost."""
-    boards = [name for name in dict.fromkeys((board, *TARGETS)) if cost.fits(config, name)]
-    size = f"{cost.cells_of(config)} logic cells and {cost.blocks_of(config, board)} block memories"
-    where = f"fits the {board}"
-    if board not in boards:
-        alternative = f"the {boards[0]} would hold it" if boards else "no board here would hold it"
-        where = f"does not fit the {board} with its link; {alternative}"
-    return f"the whole design, by estimate {size} without its link, {where}"
 
 
 def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
@@ -229,12 +215,9 @@ class _Steps:
             write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
 
         evaluated = self.stage("evaluation", GOLDEN, judge)
-        self.say(_accuracy(training, config.is_image))
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
         generated = self.stage("Verilog", ("golden", "rtl"), self._generate, model)
-        if not config.is_image:
-            self.say(board_sentence(config, self.prices.board))
         folders = self._cosimulations(numbers, model, generated / "rtl")
 
         shutil.rmtree(result, ignore_errors=True)
@@ -439,14 +422,6 @@ def _lowest_clock(*where: Path, **options: Any) -> Record | None:
         return flow.lowest_clock(*where, **options)
     except flow.NoClock:
         return None
-
-
-def _accuracy(training: Record, images: bool) -> str:
-    """The figure that the report begins with, as soon as it is there."""
-    split = unseen(training["cross_validation"][0])
-    things = "images left out" if images else f"leaving out {left_out(split['groups'])}"
-    figures = f"integer {percent(split['integer_accuracy'])}, float {percent(split['float_accuracy'])}"
-    return f"accuracy, {things}: {figures}"
 
 
 def _outcome(folder: Path) -> Any:

@@ -13,9 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from eskin.choose.cost import pareto
 from eskin.choose.networks import network
 from eskin.golden.core import (
@@ -34,7 +31,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import images_of
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
-from eskin.pages.charts import accuracy_chart, split_name
+from eskin.pages.charts import accuracy_chart
 from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.views.schedule_view import save_figure
@@ -316,7 +313,7 @@ CODE = partial(code_version, *LEARNING)
 """Code on which a training depends beside its data."""
 PART = "iCE40UP5K"
 """Whose energy is estimated: the only part with published measurements."""
-RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
+RESULT, CONFIG = "sweep.json", "recommended.json"
 
 
 def cost_of(config: AcceleratorConfig) -> dict[str, float]:
@@ -338,7 +335,7 @@ def run(
     *,
     progress: Progress | None = None,
 ) -> Record:
-    """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and
+    """Sweep; write sweep.json, recommended.json (configuration of the recommended point) and
     the chart. ``config``: the front end; of images None.
 
     Without groups every split that the configuration names is judged, by the first of them, and images by
@@ -356,7 +353,7 @@ def run(
     for groups in splits:
         check_split(recordings, groups, FOLDS)
     points = recording_points(config) if config else image_points(recordings)
-    for name in (RESULT, TABLE, CONFIG):
+    for name in (RESULT, CONFIG):
         check_target(out / name)
     code, keep = (CODE, Memo(CACHE)) if config else (IMAGE_CODE, Memo(KEPT))
     jobs = Jobs(dask=request.dask, progress=progress, version=code)
@@ -369,28 +366,8 @@ def run(
     for kind in ("png", "svg"):
         with replacing(out / f"accuracy.{kind}") as temporary:
             save_figure(figure, temporary, kind)
-    with replacing(out / TABLE) as temporary:
-        table(result["points"]).to_csv(temporary, index_label="point")
     name = result["points"][result["recommended"]]["name"]
     point = next(point for point in points if point.name == name)
     write_json(out / CONFIG, point.config.to_dict())
     write_json(out / RESULT, result)
     return result
-
-
-def table(points: list[Record]) -> pd.DataFrame:
-    """Rows of sweep.csv: a point's configuration and figures, then accuracy and its deviation over seeds of every
-    split."""
-    rows = []
-    for point in points:
-        row = point["config"] | {
-            key: value for key, value in point.items() if key not in ("config", "splits")
-        }
-        for split in point["splits"]:
-            name = split_name(split["groups"])
-            row |= {
-                f"accuracy {name}": split["integer_accuracy"],
-                f"spread {name}": np.std(split["integer_by_seed"]),
-            }
-        rows.append(row)
-    return pd.DataFrame(rows)

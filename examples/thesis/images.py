@@ -25,7 +25,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from torch.utils.flop_counter import FlopCounterMode
 
-from eskin.study.baselines import Fitted, Scene
+from eskin.study.baselines import Fitted, Method, Scene
 from eskin.training.losses import descend
 
 IMAGES, TILES = 12, 4
@@ -93,14 +93,11 @@ def multiplies(network: torch.nn.Module, *shape: int) -> int:
 
 
 @dataclass(frozen=True)
-class ImageMethod:
+class ImageMethod(Method):
     """A network on images over time."""
 
-    name: str
-    label: str
     make: Callable[[int, int, int], torch.nn.Module]
-    hardware: bool = False
-    one_seed: bool = True
+    one_seed = True
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         rows, columns = shape_of(scene.config)
@@ -132,15 +129,12 @@ class ImageMethod:
 
 # ---------------------------------------------------------------------- transfer
 @dataclass(frozen=True)
-class Transfer:
+class Transfer(Method):
     """The DCNN: a logistic regression on what a network sees. Value v of the frames in a row, sign * log2(1 +
     |deviation|) over the bits of a sample, is colour v mod 3 of pixel v // 3, row by row."""
 
     network: Path
-    name: str = "dcnn"
-    label: str = "DCNN by transfer, one image"
-    hardware: bool = False
-    one_seed: bool = True
+    one_seed = True
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         sensor, network = scene.config.sensor, torch.export.load(self.network).module()

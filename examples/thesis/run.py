@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, help="the thesis has 10")
     parser.add_argument("--dcnn", type=Path, help="also the DCNN: a network that torch.export.save wrote")
     asked = parser.parse_args()
-    transfer = [Transfer(asked.dcnn)] if asked.dcnn else []
+    transfer = [Transfer("dcnn", "DCNN by transfer, one image", asked.dcnn)] if asked.dcnn else []
     methods = {method.name: method for method in (*RECURRENT, *TENSOR, *OVER_TIME, *transfer)}
     names = asked.methods.split(",") if asked.methods else list(methods)
     if unknown := [name for name in names if name not in methods]:

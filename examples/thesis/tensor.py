@@ -27,7 +27,7 @@ from sklearn.kernel_ridge import KernelRidge
 from sklearn.model_selection import StratifiedKFold
 from sklearn.svm import SVC
 
-from eskin.study.baselines import Fitted, Scene
+from eskin.study.baselines import Fitted, Method, Scene
 
 STEPS = 20
 """Points in time of a tensor, means of equal parts of the touch."""
@@ -108,14 +108,10 @@ class Rls:
 
 
 @dataclass(frozen=True)
-class TensorMethod:
+class TensorMethod(Method):
     """A classifier on the kernel: `Svm` or `Rls`."""
 
-    name: str
-    label: str
     classifier: Any
-    hardware: bool = False
-    one_seed: bool = False
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         if "subspaces" not in scene.known:  # no label is in them
