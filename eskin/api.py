@@ -136,7 +136,7 @@ class Model:
         self._training: Record = {}
 
     def _asked(self) -> tuple[AcceleratorConfig | None, Record]:
-        """(configuration, options of `train_chosen`) that the parameters ask for."""
+        """(configuration, options of `TrainRequest`) that the parameters ask for."""
         values = self._parameters
         config, groups = values["config"], values["groups"]
         words = [groups] if isinstance(groups, str) else groups if isinstance(groups, (list, tuple)) else []
@@ -149,9 +149,8 @@ class Model:
                 raise InputError(f"model, {name}: is {values[name]!r:.60}; give {needed}")
         if isinstance(config, str | Path):
             config = AcceleratorConfig.load(config)
-        return config, {name: values[name] for name in ("cell", "hidden", "folds", "seed")} | {
-            "group": words or None
-        }
+        names = ("cell", "hidden", "folds", "seed", "prefer", "fits")
+        return config, {name: values[name] for name in names} | {"group": ",".join(words) or None}
 
     # ------------------------------------------------------------------ what scikit-learn's tools ask for
     def get_params(self, deep: bool = True) -> Record:
@@ -256,6 +255,7 @@ class Model:
             asked for.
         """
         from eskin.choose.choice import train_chosen
+        from eskin.requests import TrainRequest
         from eskin.training.integers import quantise
         from eskin.verbs.cost import cost_model
 
@@ -274,9 +274,8 @@ class Model:
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
             prices = cost_model(self._parameters["prefer"], self._parameters["fits"])
-            train_chosen(
-                recordings, asked, prices, out=folder, progress=progress, callback=callback, **options
-            )
+            request = TrainRequest(data="", out=folder, **options)
+            train_chosen(recordings, asked, prices, request, progress=progress, callback=callback)
             quantise(folder, recordings if load_config(folder).has_prototypes else None)
             fitted = Model.load(folder)
         self._integer, self._real, self._training = fitted._integer, fitted._real, fitted._training

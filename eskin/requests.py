@@ -218,7 +218,7 @@ class TrainRequest(ChoiceOptions):
     reset: Reset | None = option("GRU: reset gate before or after the recurrent product.")
     folds: int = option("Folds of the cross-validation; 0: none.", 5)
     seed: int = option("First seed; the written model uses it.", 0, min=0, max=SEED_MAX)
-    protocol: Literal["default", "robust", "thesis"] = option(
+    protocol: Literal["default", "robust"] = option(
         "Training recipe; robust trains with failing taxels.", "default"
     )
 

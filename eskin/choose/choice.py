@@ -16,7 +16,6 @@ import dataclasses
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from eskin.choose.front_ends import FrontEnds, FrontEndScorer, Listed, blocked_r
 from eskin.choose.networks import (
     AUTO,
     INSIDE,
+    ROBUST,
     Effort,
     Part,
     SearchOptions,
@@ -44,6 +44,8 @@ from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
+from eskin.memo import Memo
+from eskin.requests import TrainRequest
 from eskin.training.crossval import (
     CrossValidationSettings,
     FoldJob,
@@ -61,9 +63,9 @@ from eskin.training.derive import derive_config, settling_frames
 from eskin.training.fit import one_thread
 from eskin.training.image_models import train_image_model
 from eskin.training.losses import Callback
-from eskin.training.splits import default_splits, error_over_groups, split_folds
+from eskin.training.splits import check_split, default_splits, error_over_groups, split_folds
 from eskin.training.times import step_times
-from eskin.training.train import TrainingRequest, train
+from eskin.training.train import train
 
 LEAST = {
     "energy": "needs the least energy per touch ({energy_touch_j:.3g} J)",
@@ -269,11 +271,11 @@ def _level_alone(recordings: Recordings, folds: Sequence[np.ndarray]) -> tuple[f
 
 
 # ---------------------------------------------------------------------- the choice again inside folds
-def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -> list[np.ndarray]:
+def inner_folds(recordings: Recordings, groups: Sequence[str]) -> list[np.ndarray]:
     """Folds inside a training part: by ``groups`` if they have two values there; otherwise by the group that
     ``choose_split`` finds there; otherwise of single recordings, which may be near copies of others."""
     chosen, _ = choose_split(recordings, None)
-    for split, count in ((groups, folds), (chosen, folds), ((), min(folds, len(recordings)))):
+    for split, count in ((groups, 5), (chosen, 5), ((), min(5, len(recordings)))):
         try:
             return split_folds(recordings, list(split), count, None)
         except InputError:
@@ -282,11 +284,7 @@ def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -
 
 
 def choose_inside(
-    plan: Plan,
-    settings: CrossValidationSettings,
-    search_options: SearchOptions,
-    parts: Sequence[np.ndarray],
-    effort: Effort = INSIDE,
+    plan: Plan, settings: CrossValidationSettings, search_options: SearchOptions, parts: Sequence[np.ndarray]
 ) -> list[Candidate]:
     """Choices that each see only one of ``parts`` (recordings)."""
     recordings, choices, held = settings.recordings, [], []
@@ -298,8 +296,8 @@ def choose_inside(
         if plan.front_ends:
             front_ends = search_inside(plan.front_ends, part, settings.groups, plan.prices)
         folds = [part[fold] for fold in inner_folds(recordings.subset(part), settings.groups)]
-        within = effort.by(recordings, folds)
-        choices.append(network_choice(front_ends, search_options, plan.prices, within, hardening))
+        effort = INSIDE.by(recordings, folds)
+        choices.append(network_choice(front_ends, search_options, plan.prices, effort, hardening))
         held.append(Part(part, folds))
     return [candidate for candidate, _ in side_by_side(choices, held, settings)]
 
@@ -409,21 +407,13 @@ def train_chosen(
     recordings: Recordings,
     asked: AcceleratorConfig | None,
     prices: CostModel,
+    request: TrainRequest,
     *,
-    out: str | Path,
-    group: Sequence[str] | None = None,
-    folds: int = 5,
-    seed: int = 0,
-    seeds: int | None = None,
-    protocol: str = "default",
-    cell: str | None = None,
-    hidden: int | None = None,
-    reset: str | None = None,
     plan: Plan | None = None,
+    stress: Stress | None = None,
+    keep: Memo | None = None,
     progress: Progress | None = None,
     callback: Callback | None = None,
-    of_images: Record | None = None,
-    stress: Stress | None = None,
 ) -> Record:
     """Choose front end and network unless they were requested, train the network, and write the model folder.
 
@@ -433,41 +423,38 @@ def train_chosen(
         The requested configuration; None: the front end is chosen (``choose_front_end``).
     prices:
         Costs of candidates, and the user's preference.
+    request:
+        Its ``seeds`` are networks of each fold; None: 3, or 1 for images, whose networks take minutes each. Its
+        ``cell`` ``auto``: the network is chosen; None: as ``auto`` if neither a configuration nor ``hidden`` nor
+        ``reset`` was requested, otherwise the configuration's own cell (a GRU without a configuration).
     plan:
         Result of ``configure`` for these recordings, if it is known already.
-    seeds:
-        Networks of each fold; None: 3, or 1 for images, whose networks take minutes each.
     stress:
         Disturbances that candidates are judged under; None: none.
-    of_images:
-        ``keep`` and ``workers`` of `eskin.training.image_models.train_image_model`; without effect for
-        recordings.
-    cell, hidden, reset:
-        ``auto``: the network is chosen. None: as ``auto`` if neither a configuration nor ``hidden`` nor
-        ``reset`` was requested, otherwise the configuration's own cell (a GRU without a configuration).
+    keep:
+        Folder in which judged networks for images are cached.
+    callback:
+        As for ``eskin.training.train.train``.
 
-    All other parameters are those of ``eskin.training.train.train``. The result is its record with
-    ``front_end`` (if it was chosen), ``candidates`` (if the network was chosen), ``reasons``, ``baselines``
-    (a linear classifier on the same features, for each split), ``same_groups`` (accuracy with single
-    recordings left out; None: cross_validation leaves out single recordings itself), ``doubts`` (records of
-    `eskin.choose.doubts`) and ``warnings`` (their sentences).
+    The result is the record of ``eskin.training.train.train`` with ``front_end`` (if it was chosen),
+    ``candidates`` (if the network was chosen), ``reasons``, ``baselines`` (a linear classifier on the same
+    features, for each split), ``same_groups`` (accuracy with single recordings left out; None: cross_validation
+    leaves out single recordings itself), ``doubts`` (records of `eskin.choose.doubts`) and ``warnings`` (their
+    sentences).
 
     Raises
     ------
     InputError
         As ``train``; or ``hidden`` is given with a cell that has no hidden units or is chosen.
     """
-    search_options = SearchOptions(cell=cell, hidden=hidden, reset=reset, protocol=protocol)
-    check_model_target(out)
+    began = time.perf_counter()
+    cell, hidden, reset, folds = request.cell, request.hidden, request.reset, request.folds
+    check_model_target(request.out)
     check_units(cell, hidden)
-    common: Record = {"folds": folds, "seed": seed}
     if recordings.image_shape:
         if callback:
             raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
-        options = common | {"out": out, "cell": cell, "group": group, "seeds": seeds or 1}
-        return _train_on_images(
-            recordings, asked, prices, search_options, options | (of_images or {}), progress
-        )
+        return train_image_model(recordings, asked, request, keep=keep, progress=progress)
     if cell in NETWORKS:
         raise InputError(
             f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
@@ -477,14 +464,16 @@ def train_chosen(
         raise InputError(
             "--cell auto: needs cross-validation; leave --folds 0 out or name --cell gru, lstm or linear"
         )
-    plan = plan or configure(recordings, asked, prices, groups=group, folds=folds, progress=progress)
+    plan = plan or configure(recordings, asked, prices, groups=request.groups, folds=folds, progress=progress)
     is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
-    search_options = dataclasses.replace(search_options, open=bool(is_open and folds))
+    search_options = SearchOptions(
+        cell=cell, hidden=hidden, reset=reset, robust=request.protocol == ROBUST, open=bool(is_open and folds)
+    )
     settings = CrossValidationSettings(
         recordings=recordings,
         groups=plan.split,
         datasets=Datasets(recordings),
-        seeds=range(seed, seed + (seeds or 3)),
+        seeds=range(request.seed, request.seed + (request.seeds or 3)),
         folds=folds,
         progress=progress,
         stress=stress if search_options.open else None,
@@ -502,35 +491,56 @@ def train_chosen(
     judged = {one.candidate: cross_validation_of(one, settings, tests) for one in tried}
     whole = taken in judged and len(judged[taken]["seeds"]) == len(settings.seeds)
     rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, prices) for one in tried]
+    if request.groups is not None:
+        splits = [request.groups]
+    elif asked is None or is_open:
+        splits = splits_to_report(recordings, taken.config, settings.groups)
+    else:
+        splits = default_splits(recordings, taken.config)
+    validated = _cross_validated(taken, splits if folds else [], settings, [judged[taken]] if whole else [])
     touches = settings.datasets.of(taken.config, taken.recipe).touches
     ended = _ended_early(int(touches.partial.sum()), len(recordings), taken.config)
-    notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows), *ended]}
-    if plan.screened:
-        notes["front_end"] = plan.record(taken.front_end)
-    if rows:
-        notes["candidates"] = rows
-    splits: list[list[str]] | None = None  # the splits of the configuration, or of the thesis
-    if group is not None:
-        splits = [list(group)]
-    elif protocol != "thesis" and (asked is None or is_open):
-        splits = splits_to_report(recordings, taken.config, settings.groups)
+    notes: Record = {
+        "cross_validation": validated,
+        "reasons": [*plan.reasons, *_reasons(plan, taken, rows), *ended],
+        **({"front_end": plan.record(taken.front_end)} if plan.screened else {}),
+        **({"candidates": rows} if rows else {}),
+        **_compared(validated, len(touches), plan, settings, search_options, taken, rows),
+        "wall_s": time.perf_counter() - began,
+    }
     return train(
         recordings,
         taken.config,
-        TrainingRequest(
-            **common,
-            splits=splits,
-            seeds=len(settings.seeds),
-            protocol=protocol,
-            recipe=taken.recipe,
-            known=[judged[taken]] if whole else [],
-        ),
-        out=out,
+        out=request.out,
+        recipe=taken.recipe,
+        seed=request.seed,
         datasets=settings.datasets,
+        notes=notes,
         progress=progress,
         callback=callback,
-        notes=lambda record: notes | _compared(record, plan, settings, search_options, taken, rows),
     )
+
+
+def _cross_validated(
+    taken: Candidate, splits: Sequence[list[str]], settings: CrossValidationSettings, known: Sequence[Record]
+) -> list[Record]:
+    """The record of each split; ``known``: those that the choice made."""
+    for groups in splits:
+        check_split(settings.recordings, groups, settings.folds)
+    records = {tuple(record["groups"]): record for record in known}
+    missing = [groups for groups in splits if tuple(groups) not in records]
+    fresh = cross_validate(
+        settings.recordings,
+        taken.config,
+        missing,
+        settings.seeds,
+        folds=settings.folds,
+        recipe=taken.recipe,
+        datasets=settings.datasets,
+        progress=settings.progress,
+    )
+    records |= {tuple(record["groups"]): record for record in fresh}
+    return [records[tuple(groups)] for groups in splits]
 
 
 def _reasons(plan: Plan, taken: Candidate, rows: Sequence[Record]) -> list[str]:
@@ -583,22 +593,23 @@ def _same_groups(settings: CrossValidationSettings, taken: Candidate) -> Record 
 
 
 def _compared(
-    record: Record,
+    validated: Sequence[Record],
+    touched: int,
     plan: Plan,
     settings: CrossValidationSettings,
     search_options: SearchOptions,
     taken: Candidate,
     rows: Sequence[Record],
 ) -> Record:
-    """Comparisons for training.json in addition to ``train``'s record: for every split a linear classifier on
+    """Comparisons for training.json: for every split a linear classifier on
     the same integer features and folds, and its ``unseen`` figure if something was chosen."""
     recordings, config = settings.recordings, taken.config
-    splits = [split["groups"] for split in record["cross_validation"]]
+    splits = [split["groups"] for split in validated]
     baselines = linear_yardsticks(recordings, config, splits, settings.folds)
     found = list(plan.doubts)
     if plan.screened and not config.recurrent:  # front ends are judged with a linear network
         found += doubts.still_climbing([(one.config, one.correct) for one in plan.screened])
-    for split in record["cross_validation"]:
+    for split in validated:
         found += doubts.below_baselines(split, baselines, rows if search_options.open else None)
         found += doubts.lost_classes(split, recordings.class_names)
         if plan.screened or search_options.open:
@@ -612,34 +623,11 @@ def _compared(
             except InputError as error:
                 found.append(doubts.no_unseen_figure(split, str(error)))
     found += [doubts.doubt("wrong_rate", sentence) for sentence in wrong_rate(recordings)]
-    found += doubts.missed_onsets(record["touched"], record["recordings"])
-    groups = record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"]
-    found += doubts.look_alike(recordings, groups, settings.folds)
+    found += doubts.missed_onsets(touched, len(recordings))
+    found += doubts.look_alike(recordings, splits[0] if splits else ["none"], settings.folds)
     return {
         "baselines": baselines,
         "same_groups": _same_groups(settings, taken),
         "doubts": found,
         "warnings": doubts.sentences(found),
     }
-
-
-def _train_on_images(
-    recordings: Recordings,
-    requested: AcceleratorConfig | None,
-    prices: CostModel,
-    search_options: SearchOptions,
-    options: Record,
-    progress: Progress | None,
-) -> Record:
-    """Call `eskin.training.image_models.train_image_model`; requests that networks for images cannot meet are
-    refused."""
-    asked = dataclasses.asdict(search_options)
-    asked |= {"fits": prices.named or None, "prefer": prices.prefer != "energy" or None}
-    asked |= {"protocol": search_options.protocol if search_options.protocol != "default" else None}
-    for name, value in asked.items():
-        if value is not None and name not in ("cell", "open"):
-            raise InputError(
-                f"--{name.replace('_', '-')}: networks for images have none, and '{recordings.source}' holds "
-                "images; leave it out"
-            )
-    return train_image_model(recordings, requested, progress=progress, **options)

@@ -49,10 +49,7 @@ from eskin.training.derive import (
 )
 from eskin.training.formats import normaliser_constants
 from eskin.training.level import is_level
-from eskin.training.linear_fit import cut_short, discriminants
-
-PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
-"""Ridge penalties, as shares of the mean squared length of a touch's feature vector."""
+from eskin.training.linear_fit import PENALTIES, cut_short, discriminants
 
 SURVIVORS, FAR_BEHIND = 3, 3.0
 """Number of pairs of gate and windows on which kinds of feature are tried. A gate that is this many standard
@@ -139,23 +136,24 @@ def blocked_ridge(
     return ridge_decisions(gram_of(x), labels, folds, classes, np.arange(len(x)) if owner is None else owner)
 
 
-def decided_correctly(
-    touched: np.ndarray,
+def scored(
+    config: AcceleratorConfig,
+    owner: np.ndarray,
     labels: np.ndarray,
     folds: Sequence[np.ndarray],
     decide: Callable[[np.ndarray, list[np.ndarray]], np.ndarray],
-) -> np.ndarray:
-    """(n) bool: True for each recording to which ``decide(labels of the touched, their folds)`` gives its
-    label; recordings that are not ``touched`` count as wrong. The first entry of ``touched`` that names a
-    recording is its touch; further entries are copies of it, cut short."""
-    recordings, first = np.unique(touched, return_index=True)
+) -> ScoredCandidate:
+    """A front end, judged by ``decide(labels of the rows, their folds)`` of its rows; ``owner``: the recording of
+    each. A recording without a row counts as wrong. The first row of a recording is its touch; further ones are
+    copies of it, cut short."""
+    recordings, first = np.unique(owner, return_index=True)
     place = np.full(len(labels), -1)
     place[recordings] = first
     correct = np.zeros(len(labels), dtype=bool)
     if len(recordings) >= 2:
         parts = [part for part in (place[fold][place[fold] >= 0] for fold in folds) if len(part)]
-        correct[recordings] = decide(labels[touched], parts)[first] == labels[recordings]
-    return correct
+        correct[recordings] = decide(labels[owner], parts)[first] == labels[recordings]
+    return ScoredCandidate(Candidate.screened(config), correct, len(labels) - len(recordings))
 
 
 def integer_features(config: AcceleratorConfig, touches: Any) -> np.ndarray:
@@ -263,12 +261,9 @@ class Screen:
         self, config: AcceleratorConfig, folds: Sequence[np.ndarray], decide: Decide = blocked_ridge
     ) -> ScoredCandidate:
         """Judge one front end, leaving out ``folds`` in turn."""
-        touched, x = self.features(config)
-        classes, labels = len(self.recordings.class_names), self.recordings.labels
-        correct = decided_correctly(
-            touched, labels, folds, lambda known, parts: decide(x, known, parts, classes, touched)
-        )
-        return ScoredCandidate(Candidate.screened(config), correct, len(labels) - len(np.unique(touched)))
+        (owner, x), classes = self.features(config), len(self.recordings.class_names)
+        by_features = lambda labels, parts: decide(x, labels, parts, classes, owner)
+        return scored(config, owner, self.recordings.labels, folds, by_features)
 
     def gates(self, base: Record, progress: Callable[[int, int], None]) -> list[list[AcceleratorConfig]]:
         """Candidates with means alone. For each gate: all windows, first those of the longest touch that
@@ -347,8 +342,9 @@ class FrontEnds:
     def gram(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(places in ``rows`` of recordings with a completed window, their ``gram_of``), from
         `Screen.features`. The values that parts need are cached."""
-        touched, gram = self._grams.get(config, (None, None))
-        if touched is None or gram is None or len(rows) > len(self.inside):
+        if config in self._grams and len(rows) <= len(self.inside):
+            touched, gram = self._grams[config]
+        else:
             touched, x = self.screen.features(config)
             gram = gram_of(x)
             held = np.isin(touched, self.inside)
@@ -371,15 +367,12 @@ class FrontEndScorer:
 
     def __call__(self, config: AcceleratorConfig) -> ScoredCandidate:
         if config not in self.judged:
-            touched, gram = self.front_ends.gram(config, self.rows)
+            owner, gram = self.front_ends.gram(config, self.rows)
             classes = len(self.front_ends.recordings.class_names)
-            decide = lambda labels, folds: ridge_decisions(gram, labels, folds, classes, touched)
-            correct = decided_correctly(touched, self._labels, self._folds, decide)
-            missed = len(correct) - len(np.unique(touched))
-            self.judged[config] = ScoredCandidate(Candidate.screened(config), correct, missed)
+            by_gram = lambda labels, parts: ridge_decisions(gram, labels, parts, classes, owner)
+            self.judged[config] = scored(config, owner, self._labels, self._folds, by_gram)
             if self._talks:
-                done = len(self.judged)
-                self.front_ends.progress("front ends judged", done, 0)
+                self.front_ends.progress("front ends judged", len(self.judged), 0)
         return self.judged[config]
 
     def all(self, configs: Iterable[AcceleratorConfig]) -> list[ScoredCandidate]:
@@ -405,11 +398,8 @@ def search(judge: FrontEndScorer, prices: CostModel, brief: bool = False) -> lis
     if brief:
         by_gate = [list(dict.fromkeys([*configs[:2], *_longer(configs), configs[-1]])) for configs in by_gate]
     first = judge.all(config for configs in by_gate for config in configs[:2])
-    close = [
-        configs
-        for configs in by_gate
-        if any(is_level(first[0].correct, judge(config).correct, FAR_BEHIND) for config in configs[:2])
-    ]
+    near = lambda config: is_level(first[0].correct, judge(config).correct, FAR_BEHIND)
+    close = [configs for configs in by_gate if any(map(near, configs[:2]))]
     means = judge.all(config for configs in close for config in configs)
     for one in means[:SURVIVORS]:
         config = one.candidate.front_end
@@ -473,12 +463,12 @@ def listed(judged: Sequence[ScoredCandidate], prices: CostModel) -> Listed:
     groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]
     smaller = [choose(group, prices) for group in groups if group]
     smaller.sort(key=lambda one: prices.price(one.config))
-    rivals: dict[Any, AcceleratorConfig] = {}
+    best_of_gate: dict[Any, AcceleratorConfig] = {}
     for one in sorted(near, key=lambda one: -one.accuracy):
-        if _kind_of_gate(one) != _kind_of_gate(taken):
-            rivals.setdefault(_kind_of_gate(one), one.candidate.front_end)
+        best_of_gate.setdefault(_kind_of_gate(one), one.candidate.front_end)
+    best_of_gate.pop(_kind_of_gate(taken))
     unique = dict.fromkeys(one.candidate.front_end for one in smaller)
-    return Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
+    return Listed(taken.candidate.front_end, tuple(unique), tuple(best_of_gate.values())[:RIVALS])
 
 
 def _kind_of_gate(one: ScoredCandidate) -> tuple[str, bool] | str:
@@ -651,11 +641,8 @@ def features(config: AcceleratorConfig, knee: int, scales: Sequence[str]) -> lis
         changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)
         if "integral" in kind:
             changes["integral_knee"] = knee
-        for scale in scales:
-            candidate = valid(config, feature_scale=scale, **changes)
-            if candidate is not None:
-                same = candidate == config.replace(name="derived")
-                candidates.append(config if same else candidate)
+        tried = (valid(config, feature_scale=scale, **changes) for scale in scales)
+        candidates += [config if one == config.replace(name="derived") else one for one in tried if one]
     return candidates
 
 

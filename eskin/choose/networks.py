@@ -156,13 +156,13 @@ INSIDE = Effort(
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """The user's request about the network; None: no request. `eskin.choose.choice.train_chosen` defines each
-    field. protocol: of the recipe. open: True if the network is chosen."""
+    """The user's request about the network; None: no request. `eskin.requests.TrainRequest` defines each
+    field. open: True if the network is chosen."""
 
     cell: str | None = None
     hidden: int | None = None
     reset: str | None = None
-    protocol: str = "default"
+    robust: bool = False
     open: bool = False
 
     def candidate(
@@ -176,13 +176,10 @@ class SearchOptions:
             No accelerator has this network, or there is no such recipe.
         """
         config = self.network(on, cell, hidden)
-        recipe = choose_recipe(config, self.protocol)
+        recipe = choose_recipe(config, self.robust)
         if fit == ROBUST:
-            return Candidate(
-                on,
-                config,
-                dataclasses.replace(choose_recipe(config, ROBUST), name=ROBUST, updates=ROBUST_UPDATES),
-            )
+            wary = choose_recipe(config, robust=True)
+            return Candidate(on, config, dataclasses.replace(wary, name=ROBUST, updates=ROBUST_UPDATES))
         fit = fit if recipe.augments else ALIKE.get(fit, fit)
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)
 
@@ -289,8 +286,11 @@ class _Choice:
             self.known[one.candidate, share] = one
         return [self.known[one, share] for one in candidates if (one, share) in self.known]
 
-    def judged(self, candidates: Iterable[Candidate | None]) -> Judging:
-        outcomes = yield from self.asked(self.usable(candidates), self.effort.share)
+    def judged(self, candidates: Iterable[Candidate]) -> Judging:
+        """Those of the candidates that were not tried before."""
+        before = {one.candidate for one in self.tried}
+        fresh = [one for one in candidates if one not in before]
+        outcomes = yield from self.asked(fresh, self.effort.share)
         self.tried.extend(outcomes)
         return outcomes
 
@@ -330,7 +330,7 @@ class _Choice:
         probes = self.usable(options.possible(on, "gru", effort.probe) for on in front_ends.for_recurrent)
         cheapest, *others = front_ends.smaller
         fits = {fit: options.possible(cheapest, "linear", None, fit) for fit in effort.fits}
-        first = yield from self.judged(fits.values())
+        first = yield from self.judged(self.usable(fits.values()))
         if first and not any(one.settled for one in first):
             best = best_of(first)
             near = [one for one in first if is_level(best.correct, one.correct, OUT_OF_REACH)]
@@ -340,13 +340,15 @@ class _Choice:
             ]
             taken = [best_of(kind).candidate for kind in kinds if kind]
             kept = [fit for fit, candidate in fits.items() if candidate in taken]
-            yield from self.judged(options.possible(on, "linear", None, fit) for on in others for fit in kept)
+            further = [options.possible(on, "linear", None, fit) for on in others for fit in kept]
+            yield from self.judged(self.usable(further))
         on, probes = front_ends.taken, self.usable(probes)
         if len(probes) > 1 and not any(one.settled for one in self.tried):
             on = (yield from self.best_probe(probes)).front_end
-        units = yield from self.judged(options.possible(on, "gru", count) for count in effort.units)
+        grus = self.usable(options.possible(on, "gru", count) for count in effort.units)
+        units = yield from self.judged(grus)
         if len(units) > 1 and goes_on(self.tried):
-            yield from self.judged([options.possible(on, "gru", LARGER_UNITS)])
+            yield from self.judged(self.usable([options.possible(on, "gru", LARGER_UNITS)]))
         if not self.tried:
             board = f" and the board {self.prices.board}" if self.prices.named else ""
             raise InputError(
@@ -380,7 +382,7 @@ class _Choice:
         ends = [on for on in every if self.in_price([possible(on)], calm)][: 1 if recurrent else effort.ends]
         ends += [one for on in ends for one in hardening.sturdier(on)]
         fits = dict.fromkeys((fit_of(calm), *(effort.robust if recurrent else effort.sturdy)))
-        yield from self.stable((possible(on, fit) for on in ends for fit in fits), calm)
+        yield from self.judged(self.in_price([possible(on, fit) for on in ends for fit in fits], calm))
         for _ in range(effort.rounds):
             # longer windows regain some of the accuracy that a sturdier fit loses
             ahead = max(in_reach(self.tried, calm, prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
@@ -389,7 +391,7 @@ class _Choice:
                 further = [self.options.possible(on, network.cell, network.hidden + 4, fit)]
             else:
                 further = [possible(longer, fit) for longer in hardening.longer(on)]
-            if not (yield from self.stable(further, calm)):
+            if not (yield from self.judged(self.in_price(further, calm))):
                 break
         ranked = sorted(in_reach(self.tried, calm, prices), key=lambda one: -one.score)
         behind = [one for one in ranked if len(one.runs) < len(calm.runs)]
@@ -410,14 +412,6 @@ class _Choice:
     def in_price(self, candidates: Iterable[Candidate | None], calm: ScoredCandidate) -> list[Candidate]:
         unique = dict.fromkeys(candidates)
         return [one for one in unique if one and affordable(one.config, calm, self.prices)]
-
-    def stable(self, candidates: Iterable[Candidate | None], calm: ScoredCandidate) -> Judging:
-        """The new candidates, scored."""
-        before = {one.candidate for one in self.tried}
-        fresh = [one for one in self.in_price(candidates, calm) if one not in before]
-        outcomes = yield from self.asked(fresh, self.effort.share)
-        self.tried.extend(outcomes)
-        return outcomes
 
 
 def fit_of(one: ScoredCandidate) -> str:
@@ -467,7 +461,8 @@ def _judged(
     answers: dict[int, list[ScoredCandidate]] = {number: [] for number in asked}
     for (candidate, share, others), numbers in together.items():
         recipe = shortened(candidate, share)
-        seeds = list(settings.seeds[1:] if others else settings.seeds[:1])
+        seeds = settings.seeds[1:] if others else settings.seeds[:1]
+        owners = [number for _ in seeds for number in numbers for _ in parts[number].tests]
         pieces = [
             FoldJob(candidate.config, recipe, np.setdiff1d(parts[number].rows, test), test, copy)
             for copy in range(len(seeds))
@@ -481,22 +476,14 @@ def _judged(
             if candidate.config.recurrent:
                 raise
             continue  # its formats do not fit
-        of_number: dict[int, list[int]] = {number: [] for number in numbers}
-        owners = [number for _ in seeds for number in numbers for _ in parts[number].tests]
-        for at, number in enumerate(owners):
-            of_number[number].append(at)
-        runs = [network.decided() for network in trained]
-        for number, places in of_number.items():
-            own, rows = [runs[at] for at in places], parts[number].rows
-            right = share_right(settings.recordings.labels, [pieces[at].test for at in places], own)
-            disturbed = partial(_wrong, candidate, [trained[at] for at in places], settings, rows)
+        for number in numbers:
+            own = [network for owner, network in zip(owners, trained, strict=True) if owner == number]
+            runs, rows = [network.decided() for network in own], parts[number].rows
+            right = share_right(settings.recordings.labels, [network.job.test for network in own], runs)
+            disturbed = partial(_wrong, candidate, own, settings, rows) if settings.stress else None
             answers[number].append(
                 ScoredCandidate(
-                    candidate,
-                    right[rows],
-                    runs=tuple(own),
-                    stress=settings.stress,
-                    disturbed=disturbed if settings.stress else None,
+                    candidate, right[rows], runs=tuple(runs), stress=settings.stress, disturbed=disturbed
                 )
             )
     return answers
@@ -507,15 +494,11 @@ def _wrong(
 ) -> np.ndarray:
     """(cases, rows) the share of networks that were wrong under each disturbance, among those that had not
     seen the recording."""
-    tests = [network.job.test for network in networks]
-    told = [
-        settings.stress.wrong(candidate.config, network.integer, test)
-        for network, test in zip(networks, tests, strict=True)
-    ]
+    told = [settings.stress.wrong(candidate.config, one.integer, one.job.test) for one in networks]
     total, judged = np.zeros((len(told[0]), len(settings.recordings))), np.zeros(len(settings.recordings))
-    for wrong, test in zip(told, tests, strict=True):
-        total[:, test] += wrong
-        judged[test] += 1
+    for wrong, network in zip(told, networks, strict=True):
+        total[:, network.job.test] += wrong
+        judged[network.job.test] += 1
     return (total / np.maximum(judged, 1))[:, rows]
 
 

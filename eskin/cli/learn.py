@@ -50,19 +50,11 @@ def train(request: TrainRequest) -> None:
             recordings,
             user_config,
             prices,
+            request,
             plan=plan,
-            out=request.out,
-            cell=request.cell,
-            reset=request.reset,
-            hidden=request.hidden,
-            folds=request.folds,
-            group=groups,
-            seed=request.seed,
-            seeds=request.seeds,
-            protocol=request.protocol,
-            progress=report,
-            of_images={"keep": Memo(KEPT)},
             stress=panel_of(recordings, request.stress),
+            keep=Memo(KEPT),
+            progress=report,
         )
     show("train", **record, network_name=network_name, windows_brief=windows_brief, out=request.out)
 

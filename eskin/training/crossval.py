@@ -52,12 +52,10 @@ def cross_validate(
 
     Returns
     -------
-    A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread
-    and integer_spread (standard deviation over folds x seeds), integer_by_seed (accuracy over all folds), per_step
-    (step, time_s since the onset, float_accuracy, integer_accuracy),
-    decision_time_s (of the global decision since the onset, mean, integer; None: no decision), logit_error
-    (mean and max distance of integer logits from float ones over all completed steps; None: no step),
-    per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer
+    A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, integer_spread
+    (standard deviation over folds x seeds), integer_by_seed (accuracy over all folds), per_step (step, time_s since
+    the onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean,
+    integer; None: no decision), per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer
     model, summed over seeds: rows = true class, columns = decided, last column = none).
     """
     recipe, datasets = recipe or choose_recipe(config), datasets or Datasets(recordings)
@@ -171,22 +169,19 @@ def named(progress: Progress | None, activity: str) -> Callable[[int, int], None
 @dataclass(frozen=True, eq=False)
 class FoldDecisions:
     """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the
-    step (r) after which the integer global one was given, -1 none; distances of integer logits from float
-    ones (values of completed steps); the configuration with its formats."""
+    step (r) after which the integer global one was given, -1 none; the configuration with its formats."""
 
     float_global: np.ndarray
     float_local: np.ndarray
     integer_global: np.ndarray
     integer_local: np.ndarray
     integer_step: np.ndarray
-    logit_error: np.ndarray
     config: AcceleratorConfig
 
     @classmethod
     def from_images(cls, ideal: np.ndarray, whole: np.ndarray, config: AcceleratorConfig) -> FoldDecisions:
         """Float and integer decisions on images, each made in one step."""
-        step, error = np.zeros_like(whole), np.zeros(0)
-        return cls(ideal, ideal[:, None], whole, whole[:, None], step, error, config)
+        return cls(ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), config)
 
 
 def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.ndarray) -> FoldDecisions:
@@ -195,14 +190,12 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
     real = decide_touches(model, touches, config=integer.config)
     exact = decide_touches(integer, touches)
-    complete = np.arange(exact.logits.shape[1]) < touches.completed[:, None]
     return FoldDecisions(
         by_recording(real.decision, placed),
         by_recording(real.local, placed),
         by_recording(exact.decision, placed),
         by_recording(exact.local, placed),
         by_recording(exact.step, placed),
-        np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[complete].ravel(),
         integer.config,
     )
 
@@ -268,28 +261,17 @@ def split_record(
             for row, local in enumerate((run.float_local, run.integer_local)):
                 steps[row] += (local == labels[:, None]).sum(axis=0) / (len(recordings) * len(seeds))
     per_fold = fold_records(recordings, groups, tests, decided)
-
-    def spread(key: str) -> float:
-        return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
-
-    runs = [run for of_fold in decided for run in of_fold]
-    decided_steps = np.concatenate([run.integer_step[run.integer_step >= 0] for run in runs])
-    errors = np.concatenate([run.logit_error for run in runs])
+    of_steps = np.concatenate([run.integer_step[run.integer_step >= 0] for runs in decided for run in runs])
     of_seeds = [fold["by_seed"]["integer_accuracy"] for fold in per_fold]
     return {
         "groups": list(groups),
         "folds": len(tests),
         "seeds": list(map(int, seeds)),
         **over_folds(per_fold),
-        "float_spread": spread("float_accuracy"),
-        "integer_spread": spread("integer_accuracy"),
+        "integer_spread": float(np.std(of_seeds)),
         "integer_by_seed": np.average(of_seeds, axis=0, weights=[len(test) for test in tests]).tolist(),
         "per_step": step_rows(zip(times, *steps, strict=True)),
         "per_fold": per_fold,
-        "decision_time_s": float(np.mean(np.asarray(times)[decided_steps])) if len(decided_steps) else None,
-        "logit_error": {
-            "mean": float(errors.mean()) if len(errors) else None,
-            "max": float(errors.max()) if len(errors) else None,
-        },
+        "decision_time_s": float(np.mean(np.asarray(times)[of_steps])) if len(of_steps) else None,
         "confusion": confusion.tolist(),
     }

@@ -30,11 +30,9 @@ class Dataset:
     ends: np.ndarray
 
 
-def find_dataset(
-    recordings: Recordings, config: AcceleratorConfig, recipe: Recipe, onsets: np.ndarray | None = None
-) -> Dataset:
+def find_dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Recipe) -> Dataset:
     further = max(config.windows.steps, int(np.ceil((config.windows.steps - 1) * recipe.warp)) + 1)
-    long = find_touches(config, recordings, steps=further, onsets=onsets)
+    long = find_touches(config, recordings, steps=further)
     first = long.first_touch()
     index = np.where(first >= 0, np.cumsum(first >= 0) - 1, -1)
     long = long.take(first[first >= 0])

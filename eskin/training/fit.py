@@ -73,52 +73,36 @@ def fit_networks(
     if not config.recurrent:
         return _fit_linear(data, config, recipe, parts, generator, progress)
     models: list[FloatModel] = []
-    shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
+    shares = [parts[first : first + TOGETHER] for first in range(0, len(parts), TOGETHER)]
     for number, share in enumerate(shares):
-        # number=number: otherwise a lambda would read the loop's variable when it is called
-        report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)
-        models += _fit_together(data, config, recipe, parts[share], generator, report, told)
+        network = RecurrentClassifier(config, batch=(len(share),), generator=generator)
+        batches, updates = Batches(data, config, recipe, share, generator), recipe.updates
+        if recipe.epochs:
+            # parts of unequal size take equally many updates: as the largest needs for its epochs
+            updates = max(1, recipe.epochs * -(-max(map(len, share)) // recipe.batch))
+
+        def loss_of(network=network, batches=batches) -> torch.Tensor:
+            features, labels, counts = batches.draw()
+            return class_loss(recipe, network(features), labels, counts)
+
+        def after(done: int, loss: torch.Tensor, network=network, number=number, updates=updates) -> None:
+            if recipe.weight_limit:
+                with torch.no_grad():
+                    for weight in network.parameters():
+                        weight.clamp_(-recipe.weight_limit, recipe.weight_limit)
+            if told:
+                told.note(done, updates, loss)
+            progress(number * updates + done, len(shares) * updates)
+
+        rate, one_cycle = recipe.learning_rate, recipe.one_cycle
+        descend(network.parameters(), loss_of, rate, updates, one_cycle=one_cycle, after=after)
+        arrays = network.arrays() | {
+            name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))
+        }
+        models += [
+            FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(len(share))
+        ]
     return models
-
-
-def _fit_together(
-    data: Dataset,
-    config: AcceleratorConfig,
-    recipe: Recipe,
-    parts: list[np.ndarray],
-    generator: torch.Generator,
-    progress: Progress,
-    told: EpochReporter | None,
-) -> list[FloatModel]:
-    """A recurrent network for each part, all in one batch of networks."""
-    network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
-    batches = Batches(data, config, recipe, parts, generator)
-    # parts of unequal size take equally many updates: as the largest needs for its epochs
-    updates = (
-        max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch))
-        if recipe.epochs
-        else recipe.updates
-    )
-
-    def loss_of() -> torch.Tensor:
-        features, labels, counts = batches.draw()
-        return class_loss(recipe, network(features), labels, counts)
-
-    def after(done: int, loss: torch.Tensor) -> None:
-        if recipe.weight_limit:
-            with torch.no_grad():
-                for weight in network.parameters():
-                    weight.clamp_(-recipe.weight_limit, recipe.weight_limit)
-        if told:
-            told.note(done, updates, loss)
-        progress(done, updates)
-
-    rate, one_cycle = recipe.learning_rate, recipe.one_cycle
-    descend(network.parameters(), loss_of, rate, updates, one_cycle=one_cycle, after=after)
-    arrays = network.arrays() | {
-        name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))
-    }
-    return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(len(parts))]
 
 
 def _fit_linear(

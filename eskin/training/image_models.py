@@ -9,26 +9,26 @@ import dataclasses
 import itertools
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from eskin.data.fit import check_fit
-from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Progress, Record, content_key
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Progress, Record, content_key
 from eskin.golden.core.images import network
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, images_of
 from eskin.golden.model.image_network import image_seconds
 from eskin.jobs import Jobs
 from eskin.memo import Memo
+from eskin.requests import TrainRequest
 from eskin.training.crossval import FoldDecisions, named, split_record
 from eskin.training.fit import one_thread
 from eskin.training.image_formats import profile_images
 from eskin.training.level import is_level
 from eskin.training.splits import split_folds
-from eskin.training.train_images import CODE, ImageFold, ImageRecipe, judge, size_of, train_network
+from eskin.training.train_images import CODE, ImageFold, ImageRecipe, judge, train_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -80,13 +80,8 @@ def chosen_config(
 def train_image_model(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
+    request: TrainRequest,
     *,
-    out: str | Path,
-    cell: str | None = None,
-    group: Sequence[str] | None = None,
-    folds: int = 5,
-    seed: int = 0,
-    seeds: int = 1,
     recipe: ImageRecipe | None = None,
     keep: Memo | None = None,
     workers: int | None = None,
@@ -97,10 +92,10 @@ def train_image_model(
 
     Parameters
     ----------
-    asked, cell:
-        The requested configuration, or a name of NETWORKS, or ``auto``; neither: ``auto``.
-    seeds:
-        Networks of each fold, from ``seed`` on.
+    requested:
+        The requested configuration; None, and no cell of NETWORKS in the request: the network is chosen.
+    request:
+        Its ``seeds``, 1 by default, are networks of each fold.
     keep:
         Folder in which trained and judged networks are cached; None: no cache.
 
@@ -111,30 +106,34 @@ def train_image_model(
     Raises
     ------
     InputError
-        Images and configuration do not fit each other; raised before any long work.
+        Images and configuration do not fit each other, or a request that networks for images cannot meet; raised
+        before any long work.
     """
-    begin = time.perf_counter()
-    check_model_target(out)
+    begin, folds, seed, seeds = time.perf_counter(), request.folds, request.seed, request.seeds or 1
+    check_model_target(request.out)
+    usual = {"hidden": None, "reset": None, "protocol": "default", "fits": None, "prefer": "energy"}
+    for name, value in usual.items():
+        if getattr(request, name) != value:
+            raise InputError(
+                f"--{name}: networks for images have none, and '{recordings.source}' holds images; leave it out"
+            )
     recipe = recipe or ImageRecipe()
-    config = chosen_config(recordings, requested, cell)
+    config = chosen_config(recordings, requested, request.cell)
     if config is None and not folds:
         raise InputError(
             f"--cell auto: needs cross-validation; leave --folds 0 out or name one of {', '.join(NETWORKS)}"
         )
     candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
     judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))
-    images, groups = images_of(recordings), list(group or [])
+    images = images_of(recordings)
     rows: list[Record] = []
     records: list[Record] = []
     if folds:
-        jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
-        pieces = [fold_jobs(recordings, network, groups, folds, many, judged_by) for network in candidates]
-        sized = {size_of(candidates[0]): images}
-        results = judged_pieces(
-            sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge
+        jobs, groups = Jobs(workers=workers, progress=progress), list(request.groups or [])
+        judged = judged_folds(
+            recordings, candidates, groups, folds, range(seed, seed + seeds), judged_by, jobs, keep
         )
-        for of_one in zip(candidates, pieces, results, strict=True):
-            records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, "w8"))
+        records = [split_of(recordings, groups, of_network, "w8") for of_network in judged]
         rows = _candidate_rows(candidates, records, [record.pop("correct") for record in records], seeds)
     chosen = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
     config = candidates[chosen]
@@ -160,83 +159,66 @@ def train_image_model(
     if len(candidates) > 1:
         record["candidates"] = rows
     record = json.loads(json.dumps(record))
-    model.save(out, record)
+    model.save(request.out, record)
     return record
 
 
-def fold_jobs(
+JudgedFold = tuple[ImageFold, Record]
+"""A fold, and its result (`eskin.training.train_images.judge`)."""
+
+
+def judged_folds(
     recordings: Recordings,
-    config: AcceleratorConfig,
+    configs: Sequence[AcceleratorConfig],
     groups: list[str],
     folds: int,
     seeds: Sequence[int],
     recipe: ImageRecipe,
-) -> list[list[ImageFold]]:
-    """A list for each seed, with a piece for each fold."""
-    pieces = []
-    for seed in seeds:
-        parts = split_folds(recordings, groups, folds, seed if not groups else None)
-        pieces.append([ImageFold(config, tuple(map(int, part)), seed, recipe) for part in parts])
-    return pieces
-
-
-def judged_pieces(
-    images: Arrays,
-    labels: np.ndarray,
-    pieces: Sequence[list[list[ImageFold]]],
     jobs: Jobs,
     keep: Memo | None,
-    what: str,
-    judging: Callable[[Any, ImageFold], Record],
-) -> list[list[list[Record]]]:
-    """The result of each piece of several networks, in their order, from `eskin.training.train_images.judge`
-    or a function that replaces it.
-
-    Parameters
-    ----------
-    images, labels:
-        Images by their size (`eskin.training.train_images.size_of`), all of the same labels.
-    pieces:
-        For each network a list for each seed, in it a piece for each fold.
-    jobs, keep, what:
-        As for `eskin.jobs.Jobs.results`. A result is named by everything that it depends on, code included.
-    """
-    code = CODE()
-    of_images = {size: content_key(pixels, labels, code) for size, pixels in images.items()}
+) -> list[list[JudgedFold]]:
+    """For each network its folds, seed by seed. A result is kept under a name of everything that it depends on,
+    code included."""
+    pieces = [
+        [
+            ImageFold(config, tuple(map(int, part)), seed, recipe)
+            for seed in seeds  # every seed deals its own folds
+            for part in split_folds(recordings, groups, folds, seed if not groups else None)
+        ]
+        for config in configs
+    ]
+    images = images_of(recordings)
+    content = content_key(images, recordings.labels, CODE())
 
     def key(piece: ImageFold) -> str:
         options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe)]
-        return content_key(of_images[size_of(piece.config)], piece.config.to_dict(), *options)
+        return content_key(content, piece.config.to_dict(), *options)
 
-    # a fold of every network before the next fold: then an interrupted sweep has cached results of all
-    # networks
-    turns = itertools.zip_longest(*(of_seed for of_network in pieces for of_seed in of_network))
-    keyed = {key(piece): piece for turn in turns for piece in turn if piece is not None}
-    results = jobs.results(judging, keyed, (dict(images), labels), keep=keep, what=what)
-    return [[[results[key(piece)] for piece in of_seed] for of_seed in of_network] for of_network in pieces]
+    # a fold of every network before the next fold: an interrupted sweep has results of all networks
+    keyed = {key(piece): piece for turn in zip(*pieces, strict=True) for piece in turn}
+    shared = images, recordings.labels
+    results = jobs.results(judge, keyed, shared, keep=keep, what="networks trained and judged")
+    return [[(piece, results[key(piece)]) for piece in of_network] for of_network in pieces]
 
 
 def split_of(
-    recordings: Recordings,
-    config: AcceleratorConfig,
-    groups: list[str],
-    pieces: list[list[ImageFold]],
-    results: list[list[Record]],
-    seeds: list[int],
-    integers: str,
+    recordings: Recordings, groups: list[str], judged: Sequence[JudgedFold], integers: str
 ) -> Record:
-    """The record of a cross-validation, as `eskin.training.crossval.cross_validate` gives it, from
-    ``fold_jobs`` and their results, and ``correct``: the share of seeds whose integers were right, for each
-    image. integers: the key of the results that count."""
+    """The record of a cross-validation, as `eskin.training.crossval.cross_validate` gives it, of the folds of a
+    network, and ``correct``: the share of seeds whose integers were right, for each image. integers: the key of
+    the results that count."""
     correct, records = np.zeros(len(recordings)), []
-    for seed, of_seed, outcomes in zip(seeds, pieces, results, strict=True):  # every seed deals its own folds
-        tests, decided = [np.array(piece.left_out) for piece in of_seed], []
-        for test, result in zip(tests, outcomes, strict=True):
-            ideal, whole = np.array(result["float"]), np.array(result[integers])
-            correct[test] += (whole == recordings.labels[test]) / len(seeds)
-            decided.append([FoldDecisions.from_images(ideal, whole, config)])
-        records.append(split_record(recordings, groups, tests, decided, [seed], [image_seconds(config)]))
-    record = records[0] | {"seeds": seeds, "correct": correct}
+    for seed, of_seed in itertools.groupby(judged, key=lambda one: one[0].seed):
+        tests, decided = [], []
+        for piece, result in of_seed:
+            test, ideal, whole = map(np.array, (piece.left_out, result["float"], result[integers]))
+            correct[test] += whole == recordings.labels[test]
+            tests.append(test)
+            decided.append([FoldDecisions.from_images(ideal, whole, piece.config)])
+        times = [image_seconds(piece.config)]
+        records.append(split_record(recordings, groups, tests, decided, [seed], times))
+    seeds = [seed for record in records for seed in record["seeds"]]
+    record = records[0] | {"seeds": seeds, "correct": correct / len(seeds)}
     for kind in ("float", "integer"):
         by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in records]
         record |= {f"{kind}_accuracy": float(np.mean(by_seed)), f"{kind}_by_seed": by_seed}

@@ -211,6 +211,9 @@ SMOOTH = 1e-2
 """Ridge penalty, which stands for noise and spikes, as a share of the mean squared length of a touch's inputs."""
 
 
+Moments = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
 def fit_sturdy(
     config: AcceleratorConfig,
     features: np.ndarray,
@@ -251,50 +254,42 @@ def fit_sturdy(
         """Values given for each of D, for each input."""
         return np.tile(values, config.sets if config.sets > 1 else 1)
 
+    def moments_of(values: np.ndarray) -> Moments:
+        """Mean products, mean, and mean products with the classes, of (touches, inputs)."""
+        return values.T @ values / touches, values.mean(axis=0), values.T @ indicators / touches
+
     x, taxel = shaped(features), by_taxel(taxel_of)
     alike = taxel[:, None] == taxel
-    gram, sums = x.T @ x / touches, x.mean(axis=0)
-    cross, share = x.T @ indicators / touches, indicators.mean(axis=0)
+    (gram, sums, cross), share = moments_of(x), indicators.mean(axis=0)
     live = (~np.array(config.input_mask)).astype(float)
     # a level that is not subtracted remains when nothing moves
     at_rest = features.mean(axis=0) if config.rest_level.rest == "none" else -mu / sigma * live
     rest = shaped(np.broadcast_to(at_rest, features.shape)).mean(axis=0)
     number = max(len(config.sensor.live), 1)
-    total, moments, targets, weight = gram.copy(), sums.copy(), cross.copy(), 1.0
-
-    def add(of: float, products: np.ndarray, means: np.ndarray, classes: np.ndarray) -> None:
-        nonlocal total, moments, targets, weight
-        total, moments = total + of * products, moments + of * means
-        targets, weight = targets + of * classes, weight + of
-
+    ways: list[tuple[float, Moments]] = []
     for level in (rest, np.zeros_like(rest)):
         outer = np.outer(sums, level)
         apart = (number - 2) * gram + outer + outer.T
         within = (number - 1) * gram + np.outer(level, level)
-        add(
-            strength * LOST / 2,
-            np.where(alike, within, apart) / number,
-            ((number - 1) * sums + level) / number,
-            ((number - 1) * cross + np.outer(level, share)) / number,
-        )
-    ways = [(CUT, features * (np.arange(steps) < max(round(part * steps), 1))[:, None]) for part in CUT_AFTER]
-    ways += [(RATE, _at_rate(features, factor)) for factor in RATES]
-    for of, values in ways:
-        other = shaped(values)
-        add(strength * of, other.T @ other / touches, other.mean(axis=0), other.T @ indicators / touches)
+        products = np.where(alike, within, apart) / number
+        classes = ((number - 1) * cross + np.outer(level, share)) / number
+        ways.append((strength * LOST / 2, (products, ((number - 1) * sums + level) / number, classes)))
+    for part in CUT_AFTER:
+        begun = features * (np.arange(steps) < max(round(part * steps), 1))[:, None]
+        ways.append((strength * CUT, moments_of(shaped(begun))))
+    ways += [(strength * RATE, moments_of(shaped(_at_rate(features, factor)))) for factor in RATES]
     late = min(max(round(OVERLAP_AFTER * steps), 1), steps)
     still = features[:, :1] if config.rest_level.rest == "none" else at_rest
     over = np.zeros_like(features)
     over[:, late:] = (features - still)[:, : steps - late]
-    other = shaped(over)
-    moved = other.mean(axis=0)
+    added, moved, _ = moments_of(shaped(over))
     across = np.outer(sums, moved)
-    add(
-        strength * OVERLAP,
-        gram + across + across.T + other.T @ other / touches,
-        sums + moved,
-        cross + np.outer(moved, share),
-    )
+    overlapped = gram + across + across.T + added, sums + moved, cross + np.outer(moved, share)
+    ways.append((strength * OVERLAP, overlapped))
+    total, moments, targets, weight = gram, sums, cross, 1.0
+    for of, (products, means, classes) in ways:
+        total, moments, targets = total + of * products, moments + of * means, targets + of * classes
+        weight += of
     # what one deviation of the means does to each input
     slopes = np.zeros_like(features)
     kind_of = np.arange(width) % kinds

@@ -75,11 +75,22 @@ LOGIT_HEADROOM = 2.0
 """Logits outside the profiled recordings may be this many times larger before they saturate."""
 
 
-class Profile(Float):
+NARROWED = {
+    "sigmoid": "sigmoid pre-activation",
+    "tanh": "tanh pre-activation",
+    "tanh_of_state": "tanh pre-activation",
+    "value": "state",
+    "state": "state",
+    "logit": "logit",
+}
+"""Operations of an arithmetic, and the signal that each narrows."""
+
+
+class Profile:
     """Float arithmetic that notes the range of every signal that the hardware narrows."""
 
     def __init__(self, config: AcceleratorConfig) -> None:
-        super().__init__(config)
+        self._float = Float(config)
         self.ranges: dict[str, Range] = {}
 
     def note(self, signal: str, value: Any) -> Any:
@@ -88,23 +99,11 @@ class Profile(Float):
         self.ranges[signal] = (min(low, float(value.min())), max(high, float(value.max())))
         return value
 
-    def sigmoid(self, acc):
-        return super().sigmoid(self.note("sigmoid pre-activation", acc))
-
-    def tanh(self, acc):
-        return super().tanh(self.note("tanh pre-activation", acc))
-
-    def tanh_of_state(self, value):
-        return super().tanh_of_state(self.note("tanh pre-activation", value))
-
-    def value(self, acc):
-        return self.note("state", acc)
-
-    def state(self, products):
-        return self.note("state", products)
-
-    def logit(self, acc):
-        return self.note("logit", acc)
+    def __getattr__(self, name: str) -> Any:
+        operation = getattr(self._float, name)
+        if name not in NARROWED:
+            return operation
+        return lambda value: operation(self.note(NARROWED[name], value))
 
 
 def signals(config: AcceleratorConfig) -> tuple[str, ...]:

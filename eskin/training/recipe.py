@@ -1,15 +1,14 @@
 """Recipes: how a network of a configuration is trained.
 
 The default recipe is chosen by the configuration: ``onset`` where a touch has an onset (noise and time warp),
-``contact`` where the gate opens at once, so that time has no origin to stretch from (noise only). The thesis
-protocol is an option.
+``contact`` where the gate opens at once, so that time has no origin to stretch from (noise only).
 """
 
 import dataclasses
 from dataclasses import dataclass
 from typing import Literal
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, Record
 
 WEIGHT_LIMIT = 1.98
 """Below 2 - 2**-6, the largest SQ(2,6) weight."""
@@ -107,38 +106,29 @@ RECIPES = {
     "linear": Recipe(
         name="linear", loss="last", updates=60, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5, penalty=1.0
     ),
-    "thesis": Recipe(name="thesis", loss="last", epochs=96, batch=48, learning_rate=0.001, one_cycle=False),
 }
 """The recipes. ``robust`` is ``onset`` for a sensor of which a taxel may fail. ``onset``, ``contact`` and
 ``robust`` were tuned on the splits of the two recorded data sets on which they are reported, so unseen
 sensors may do worse. ``linear`` augments as ``onset`` does, and not at all where the gate opens at once
-(which the same splits and biotac_slide's blocks showed); its penalty is scikit-learn's own, not tuned.
-``thesis`` is the published protocol with Adam's usual rate (the thesis names none)."""
+(which the same splits and biotac_slide's blocks showed); its penalty is scikit-learn's own, not tuned."""
 
 
-def choose_recipe(config: AcceleratorConfig, protocol: str = "default") -> Recipe:
-    """The recipe for a configuration: ``default`` is ``contact`` where the gate opens at once and ``onset``
-    elsewhere, ``linear`` for a linear cell; ``robust`` adds channel dropout and twice the updates; or
-    ``thesis``."""
-    linear, at_once = not config.recurrent, config.opens_at_once
-    if protocol not in ("default", "robust", "thesis") or (linear and protocol == "thesis"):
-        choices = (
-            " and the cell is linear; use default or robust" if linear else "; use default, robust or thesis"
-        )
-        raise InputError(f"training, field protocol: is '{protocol}'{choices}")
-    if protocol == "thesis" or (protocol == "robust" and not linear and not at_once):
-        return RECIPES[protocol]
+def choose_recipe(config: AcceleratorConfig, robust: bool = False) -> Recipe:
+    """The recipe for a configuration: ``contact`` where the gate opens at once and ``onset`` elsewhere,
+    ``linear`` for a linear cell. robust: with channel dropout, failing taxels and twice the updates."""
+    linear, at_once, wary = not config.recurrent, config.opens_at_once, RECIPES["robust"]
+    if robust and not linear and not at_once:
+        return wary
     recipe = RECIPES["linear" if linear else "contact" if at_once else "onset"]
     if linear and at_once:
         recipe = dataclasses.replace(recipe, **AS_RECORDED)
-    if protocol == "robust":
-        robust = RECIPES["robust"]
+    if robust:
         recipe = dataclasses.replace(
             recipe,
             name="robust linear" if linear else "robust",
             updates=2 * recipe.updates,
-            channel_dropout=robust.channel_dropout,
-            taxel_failure=robust.taxel_failure,
+            channel_dropout=wary.channel_dropout,
+            taxel_failure=wary.taxel_failure,
         )
     return recipe
 

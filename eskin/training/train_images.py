@@ -201,20 +201,13 @@ CODE = partial(
 """Code on which the result of an `ImageFold` depends beside its data."""
 
 
-def size_of(config: AcceleratorConfig) -> str:
-    """The images that a network takes: ``28x50``."""
-    return f"{config.image.height}x{config.image.width}"
-
-
-def judge(shared: tuple[Arrays, np.ndarray], piece: ImageFold) -> Record:
+def judge(shared: tuple[np.ndarray, np.ndarray], piece: ImageFold) -> Record:
     """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (weights rounded after training to 8 and 4
-    bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared: images by their size
-    (`size_of`), and labels."""
+    bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared: images and labels."""
     from eskin.training.fit import one_thread
 
     begin = time.perf_counter()
-    images, labels = shared[0][size_of(piece.config)], shared[1]
-    out = np.array(piece.left_out)
+    (images, labels), out = shared, np.array(piece.left_out)
     train = np.setdiff1d(np.arange(len(images)), out)
     with one_thread():
         model = train_network(

@@ -2,7 +2,6 @@
 cannot keep are refused. No torch."""
 
 import dataclasses
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,14 +68,31 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
     # a folder of an earlier version has no record of its quantisation
     before = current if INTEGER_FILE in files else trained
     written = noted(quantised, "config", before) if isinstance(quantised, dict) else before
-    _check_network(model_dir, current, trained, written if ranges else None)
+    one, other = (network_shapes(c, real=True) | {"mu": constants_shape(c)} for c in (current, trained))
+    of_ranges = [name for name, group in GROUP_OF.items() if group in OF_RANGES and name not in CHOSEN]
+    for fields, before, why in (
+        (
+            OF_SHAPES if one != other else (),
+            trained,
+            "in training, which is another network; put it back, or train again",
+        ),
+        (
+            of_ranges if ranges else (),
+            written,
+            "in training, and so are the noted ranges; give recordings (--data)",
+        ),
+        (
+            CHOSEN,
+            written,
+            "as quantise chose it; put that back, and give --weight-bits, --state-bits or --formats",
+        ),
+    ):
+        for field in fields:
+            if (value := current.value(field)) != before.value(field):
+                raise InputError(
+                    f"model '{model_dir}', field {field}: is {value} in config.json and was {before.value(field)} {why}"
+                )
     _check_untaught(model_dir)
-    for field in CHOSEN:
-        if current.value(field) != written.value(field):
-            raise InputError(
-                f"model '{model_dir}', field {field}: is {current.value(field)} in config.json, and quantise, which chooses "
-                f"it, left {written.value(field)}; put that back, and give --weight-bits, --state-bits or --formats"
-            )
     model = FloatModel.load(model_dir, images=images)
     start = {field: trained.value(field) for field in CHOSEN if "shift" not in field}
     config = current.replace(**start, feature_shift=())
@@ -86,31 +102,6 @@ def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = 
 
 def _contents(folder: str | Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in Path(folder).glob("*") if path.is_file()}
-
-
-def _check_network(
-    model_dir: str | Path,
-    current: AcceleratorConfig,
-    trained: AcceleratorConfig,
-    noted: AcceleratorConfig | None,
-) -> None:
-    """Raise InputError for a config.json of another network, or of features other than those of the ``noted``
-    ranges."""
-
-    def refuse(before: AcceleratorConfig, fields: Iterable[str], why: str) -> None:
-        for field in fields:
-            value, other = current.value(field), before.value(field)
-            if value != other:
-                raise InputError(
-                    f"model '{model_dir}', field {field}: is {value} in config.json and was {other} in training, {why}"
-                )
-
-    shapes = [network_shapes(c, real=True) | {"mu": constants_shape(c)} for c in (current, trained)]
-    if shapes[0] != shapes[1]:
-        refuse(trained, OF_SHAPES, "which is another network; put it back, or train again")
-    if noted is not None:
-        fields = (field for field, group in GROUP_OF.items() if group in OF_RANGES and field not in CHOSEN)
-        refuse(noted, fields, "and so are the noted ranges; give recordings (--data)")
 
 
 def _check_untaught(model_dir: str | Path) -> None:

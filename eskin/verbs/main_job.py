@@ -15,6 +15,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,7 @@ from eskin.golden.model import IntegerModel, load_config, load_training
 from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
-from eskin.requests import RunRequest
+from eskin.requests import ChoiceOptions, RunRequest, TrainRequest
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
@@ -288,9 +289,18 @@ class _Steps:
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Progress) -> None:
-        options: Record = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, "stress": self.panel}
-        options |= {"out": folder / "model", "progress": notify, **self.network}
-        choice.train_chosen(self.recordings, self.user_config, self.prices, **options)
+        shared = {each.name: getattr(self.request, each.name) for each in fields(ChoiceOptions)}
+        request = TrainRequest(**shared, out=folder / "model")
+        choice.train_chosen(
+            self.recordings,
+            self.user_config,
+            self.prices,
+            request,
+            plan=self.plan,
+            stress=self.panel,
+            keep=Memo(KEPT),
+            progress=notify,
+        )
 
     def _quantise(self, folder: Path, notify: Progress, trained: Path) -> None:
         shutil.copytree(trained / "model", folder / "model")

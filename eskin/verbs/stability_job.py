@@ -140,7 +140,7 @@ def _defences(
     ones."""
     recordings, base = bench.recordings, undefended(bench.config)
     groups, full = default_splits(recordings, bench.config)[0], defences.recommended(recordings, base)
-    rows = [("none", base, choose_recipe(base)), ("recommended", full, choose_recipe(full, "robust"))]
+    rows = [("none", base, choose_recipe(base)), ("recommended", full, choose_recipe(full, robust=True))]
     pieces = {f"defences {row[0]}": row for row in rows if compare}
     shared = recordings, groups, SEEDS
     compared = results(defences.judge_defences, pieces, shared, "defences cross-validated")

@@ -28,7 +28,6 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.model import images_of
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
 from eskin.pages.charts import accuracy_chart
@@ -38,11 +37,11 @@ from eskin.rtl.views.schedule_view import save_figure
 from eskin.training import LEARNING
 from eskin.training.crossval import cross_validate
 from eskin.training.formats import with_network
-from eskin.training.image_models import KEPT, fold_jobs, image_config, judged_pieces, split_of
+from eskin.training.image_models import KEPT, image_config, judged_folds, split_of
 from eskin.training.quantise import COVERED_FEATURE, choose_formats
 from eskin.training.splits import check_split, default_splits
 from eskin.training.train_images import CODE as IMAGE_CODE
-from eskin.training.train_images import ImageRecipe, judge, size_of
+from eskin.training.train_images import ImageRecipe
 from eskin.verbs.cost import estimated
 
 CELLS: list[tuple[str, str, int | None]] = [("linear", "before", None)]
@@ -193,20 +192,13 @@ def judge_points(
 def _judge_images(
     recordings: Recordings, points: Sequence[Point], groups: list[str], jobs: Jobs, keep: Memo
 ) -> list[Record]:
-    seeds = list(range(IMAGE_SEEDS))
     configs = {name: image_config(recordings, name) for name in dict.fromkeys(p.network for p in points)}
-    pieces = {
-        name: fold_jobs(recordings, config, groups, FOLDS, seeds, ImageRecipe())
-        for name, config in configs.items()
-    }
-    images = {size_of(points[0].config): images_of(recordings)}
-    task = "trained and judged"
-    results = judged_pieces(images, recordings.labels, list(pieces.values()), jobs, keep, task, judge)
+    networks = list(configs.values())
+    judged = judged_folds(recordings, networks, groups, FOLDS, range(IMAGE_SEEDS), ImageRecipe(), jobs, keep)
     outcomes = []
     for point in points:
-        at = list(pieces).index(point.network)
-        of_point = pieces[point.network], results[at], seeds, f"w{point.config.weight_bits}"
-        split = split_of(recordings, configs[point.network], groups, *of_point)
+        of_network = judged[list(configs).index(point.network)]
+        split = split_of(recordings, groups, of_network, f"w{point.config.weight_bits}")
         split["decision_time_s"] = split["per_step"][0]["time_s"]
         outcomes.append({"splits": [{key: split[key] for key in SPLIT}]})
     return outcomes

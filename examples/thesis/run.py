@@ -32,10 +32,13 @@ from eskin.requests import BaselinesRequest
 from eskin.study.baselines import METHODS, Network, run
 from eskin.training.derive import derive_config, for_recordings
 from eskin.training.formats import with_network
-from eskin.training.recipe import RECIPES, Recipe
+from eskin.training.recipe import Recipe
 
 STEPS = (20, 50, 100, 200, 256)
 """Windows of a touch that the thesis tries."""
+
+PROTOCOL = Recipe(name="thesis", loss="last", epochs=96, batch=48, learning_rate=0.001, one_cycle=False)
+"""The published protocol with Adam's usual rate: the thesis names none."""
 
 
 def thesis_network(
@@ -50,12 +53,12 @@ def thesis_network(
     """
     plain = config.replace(feature_kinds=("mean",), feature_scale="array", feature_shift=(), decision="last")
     if config.windows.window_mode == "touch":
-        return with_network(plain, cell=cell, hidden=hidden, steps=steps), RECIPES["thesis"]
+        return with_network(plain, cell=cell, hidden=hidden, steps=steps), PROTOCOL
     hop = config.last_frame // (steps + 1)
     if not hop:
         raise InputError(f"{steps} windows: a touch has {config.last_frame} frames; take fewer windows")
     cut = plain.replace(hop=hop, window=2 * hop, steps=steps)
-    return with_network(cut, cell=cell, hidden=hidden), RECIPES["thesis"]
+    return with_network(cut, cell=cell, hidden=hidden), PROTOCOL
 
 
 RECURRENT = tuple(

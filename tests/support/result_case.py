@@ -64,9 +64,7 @@ def training_record(loaded: Recordings) -> dict[str, Any]:
         "float_accuracy": 0.9731,
         "integer_accuracy": 0.9642,
         "agreement": 0.9913,
-        "float_spread": 0.0123,
         "integer_spread": 0.0234,
-        "logit_error": {"mean": 0.0312, "max": 1.57},
         "per_step": [
             {
                 "step": k + 1,

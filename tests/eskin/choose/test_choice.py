@@ -13,8 +13,9 @@ from eskin.choose.choice import choose_inside, configure, inner_folds, train_cho
 from eskin.choose.networks import SearchOptions
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
+from eskin.requests import TrainRequest
 from eskin.training import train
-from eskin.training.crossval import CrossValidationSettings
+from eskin.training.crossval import CrossValidationSettings, cross_validate
 from eskin.training.datasets import Datasets
 from eskin.training.integers import quantise
 from eskin.training.splits import error_over_groups, split_folds
@@ -32,7 +33,8 @@ def gripped() -> Recordings:
 
 
 def trained(recordings, asked, tmp_path, **options):
-    return train_chosen(recordings, asked, priced(), out=tmp_path / "m", **{**FEW, **options})
+    request = TrainRequest(data="", out=tmp_path / "m", **{**FEW, **options})
+    return train_chosen(recordings, asked, priced(), request)
 
 
 # ---------------------------------------------------------------------- training what was chosen
@@ -79,12 +81,12 @@ def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_pa
 
 def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     config = CONFIG.replace(hidden=4)
-    record = train_chosen(gripped, config, priced(), out=tmp_path / "a", **FEW)
-    plain = train.train(gripped, config, train.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
-    alone, other = (FloatModel.load(tmp_path / name) for name in "ab")
+    record = trained(gripped, config, tmp_path)
+    train.train(gripped, config, out=tmp_path / "b")
+    alone, other = (FloatModel.load(tmp_path / name) for name in "mb")
     assert all((alone.arrays[name] == other.arrays[name]).all() for name in alone.arrays)
     assert alone.config == other.config and "nested" not in record["cross_validation"][0]
-    assert record["cross_validation"] == plain["cross_validation"]
+    assert record["cross_validation"] == cross_validate(gripped, config, [[]], (0,), folds=2)
     assert "candidates" not in record and "front_end" not in record
 
 

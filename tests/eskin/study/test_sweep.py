@@ -11,6 +11,7 @@ from eskin.jobs import Jobs
 from eskin.memo import Memo
 from eskin.pages.charts import accuracy_chart
 from eskin.rtl.program.schedule import schedule
+from eskin.training import image_models
 from eskin.verbs import sweep_job
 from eskin.verbs.cost import cost_of
 from tests.support.image_scenes import shapes
@@ -99,7 +100,7 @@ def test_images_share_one_training_and_each_is_judged_by_its_bits(tmp_path, monk
         found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
         return {name: values.tolist() for name, values in found.items()}
 
-    monkeypatch.setattr(sweep_job, "judge", judged)
+    monkeypatch.setattr(image_models, "judge", judged)
     points = sweep_job.image_points(scene)
     jobs, keep = Jobs(workers=1), Memo(tmp_path / "kept")
     outcomes = sweep_job.judge_points(scene, points, [[]], jobs, keep, "")

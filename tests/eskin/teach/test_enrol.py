@@ -17,7 +17,7 @@ from eskin.teach.evaluate import EnrolmentTrial, judge, summary
 from eskin.training import prototypes as prototypes_of
 from eskin.training.evaluate import evaluate
 from eskin.training.integers import quantise
-from eskin.training.train import TrainingRequest, train
+from eskin.training.train import train
 from tests.support.folder import exchanges
 from tests.support.prices import priced
 from tests.support.recipes import few_updates
@@ -55,7 +55,7 @@ REST = NEW.subset(np.setdiff1d(np.arange(2, 60), of_classes(NEW, 2)))
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     folder = tmp_path_factory.mktemp("enrol") / "model"
-    train(OLD, SMALL, TrainingRequest(folds=0), out=folder)
+    train(OLD, SMALL, out=folder)
     quantise(folder, OLD)
     return folder
 
@@ -255,7 +255,7 @@ def test_teaching_is_judged_from_no_touch_on(capsys):
 def test_a_class_that_no_recording_shows_is_known_once_it_is_taught(taught_ready, tmp_path):
     """Network and prototypes of rise and fall alone: pulse is the spare class."""
     known = OLD.subset(np.flatnonzero(OLD.labels != 2))
-    train(known, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
+    train(known, SMALL, out=tmp_path / "m")
     model = quantise(tmp_path / "m", known, readout={"groups": ["person"], "spare_classes": 1})
     pulses = OLD.subset(np.flatnonzero(OLD.labels == 2)[2:])
     assert model.config.readout_rule.spare_classes == 1 and not model.arrays["prototypes"][2].any()

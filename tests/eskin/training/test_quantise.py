@@ -142,7 +142,7 @@ def test_what_config_json_says_stays(tmp_path):
         (
             {"weight_format": QFormat(1, 7)},
             {},
-            r"field weight_format: is SQ\(1,7\) in config.json, and quantise",
+            r"field weight_format: is SQ\(1,7\) in config.json and was .* as quantise",
         ),
         ({"table_entries": 256}, {"table_entries": 256}, "field table_entries: is 256 in config.json"),
         (

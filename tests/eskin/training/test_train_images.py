@@ -11,6 +11,7 @@ import torch
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
 from eskin.memo import Memo
+from eskin.requests import TrainRequest
 from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import _scale, equalised, quantised
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
@@ -37,9 +38,8 @@ def trained() -> FloatModel:
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("images") / "model"
     scene = shapes(20, 1)
-    record = train_image_model(
-        scene, config(), out=out, folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept")
-    )
+    request, kept = TrainRequest(data="", out=out, folds=2), Memo(out.parent / "kept")
+    record = train_image_model(scene, config(), request, recipe=QUICK, workers=1, keep=kept)
     return out, scene, record
 
 

@@ -64,11 +64,11 @@ class Chain:
         if name == self.stop_at:
             raise self.stop(f"stopped in {name}")
 
-    def train(self, loaded, asked, prices, *, out, progress, **network):
+    def train(self, loaded, asked, prices, request, *, progress, **network):
         self.call("train")
-        self.asked = asked, network
+        self.asked = asked, request, network
         progress("training", 1, 2)
-        float_model().save(out, training_record(loaded) | {"doubts": self.doubts})
+        float_model().save(request.out, training_record(loaded) | {"doubts": self.doubts})
 
     def quantise(self, folder, recordings=None):
         self.call("quantise")

@@ -13,6 +13,7 @@ from eskin.choose.cost import Cost
 from eskin.choose.front_ends import Screen
 from eskin.choose.sturdy import SELDOM, Hardening
 from eskin.golden.core import AcceleratorConfig
+from eskin.requests import TrainRequest
 from eskin.study.stability.core import Scene
 from eskin.study.stability.panel import PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
@@ -107,11 +108,11 @@ def gate_costs(config: AcceleratorConfig) -> Cost:
 
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
     """Touches that any network knows, behind a gate that one bad sample opens."""
-    scene, options = stability_case.recordings(36), {"folds": 2, "seeds": 1, "group": ["trial"]}
+    scene = stability_case.recordings(36)
+    request = TrainRequest(data="", out=tmp_path / "model", folds=2, seeds=1, group="trial")
     panel = Panel(scene, {"one-sample glitch before the touch": 1.0, "one dead taxel, worst": 1.0}, 24)
     calm, heeded = (
-        train_chosen(scene, None, priced(cost_of=gate_costs), out=tmp_path / "model", stress=of, **options)
-        for of in (None, panel)
+        train_chosen(scene, None, priced(cost_of=gate_costs), request, stress=of) for of in (None, panel)
     )
     (plain,), (taken,) = ([row for row in rec["candidates"] if row["chosen"]] for rec in (calm, heeded))
     assert plain["energy_touch_j"] == 1e-6 and plain["front_end"]["clip"] == 0 and not plain["stress"]
