@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from eskin.cli import INTERRUPTED, STOPPED, data, hardware, job, learn, studies
+from eskin.cli import INTERRUPTED, STOPPED, data, hardware, learn, studies
 from eskin.cli.common import PANELS, app, stop
 from eskin.extras import without_extra
 from eskin.golden.core import InputError, SimulationError
@@ -54,7 +54,7 @@ def main() -> None:
 
 
 app.registered_commands.sort(key=lambda command: [*PANELS].index(str(command.rich_help_panel)))
-VERBS = (data, learn, hardware, studies, job)
+VERBS = (data, learn, hardware, studies)
 """Each module has registered its verbs with the application by being imported."""
 
 if __name__ == "__main__":

@@ -1,9 +1,19 @@
 """Verbs that study a model or many of them."""
 
-from eskin.cli.common import app, fitting_config, load_data, progress_bars, recordings_for, say, show
+from eskin.cli.common import (
+    app,
+    fitting_config,
+    load_data,
+    messages,
+    progress_bars,
+    recordings_for,
+    say,
+    show,
+    show_text,
+)
 from eskin.golden.core import InputError, Record
 from eskin.golden.model import load_config
-from eskin.requests import BaselinesRequest, StabilityRequest, SweepRequest
+from eskin.requests import BaselinesRequest, ReportRequest, RunRequest, StabilityRequest, SweepRequest
 
 
 @app.command(
@@ -55,3 +65,26 @@ def baselines(request: BaselinesRequest) -> None:
         result = run(request, recordings, front_end.config, progress=report)
     show("baselines", **result)
     say(f"files: {request.out}")
+
+
+@app.command(epilog="Example: eskin run --data recordings.npz --recordings 40 --out result")
+def run(request: RunRequest) -> Record:
+    """Do the whole job once, in one folder: choose, train, quantise, evaluate, generate, co-simulate,
+    report."""
+    from eskin.pages.report import PAGE, summary
+    from eskin.verbs.main_job import run as main_job
+
+    record = main_job(request, messages)
+    show_text(summary(request.out))
+    say(f"report: {request.out / PAGE}")
+    return record
+
+
+@app.command(epilog="Example: eskin report build/run")
+def report(request: ReportRequest) -> None:
+    """Make the HTML page of a result folder again and print its summary."""
+    from eskin.pages.report import summary, write_report
+
+    page = write_report(request.folder)
+    show_text(summary(request.folder))
+    say(f"report: {page}")

@@ -15,7 +15,7 @@ import onnx
 import onnxruntime
 from onnx import numpy_helper
 
-from eskin.exchange.network import MOST_VALUES, ROLES, TOLERANCE, Network, differences
+from eskin.exchange.import_network import MOST_VALUES, ROLES, TOLERANCE, Network, differences
 from eskin.exchange.onnx_file import METADATA, ORDERS
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.model import Float, constants_shape, run_cell

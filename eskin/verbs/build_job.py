@@ -235,7 +235,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     images = None if config.hardware.loadable else memory_images(config, request.arrays)
     border = "" if request.link else CHAIN
     report("synthesis", 0, 1)
-    netlist, key = _netlist(
+    netlist, key = cached_netlist(
         lambda: wiring.design(images, request.wanted_hz, rate),
         target.family,
         tuple(filter(None, [border])),
@@ -463,9 +463,10 @@ def clock_sentence(result: Record) -> str:
 
 
 # ---------------------------------------------------------------------- kept work
-def _netlist(
+def cached_netlist(
     design: Callable[[], Component], family: Family, keep: tuple[str, ...], cache: Path
 ) -> tuple[Netlist, str]:
+    """The netlist of a design and its key; an unchanged one is taken from ``cache``. keep: modules that stay."""
     text = rtlil.convert(design(), name=TOP, platform=family.name, emit_src=False)
     key = content_key(text, str(family), code_version("rtl"))
     folder = Memo(cache).folder(key, lambda fresh: synthesise(design(), family, fresh, top=TOP, keep=keep))

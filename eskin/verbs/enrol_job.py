@@ -11,9 +11,7 @@ from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
 from eskin.requests import EnrolRequest
-from eskin.teach import evaluate as evaluation
-from eskin.teach.enrol import SETTINGS
-from eskin.teach.evaluate import EnrolmentTrial
+from eskin.teach import enrol as evaluation
 from eskin.training import LEARNING
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import cost_model
@@ -31,10 +29,10 @@ def evaluate(
     progress: Progress | None = None,
 ) -> Record:
     """Benefit of enrolment for each value of the requested groups, left out of the first training
-    (``eskin.teach.evaluate.judge``).
+    (``eskin.teach.enrol.judge``).
 
     ``config``: front end and network; None: the front end is chosen for each value without its recordings,
-    the network GRU 12. Returns ``eskin.teach.evaluate.summary``, with seeds, readout, setting, set_aside,
+    the network GRU 12. Returns ``eskin.teach.enrol.summary``, with seeds, readout, setting, set_aside,
     data, wall_s.
 
     Raises
@@ -56,7 +54,7 @@ def evaluate(
     plain = [configuration.to_dict() for configuration in configs]
     ordered = tuple(sorted(set(ks)))
     questions = {
-        content_key(content, ordered, plain, seed, request.readout): EnrolmentTrial(
+        content_key(content, ordered, plain, seed, request.readout): evaluation.EnrolmentTrial(
             tuple(group), ordered, tuple(configs), seed, request.readout
         )
         for seed in range(request.seeds)
@@ -67,7 +65,7 @@ def evaluate(
     return evaluation.summary(group, judged) | {
         "readout": request.readout,
         "seeds": list(range(request.seeds)),
-        "setting": dataclasses.asdict(SETTINGS[True]),
+        "setting": dataclasses.asdict(evaluation.SETTINGS[True]),
         "set_aside": evaluation.SET_ASIDE,
         "data": str(recordings.source),
         "wall_s": time.perf_counter() - begin,

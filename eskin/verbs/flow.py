@@ -26,13 +26,13 @@ from eskin.golden.model import (
 )
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
-from eskin.rtl.fpga.export import TOP
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
+from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs import asic_job
+from eskin.verbs.build_job import cached_netlist
 
 BUILD = Path("build")
 """Everything generated on the way."""
@@ -207,14 +207,8 @@ def netlist_of(
     """
     family = find_target(target).family
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    key = content_key(
-        config.to_dict(), str(family.synth), probes, repr(images), code_version("rtl", "golden")
-    )
     design = make_accelerator if probes else Chain
-    folder = Memo(BUILD / "netlists").folder(
-        key, lambda folder: synthesise(design(config, images), family, folder)
-    )
-    netlist = Netlist.of(folder, family, TOP)
+    netlist, _ = cached_netlist(lambda: design(config, images), family, (), BUILD / "netlists")
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
 
 

@@ -2,9 +2,8 @@
 constants, configuration and state."""
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat, Re
 from eskin.golden.model import (
     Fixed,
     FloatModel,
-    IntegerModel,
     constants_shape,
     network_formats,
     network_shapes,
@@ -106,43 +104,10 @@ def outside_range(bench: Bench) -> Outcome:
 
 
 # ---------------------------------------------------------------------- bits that turn over
-Site = tuple[Any, int, int]
-"""A bit: the array, the value's place in it (flat), the bit of the value."""
-
-
 def flipped(codes: np.ndarray, bit: int | np.ndarray, fmt: QFormat) -> np.ndarray:
     """``codes`` with one bit of their two's-complement words inverted."""
     word = (np.asarray(codes, dtype=np.int64) ^ (1 << bit)) & ((1 << fmt.width) - 1)
     return np.where(fmt.signed & (word >> (fmt.width - 1) == 1), word - (1 << fmt.width), word)
-
-
-def upset(array: np.ndarray, place: int, bit: int, fmt: QFormat) -> np.ndarray:
-    """A copy of ``array`` with one bit of one value inverted."""
-    array = array.copy()
-    array.flat[place] = flipped(array.flat[place], bit, fmt)
-    return array
-
-
-def every_bit(arrays: Arrays, formats: Mapping[str, QFormat]) -> list[Site]:
-    """Every bit of the arrays that have a format."""
-    return [
-        (name, place, bit)
-        for name, fmt in formats.items()
-        for place in range(arrays[name].size)
-        for bit in range(fmt.width)
-    ]
-
-
-def by_bit(sites: Sequence[Site], changed: np.ndarray) -> Record:
-    """The curve of the share of decisions that flips change against the bit that was inverted."""
-    bit_of = np.array([bit for *_, bit in sites])
-    bits = np.unique(bit_of)
-    shares = [changed[bit_of == bit] for bit in bits]
-    lines = {
-        "mean of the flips": [share.mean() for share in shares],
-        "worst flip": [share.max() for share in shares],
-    }
-    return curve("bit (0 = lowest)", "share of decisions changed", bits, lines)
 
 
 @dataclass(frozen=True)
@@ -151,17 +116,25 @@ class Flips:
 
     Parameters
     ----------
-    sites:
-        Every bit that may be hit; of ``bench.flips`` one in ``of`` are tried at most, at random.
-    flip:
-        The model, or a part of it, with that bit inverted; with None as it is.
+    formats:
+        Of the words that may be hit, by name.
+    words:
+        These words as they are.
     decide:
-        Decisions by that.
+        Decisions with other words in their place.
+    allowed:
+        May such words be tried?
+    playable:
+        The words are weights, so that the hardware can play the worst case.
+    of:
+        Of ``bench.flips`` bits one in so many are tried at most, at random.
     """
 
-    sites: Callable[[Bench], list[Site]]
-    flip: Callable[[Bench, Site | None], Any]
-    decide: Callable[[Bench, Any], np.ndarray]
+    formats: Callable[[AcceleratorConfig], Mapping[str, QFormat]]
+    words: Callable[[Bench], Arrays]
+    decide: Callable[[Bench, Arrays], np.ndarray]
+    allowed: Callable[[Bench, Arrays], bool] = lambda bench, words: True
+    playable: bool = False
     of: int = 1
     worst: bool = False
 
@@ -174,17 +147,41 @@ class Flips:
             f"{name}[{place}] bit {bit}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change "
             "nothing"
         )
-        few, spoiled = bench.sample.clean, self.flip(bench, worst)
-        playable = isinstance(spoiled, IntegerModel)
-        case = Case(few.subset(range(min(3, len(few)))), spoiled) if playable else None
-        value = float(changed.max() if self.worst else changed.mean())
-        return Outcome(value, words, by_bit(sites, changed), case)
+        case, bits = None, np.array([bit for *_, bit in sites])
+        if self.playable:
+            few = bench.sample.clean
+            spoiled = replace(
+                bench.model, arrays={**bench.model.arrays, **self._upset(bench, self.words(bench), worst)}
+            )
+            case = Case(few.subset(range(min(3, len(few)))), spoiled)
+        shares = {bit: changed[bits == bit] for bit in np.unique(bits)}
+        lines = {
+            "mean of the flips": [share.mean() for share in shares.values()],
+            "worst flip": [share.max() for share in shares.values()],
+        }
+        drawn = curve("bit (0 = lowest)", "share of decisions changed", shares, lines)
+        return Outcome(float(changed.max() if self.worst else changed.mean()), words, drawn, case)
 
-    def _tried(self, bench: Bench) -> tuple[list[Site], np.ndarray]:
-        sites, most = self.sites(bench), max(bench.flips // self.of, 16)
+    def _upset(self, bench: Bench, words: Arrays, site: tuple[str, int, int]) -> Arrays:
+        """``words`` with one bit inverted: name of the array, the value's place in it (flat), bit of the value."""
+        name, place, bit = site
+        array = words[name].copy()
+        array.flat[place] = flipped(array.flat[place], bit, self.formats(bench.config)[name])
+        return {**words, name: array}
+
+    def _tried(self, bench: Bench) -> tuple[list[tuple[str, int, int]], np.ndarray]:
+        words, most = self.words(bench), max(bench.flips // self.of, 16)
+        sites = [
+            (name, place, bit)
+            for name, fmt in self.formats(bench.config).items()
+            for place in range(words[name].size)
+            for bit in range(fmt.width)
+            if self.allowed(bench, self._upset(bench, words, (name, place, bit)))
+        ]
         if len(sites) > most:
             sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[:most])]
-        clean, *spoiled = (self.decide(bench, self.flip(bench, site)) for site in (None, *sites))
+        clean = self.decide(bench, words)
+        spoiled = (self.decide(bench, self._upset(bench, words, site)) for site in sites)
         return sites, np.array([float(np.mean(decisions != clean)) for decisions in spoiled])
 
 
@@ -194,111 +191,98 @@ def _decisions(bench: Bench, logits: np.ndarray) -> np.ndarray:
 
 
 # ---------------------------------------------------------------------- words that stay
-def _with_weight(bench: Bench, site: Site | None) -> IntegerModel:
-    arrays = dict(bench.model.arrays)
-    if site:
-        name, place, bit = site
-        arrays[name] = upset(arrays[name], place, bit, network_formats(bench.config)[name])
-    return replace(bench.model, arrays=arrays)
+def _by_weights(bench: Bench, words: Arrays) -> np.ndarray:
+    model = replace(bench.model, arrays={**bench.model.arrays, **words})
+    return _decisions(bench.sample, model.forward(bench.sample.codes)[1])
 
 
-weight_flips = Flips(
-    lambda bench: every_bit(bench.model.arrays, network_formats(bench.config)),
-    _with_weight,
-    lambda bench, model: _decisions(bench.sample, model.forward(bench.sample.codes)[1]),
-)
+weight_flips = Flips(network_formats, lambda bench: bench.model.arrays, _by_weights, playable=True)
 
 
-def _table_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
+def _table_formats(config: AcceleratorConfig) -> Mapping[str, QFormat]:
     """Formats of the words of the activation tables in memory."""
     formats = config.formats
     return {"sigmoid": QFormat(formats.gate_frac + 1, 0, signed=False), "tanh": formats.state_format}
 
 
-def _with_table(bench: Bench, site: Site | None) -> Fixed:
+def _by_tables(bench: Bench, words: Arrays) -> np.ndarray:
     arithmetic = Fixed(bench.config)
-    if site:
-        name, entry, bit = site
-        table = upset(getattr(arithmetic, f"_{name}"), entry, bit, _table_formats(bench.config)[name])
-        setattr(arithmetic, f"_{name}", table)
-    return arithmetic
-
-
-def _table_bits(bench: Bench) -> list[Site]:
-    formats, entries = _table_formats(bench.config), np.zeros(bench.config.formats.table_entries)
-    return every_bit(dict.fromkeys(formats, entries), formats)
+    vars(arithmetic).update({f"_{name}": table for name, table in words.items()})
+    return _decisions(bench.sample, bench.model.run(arithmetic, bench.sample.codes)[1])
 
 
 table_flips = Flips(
-    _table_bits,
-    _with_table,
-    lambda bench, arithmetic: _decisions(bench.sample, bench.model.run(arithmetic, bench.sample.codes)[1]),
+    _table_formats,
+    lambda bench: {name: getattr(Fixed(bench.config), f"_{name}") for name in _table_formats(bench.config)},
+    _by_tables,
     of=8,
 )
 
 
-def _with_constant(bench: Bench, site: Site | None) -> np.ndarray:
-    """Feature codes; a constant may become one that a model must not have."""
-    config, touches = bench.config, bench.touches
-    constants = {name: bench.model.arrays[name] for name in ("mean", "scale")}
-    if site:
-        name, place, bit = site
-        constants[name] = upset(constants[name], place, bit, getattr(config, f"{name}_format"))
-    return preprocess.normalise(config, touches.sums, touches.completed, faults=touches.faults, **constants)
+def _normalised(bench: Bench, constants: Arrays) -> np.ndarray:
+    """Feature codes; a constant may be one that a model must not have."""
+    touches = bench.touches
+    return preprocess.normalise(
+        bench.config, touches.sums, touches.completed, faults=touches.faults, **constants
+    )
 
 
-def _small_constant_bits(bench: Bench) -> list[Site]:
-    """Bits of mean and scale that move no input by more than a supply step does, root mean square."""
-    formats = {"mean": bench.config.mean_format, "scale": bench.config.scale_format}
+def _as_a_supply_step(bench: Bench, constants: Arrays) -> bool:
+    """True if constants move no input by more than a supply step does, root mean square."""
     most = COMMON_OFFSET * 2.0**bench.config.formats.feature_format.frac_bits
-    return [
-        site
-        for site in every_bit(bench.model.arrays, formats)
-        if np.sqrt(np.square(_with_constant(bench, site) - bench.codes).mean((0, 1))).max() <= most
-    ]
+    moved = np.square(_normalised(bench, constants) - bench.codes).mean((0, 1))
+    return bool(np.sqrt(moved).max() <= most)
 
 
 constant_flips = Flips(
-    _small_constant_bits,
-    _with_constant,
-    lambda bench, codes: _decisions(bench, bench.model.forward(codes)[1]),
+    lambda config: {"mean": config.mean_format, "scale": config.scale_format},
+    lambda bench: {name: bench.model.arrays[name] for name in ("mean", "scale")},
+    lambda bench, constants: _decisions(bench, bench.model.forward(_normalised(bench, constants))[1]),
+    _as_a_supply_step,
     worst=True,
 )
 
 
-def _registers(bench: Bench) -> list[Site]:
-    """Bits of onset threshold, band, clip, rearm count and mask that the configuration does not refuse."""
-    config, bits = bench.config, {"rearm_frames": 16}
+def _registers(config: AcceleratorConfig) -> Mapping[str, QFormat]:
+    """Onset threshold, band, clip, rearm count and mask."""
+    word = QFormat(16, 0, signed=False)
+    formats = {"rearm_frames": word}
     if config.onset_rule.onset == "baseline":
-        bits["onset_threshold"] = 16
+        formats["onset_threshold"] = word
     if config.onset_rule.onset == "band":
-        bits |= dict.fromkeys(("band_low", "band_high"), config.sensor.sample_bits)
+        formats |= dict.fromkeys(("band_low", "band_high"), config.sample_format)
     if config.rest_level.clip:
-        bits["clip"] = 16
-    sites: list[Site] = []
-    for site in ((name, 0, bit) for name, width in bits.items() for bit in range(width)):
-        with contextlib.suppress(InputError):  # a value the configuration refuses, as the register does
-            replace(bench.model, config=_with_register(bench, site))
-            sites.append(site)
-    return [*sites, *(("masked_taxels", taxel, 0) for taxel in range(config.sensor.taxels))]
+        formats["clip"] = word
+    return formats | {"masked_taxels": QFormat(1, 0, signed=False)}
 
 
-def _with_register(bench: Bench, site: Site | None) -> AcceleratorConfig:
-    config = bench.config
-    if site is None:
-        return config
-    name, taxel, bit = site
-    if name == "masked_taxels":
-        return config.replace(masked_taxels=tuple(sorted({*config.sensor.masked_taxels} ^ {taxel})))
-    return config.replace(**{name: config.value(name) ^ (1 << bit)})
+def _register_words(bench: Bench) -> Arrays:
+    masked = np.isin(np.arange(bench.config.sensor.taxels), bench.config.sensor.masked_taxels)
+    words = {name: np.array([bench.config.value(name)]) for name in _registers(bench.config)}
+    return {**words, "masked_taxels": masked.astype(np.int64)}
+
+
+def _with_registers(bench: Bench, words: Arrays) -> AcceleratorConfig:
+    values: Record = {name: int(word[0]) for name, word in words.items()}
+    return bench.config.replace(
+        **values | {"masked_taxels": tuple(np.flatnonzero(words["masked_taxels"]).tolist())}
+    )
+
+
+def _accepted(bench: Bench, words: Arrays) -> bool:
+    """True if the configuration takes these values; what it refuses the register refuses, too."""
+    with contextlib.suppress(InputError):
+        return bool(replace(bench.model, config=_with_registers(bench, words)))
+    return False
 
 
 register_flips = Flips(
     _registers,
-    _with_register,
-    lambda bench, config: bench.decide(
-        bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8))), config
+    _register_words,
+    lambda bench, words: bench.decide(
+        bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8))), _with_registers(bench, words)
     ),
+    _accepted,
 )
 
 

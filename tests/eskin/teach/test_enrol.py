@@ -11,9 +11,7 @@ from eskin.cli.common import show
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config, run
 from eskin.teach import enrol as enrolling
-from eskin.teach import evaluate as evaluating
-from eskin.teach.enrol import enrol, teach_folder
-from eskin.teach.evaluate import EnrolmentTrial, judge, summary
+from eskin.teach.enrol import EnrolmentTrial, enrol, judge, summary, teach_folder
 from eskin.training import prototypes as prototypes_of
 from eskin.training.evaluate import evaluate
 from eskin.training.integers import quantise
@@ -159,7 +157,7 @@ def test_enrolment_is_judged_on_what_no_training_saw(monkeypatch):
 def test_nothing_of_the_left_out_value_is_learnt_before_it_is_enrolled(monkeypatch):
     """What both trainings are given; the second changes nothing."""
     seen: dict = {}
-    fit_first = evaluating.fit_networks
+    fit_first = enrolling.fit_networks
 
     def first(data, config, recipe, parts, *rest):
         seen.update(first=parts)
@@ -169,11 +167,11 @@ def test_nothing_of_the_left_out_value_is_learnt_before_it_is_enrolled(monkeypat
         seen.update(recording=data.touches.recording, new=new, old=old)
         return list(pairs)
 
-    monkeypatch.setattr(evaluating, "fit_networks", first)
-    monkeypatch.setattr(evaluating, "fit", more)
+    monkeypatch.setattr(enrolling, "fit_networks", first)
+    monkeypatch.setattr(enrolling, "fit", more)
     judge(BOTH, trial(ks=(2,)))
     recording, mounting = seen["recording"], BOTH.groups["mounting"]
-    aside = evaluating.set_aside(BOTH, evaluating.group_values(BOTH, ["mounting"], (2,)))
+    aside = enrolling.set_aside(BOTH, enrolling.group_values(BOTH, ["mounting"], (2,)))
     for value in (0, 1):
         before, old, new = (recording[seen[name][value]] for name in ("first", "old", "new"))
         assert (mounting[before] == 1 - value).all() and not aside[before].any() and (old == before).all()
@@ -196,15 +194,15 @@ def test_the_summary_weighs_by_recordings():
 def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
     """The labels of a value left out change nothing that is chosen for it; its part's values share one front
     end."""
-    monkeypatch.setattr(evaluating, "CHOICES", 2)
+    monkeypatch.setattr(enrolling, "CHOICES", 2)
     mounting = np.arange(72) // 3 % 3
     three = replace(BOTH.subset(np.arange(72)), groups={"mounting": mounting})
-    values = evaluating.group_values(three, ["mounting"], [1])
-    configs = evaluating.front_ends_without(three, values, ["mounting"], priced())
+    values = enrolling.group_values(three, ["mounting"], [1])
+    configs = enrolling.front_ends_without(three, values, ["mounting"], priced())
     assert configs[0] == configs[2]
     labels = np.where(mounting == 1, np.random.default_rng(0).permutation(three.labels), three.labels)
     mixed = replace(three, labels=labels)
-    assert evaluating.front_ends_without(mixed, values, ["mounting"], priced())[1] == configs[1]
+    assert enrolling.front_ends_without(mixed, values, ["mounting"], priced())[1] == configs[1]
 
 
 # ---------------------------------------------------------------------- taught, not trained
