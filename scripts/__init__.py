@@ -1,2 +1,6 @@
-"""Tools of the people who change eskin: fuzzing, mutants, random designs, the documents' site. Not
-installed."""
+"""Tools of the people who change eskin: mutants, the documents' site, tables of figures. Not installed."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+"""The folder of the project."""

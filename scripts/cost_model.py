@@ -9,8 +9,8 @@ Weights and signals are random: the model is of shapes, not of what was learnt.
 """
 
 import re
+import sys
 import tempfile
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -29,9 +29,9 @@ from eskin.study.touch_ends import with_touches
 from eskin.training.formats import with_network
 from eskin.verbs import energy_job
 from eskin.verbs.build_job import suited
-from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
+from eskin.verbs.cost import BOARD, CELLS, parts_of
 from eskin.verbs.flow import BUILD
-from scripts.tables import Row, printed
+from scripts.tables import printed
 from tests.support.random_models import random_integer_model
 
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
@@ -92,12 +92,11 @@ def played(config: AcceleratorConfig) -> Recordings:
     swing = np.minimum(40 * since, 1) * (2 + np.sin(12 * since + phase)) * depth
     strength = 4.0 * config.onset_rule.onset_threshold
     codes = (1 << (sensor.sample_bits - 1)) + strength * swing + rng.normal(0, 4, (frames, sensor.taxels))
-    return Recordings(
-        np.rint(codes).astype(np.int32),
-        np.array([0, frames]),
-        np.zeros(1, int),
-        config.network.class_names,
-        sensor.sample_rate_hz,
+    return Recordings.of(
+        [np.rint(codes).astype(np.int32)],
+        [0],
+        sample_rate_hz=sensor.sample_rate_hz,
+        class_names=config.network.class_names,
     )
 
 
@@ -133,43 +132,39 @@ def counted(name: str, config: AcceleratorConfig) -> list[float]:
 
 
 def rows() -> pd.DataFrame:
-    """The rows of `DESIGNS`, printed as soon as they are known, from the memo where they are in it."""
+    """The rows of `DESIGNS`, printed; from the memo where they are in it."""
     keep, made = Memo(BUILD / "cost_rows"), {}
-
-    def each() -> Iterator[Row]:
-        for name, config in DESIGNS.items():
-            key = content_key(config.to_dict(), code_version("golden", "rtl", "cosim"))
-            made[name] = keep.remembered(key, partial(counted, name, config))
-            yield name, *map("{:.4g}".format, made[name])
-
-    for line in printed(" | ".join(["design", *COLUMNS]), each()):
-        print(line, flush=True)
+    for name, config in DESIGNS.items():
+        key = content_key(config.to_dict(), code_version("golden", "rtl", "cosim"))
+        made[name] = keep.remembered(key, partial(counted, name, config))
+        print(f"counted: {name}", file=sys.stderr)
+    shown = ((name, *map("{:.4g}".format, row)) for name, row in made.items())
+    print(*printed(" | ".join(["design", *COLUMNS]), shown), sep="\n")
     return pd.DataFrame(made, COLUMNS).T
 
 
 def read_rows(document: str) -> pd.DataFrame:
     """The rows of `rows` that a document holds."""
-    lines = [re.split(r"\s*\|\s*", line)[1:-1] for line in document.splitlines()]
-    found = {name: map(float, row) for name, *row in filter(None, lines) if name in DESIGNS and len(row) > 5}
-    return pd.DataFrame(found, COLUMNS).T
+    lines = (re.split(r"\s*\|\s*", line)[1:-1] for line in document.splitlines())
+    found = {line[0]: line[1:] for line in lines if len(line) > len(COLUMNS) and line[0] in DESIGNS}
+    return pd.DataFrame(found, COLUMNS).T.astype(float)
 
 
-def shares(counted_rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def shares(counted_rows: pd.DataFrame) -> tuple[pd.Series, np.ndarray, np.ndarray]:
     """A row for each counted design, as shares of the energy counted: that of clock and products; that of each
     toggle constant's unit. As shares of the cells counted: its `parts_of`."""
-    part, configs = (
-        PARTS[target(BOARD).device],
-        [suited(DESIGNS[name], target(BOARD)) for name in counted_rows.index],
+    part = PARTS[target(BOARD).device]
+    configs = [suited(DESIGNS[name], target(BOARD)) for name in counted_rows.index]
+    steps, frames = (
+        counted_rows[f"{unit}s"] * counted_rows[f"cycles a {unit}"] for unit in ("step", "frame")
     )
-    of = {name: column.to_numpy() for name, column in counted_rows.items()}
-    frames, steps = of["frames"] * of["cycles a frame"], of["steps"] * of["cycles a step"]
-    products = of["steps"] * [config.multiplies + config.inputs for config in configs]
+    products = counted_rows["steps"] * [config.multiplies + config.inputs for config in configs]
     later = frames * [not config.opens_at_once for config in configs]
     fixed = (steps + frames) * part.clock_j + products * part.multiply_j
-    toggling = part.toggle_j * np.stack([steps, frames, later])
+    toggling = part.toggle_j * np.stack([steps, frames, later], axis=1)
     has = np.array([list(parts_of(config).values()) for config in configs])
-    joule = 1e-6 * of["counted uJ"]
-    return fixed / joule, (toggling / joule).T, has / of["LUT"][:, None]
+    joule, cells = (counted_rows[[name]].to_numpy() for name in ("counted uJ", "LUT"))
+    return fixed / (1e-6 * joule[:, 0]), toggling / (1e-6 * joule), has / cells
 
 
 def fit(counted_rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
@@ -197,13 +192,9 @@ def show(counted_rows: pd.DataFrame) -> None:
     print("\nSTEP_TOGGLES {:.0f}, FRAME_TOGGLES {:.0f}, ONSET_TOGGLES {:.0f}".format(*constants[0]))
     print("CELLS " + ", ".join(map("{} {:.1f}".format, CELLS, constants[1])))
     each = np.stack([errors(counted_rows, constants), without_it(counted_rows)], axis=1).reshape(4, -1)
-    blocks = [
-        f"{blocks_of(DESIGNS[name], BOARD)} of {count:.0f}"
-        for name, count in counted_rows["block memories"].items()
-    ]
     shown = (map("{:+.1f} %".format, 100 * shares) for shares in each)
-    columns = "design | energy | by the others | LUT | by the others | block memories"
-    print("", *printed(columns, zip(counted_rows.index, *shown, blocks, strict=True)), sep="\n")
+    columns = "design | energy | by the others | LUT | by the others"
+    print("", *printed(columns, zip(counted_rows.index, *shown, strict=True)), sep="\n")
 
 
 def main(fit: Path | None = None) -> None:

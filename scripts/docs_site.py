@@ -16,26 +16,22 @@ from pydantic import TypeAdapter
 
 from eskin.golden.core.groups import GROUPS
 from eskin.rtl.program import register_files
+from scripts import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 CODE = ("golden", "rtl", "cosim", "eskin", "scripts")
 KINDS = {"integer": "whole number", "number": "number", "string": "text", "boolean": "`true`, `false`"}
 LIMITS = {"minimum": "at least", "exclusiveMinimum": "above"}
 
 
 # ------------------------------------------------------------------ modules
-def installed(path: Path) -> Path:
-    """A file's place below the folder of packages, as it is imported."""
-    place = path.relative_to(ROOT)
-    return place if place.parts[0] in ("eskin", "scripts") else "eskin" / place
-
-
 def packages() -> dict[str, list[Path]]:
     """The modules of each folder of code, by the folder's dotted name as it is imported."""
     modules: dict[str, list[Path]] = {}
     for path in (path for folder in CODE for path in sorted((ROOT / folder).rglob("*.py"))):
         if path.stem != "__init__" and path.parent.name != "templates":
-            modules.setdefault(".".join(installed(path).parent.parts), []).append(path)
+            parts = path.relative_to(ROOT).parent.parts
+            parts = parts if parts[0] in ("eskin", "scripts") else ("eskin", *parts)
+            modules.setdefault(".".join(parts), []).append(path)
     return modules
 
 
@@ -94,7 +90,7 @@ def companions(path: Path) -> dict[str, list[Path]]:
     """A module's test, its proof, and (hardware) the golden models of the same sections, found by name and
     section."""
     place = path.relative_to(ROOT)
-    paths = {"test": [ROOT / "tests" / place.parent / f"test_{place.name}"], "proof": [], "model": []}
+    paths = {"test": [ROOT / "tests" / place.with_name(f"test_{place.name}")], "proof": [], "model": []}
     if place.parts[0] == "rtl":
         candidates = (
             model

@@ -9,14 +9,16 @@ import subprocess
 import sys
 import tokenize
 import tomllib
+from collections import ChainMap
 from pathlib import Path
 from typing import Annotated
 
+import pandas as pd
 import typer
 
-COLUMNS = "folder | files | lines | tokens | longest file | longest function | tests"
+from eskin.golden.core.groups import GROUP_OF
+
 SHAPE = {"COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENCODING", "ENDMARKER"}
-BUDGET = "budget.toml"
 BYTES = {
     "templates": ("*/templates/*",),
     "sv": ("*.sv", "*.svh", "*.v"),
@@ -30,10 +32,8 @@ LONG_STRING = 200
 
 def tracked(root: Path, *patterns: str) -> list[Path]:
     """The files that git knows, relative to ``root``; links left out."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", *patterns], cwd=root, capture_output=True, text=True, check=True
-    )
-    names = [Path(name) for name in listed.stdout.split("\0") if name]
+    listed = subprocess.check_output(["git", "ls-files", "-z", *patterns], cwd=root, text=True)
+    names = map(Path, listed.split("\0"))
     return [name for name in names if (root / name).is_file() and not (root / name).is_symlink()]
 
 
@@ -45,33 +45,27 @@ def tokens(text: str) -> int:
 
 def long_strings(text: str) -> int:
     """Characters of the strings of a Python file that are longer than LONG_STRING."""
-    tree = ast.parse(text)
-    skipped = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    lengths = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.JoinedStr):
-            parts = [part for part in node.values if isinstance(part, ast.Constant)]
-            skipped |= set(map(id, parts))
-            lengths.append(sum(len(str(part.value)) for part in parts))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped:
-            lengths.append(len(node.value))
+    lengths, skipped = [], set[ast.AST]()
+    for node in ast.walk(ast.parse(text)):  # a node before its parts
+        if isinstance(node, ast.Expr | ast.JoinedStr):
+            skipped |= set(ast.iter_child_nodes(node))
+        parts = node.values if isinstance(node, ast.JoinedStr) else {node} - skipped
+        texts = (part.value for part in parts if isinstance(part, ast.Constant))
+        lengths.append(sum(len(value) for value in texts if isinstance(value, str)))
     return sum(length for length in lengths if length > LONG_STRING)
 
 
-def row(texts: list[str]) -> tuple[float, ...]:
-    """The columns of files behind their folder."""
-    functions = [
-        node for text in texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)
-    ]
-    lines = [text.count("\n") for text in texts]
-    return (
-        len(texts),
-        sum(lines),
-        sum(map(tokens, texts)),
-        max(lines),
-        max((node.end_lineno or 0) - node.lineno + 1 for node in functions),
-        sum(node.name.startswith("test_") for node in functions),
-    )
+def files(root: Path) -> pd.DataFrame:
+    """A row for each Python file that git knows; ``function``: lines of its longest one."""
+    rows = []
+    for path in tracked(root, "*.py"):
+        text = (root / path).read_text()
+        functions = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)]
+        sizes = [(node.end_lineno or 0) - node.lineno + 1 for node in functions]
+        tests = sum(node.name.startswith("test_") for node in functions)
+        counts = (text.count("\n"), tokens(text), long_strings(text), max(sizes, default=0), tests)
+        rows.append((path.parts[0], *counts))
+    return pd.DataFrame(rows, columns=["folder", "lines", "tokens", "long_strings", "function", "tests"])
 
 
 def options() -> int:
@@ -85,30 +79,22 @@ def options() -> int:
     return count(whole) - len(whole.params)
 
 
-def fields() -> int:
-    """Fields of a configuration."""
-    from eskin.golden.core.groups import GROUP_OF
-
-    return len(GROUP_OF)
-
-
-def figures(root: Path, texts: dict[str, list[str]]) -> dict[str, int]:
+def figures(root: Path) -> dict[str, int]:
     """Current figures beside the caps of budget.toml."""
-    every = [text for folder in texts.values() for text in folder]
-    sizes = {
-        kind: sum((root / name).stat().st_size for name in tracked(root, *patterns))
-        for kind, patterns in BYTES.items()
-    }
-    counted = {folder: sum(map(tokens, files)) for folder, files in texts.items()} | sizes
-    return counted | {"long_strings": sum(map(long_strings, every)), "options": options(), "fields": fields()}
+    python = files(root)
+    today = python.groupby("folder")["tokens"].sum().to_dict()
+    for kind, patterns in BYTES.items():
+        today[kind] = sum((root / name).stat().st_size for name in tracked(root, *patterns))
+    strings = python["long_strings"].sum()
+    return today | {"long_strings": strings, "options": options(), "fields": len(GROUP_OF)}
 
 
 def over_budget(today: dict[str, int], caps: dict[str, int]) -> list[str]:
     """A sentence for each figure above its cap; what has no cap may not be there."""
     return [
-        f"{name} is {figure}, above its cap of {caps.get(name, 0)}"
+        f"{name} is {figure}, above its cap of {cap}"
         for name, figure in today.items()
-        if figure > caps.get(name, 0)
+        if figure > (cap := caps.get(name, 0))
     ]
 
 
@@ -127,20 +113,15 @@ def main(
 ) -> None:
     """Print the table of the Python files that git knows in ROOT, links left out; with --budget today's
     figures beside the caps of budget.toml, with --lower after lowering them."""
-    texts: dict[str, list[str]] = {}
-    for path in tracked(root, "*.py"):
-        texts.setdefault(path.parts[0], []).append((root / path).read_text())
     if not (budget or lower):
-        print(f"| {COLUMNS} |\n| --- |" + " --: |" * COLUMNS.count("|"))
-        for folder, files in texts.items():
-            print(f"| {' | '.join(map(str, (folder, *row(files))))} |")
+        columns = {"lines": ["size", "sum", "max"], "tokens": "sum", "function": "max", "tests": "sum"}
+        print(files(root).groupby("folder").agg(columns))
         return
-    today, file = figures(root, texts), root / BUDGET
+    today, file = figures(root), root / "budget.toml"
     if lower:
         file.write_text(lowered(file.read_text(), today))
-    caps = {name: cap for table in tomllib.loads(file.read_text()).values() for name, cap in table.items()}
-    for name, figure in today.items():
-        print(f"{name:14}{figure:8} of {caps.get(name, 0):8}")
+    caps = dict(ChainMap(*tomllib.loads(file.read_text()).values()))
+    print(pd.DataFrame({"today": today, "cap": caps}))
     sys.exit("\n".join(over_budget(today, caps)) or 0)
 
 

@@ -35,16 +35,16 @@ from typing import Any
 import pandas as pd
 import typer
 
+from eskin.cli.common import progress_bars
 from eskin.golden.core import Record, content_key
 from eskin.jobs import Jobs
 from eskin.memo import Memo
+from scripts import ROOT
 from scripts.house import tracked
 
-ROOT = Path(__file__).resolve().parents[1]
 SCOPE, OUT = "tests/mutants.toml", "build/mutants"
 REQUIRED = 0.95
 PYTEST = "-m pytest -x -q -p no:cacheprovider --hypothesis-profile=mutants --tb=line".split()
-ENDED = (-signal.SIGXCPU, -signal.SIGKILL)
 LIMIT = 300
 """Seconds of the processor after which a test is ended."""
 Fault = tuple[str, Any, str]
@@ -90,10 +90,6 @@ class Mutant:
         with contextlib.suppress(SyntaxError):
             return ast.dump(ast.parse(self.applied())) != ast.dump(ast.parse(self.text))
         return False
-
-    def line(self) -> int:
-        """Its number."""
-        return self.text.count("\n", 0, self.begin) + 1
 
     def lines(self) -> tuple[str, str]:
         """The difference, as the stretch of lines before and after, blanks squeezed: names the mutant
@@ -327,7 +323,11 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
     if status and not mutant.kind:
         sys.exit(f"a test fails without a mutant:\n{end}")
     return {
-        "outcome": "timeout" if status in ENDED else "killed" if status else "survived",
+        "outcome": "timeout"
+        if status in (-signal.SIGXCPU, -signal.SIGKILL)
+        else "killed"
+        if status
+        else "survived",
         # a test compared, and did not find what it asserts
         "compared": status > 0 and bool(re.search(r":\d+: (AssertionError|assert )", end)),
     }
@@ -351,15 +351,15 @@ def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
     before = [(plain, [test]) for test in sorted({test for _, tests in works for test in tests})]
     content = content_key(*(root / name for name in tracked(root) if str(name) != SCOPE))
     keys = [content_key(content, mutant.file, mutant.applied(), tests) for mutant, tests in before + works]
-    jobs = Jobs(workers=2, progress=lambda *told: print("{}: {} of {}".format(*told), file=sys.stderr))
     try:
-        results = jobs.results(
-            verdict,
-            dict(zip(keys, before + works, strict=True)),
-            (root, out / "copies", LIMIT),
-            keep=Memo(out / "verdicts"),
-            what="tests as they are, then mutants",
-        )
+        with progress_bars() as report:
+            results = Jobs(workers=2, progress=report).results(
+                verdict,
+                dict(zip(keys, before + works, strict=True)),
+                (root, out / "copies", LIMIT),
+                keep=Memo(out / "verdicts"),
+                what="tests as they are, then mutants",
+            )
     except SystemExit:
         shutil.rmtree(out / "verdicts")
         raise
@@ -368,7 +368,8 @@ def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
     rows = []
     for (mutant, _), key in zip(works, keys[len(before) :], strict=True):
         was, now = mutant.lines()
-        row = results[key] | {"file": mutant.file, "line": mutant.line(), "kind": mutant.kind}
+        line = mutant.text.count("\n", 0, mutant.begin) + 1
+        row = results[key] | {"file": mutant.file, "line": line, "kind": mutant.kind}
         known = scope.reasons.get((mutant.file, now), ("survived", mutant.name or "no reason given"))
         if row["outcome"] == "survived":
             row["outcome"] = known[0]

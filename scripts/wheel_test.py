@@ -13,7 +13,8 @@ import venv
 import zipfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from scripts import ROOT
+
 WORK = ROOT / "build" / "wheel"
 PREDICT = """
 import sys

@@ -7,42 +7,36 @@ is answered for each.
 import difflib
 import re
 import sys
+from collections import defaultdict
 from pathlib import Path
 
-from scripts.docs_site import ROOT, companions, packages, summary_of
+from scripts import ROOT
+from scripts.docs_site import companions, packages, summary_of
 
-ENGINES = ("engine/engine",)
 STAGES = {
-    "sum": ("frontend/window_averager",),
-    "fault": ("frontend/fault_detector",),
-    "feature": ("frontend/normaliser",),
-    "state": ENGINES,
-    "logit": ENGINES,
-    "decision": ("decision/classifier",),
+    "sum": "frontend/window_averager",
+    "fault": "frontend/fault_detector",
+    "feature": "frontend/normaliser",
+    "state": "engine/engine",
+    "logit": "engine/engine",
+    "decision": "decision/classifier",
 }
-"""The blocks of rtl/ that produce each compared stage."""
-
-
-def verbs() -> dict[str, list[Path]]:
-    """Every verb of the command line: the file of its command, and its job."""
-    files = {}
-    for path in sorted((ROOT / "eskin/cli").glob("*.py")):
-        for name in re.findall(r"^def (\w+)\(request", path.read_text(), re.MULTILINE):
-            job = "main" if name == "run" else name
-            files[name.strip("_")] = [path, *(ROOT / "eskin/verbs").glob(f"{job}_job.py")]
-    return files
+"""The block of rtl/ that produces each compared stage."""
 
 
 def index() -> dict[str, list[Path]]:
-    """The modules of every name: files of that name, then the block of that stage, then the modules of that
-    verb."""
-    files: dict[str, list[Path]] = {}
+    """The modules of every name: files of that name, then the block of that stage, then the file of that
+    verb's command, and its job."""
+    files = defaultdict(list)
     for path in (path for paths in packages().values() for path in paths):
-        files.setdefault(path.stem, []).append(path)
-    stages = {stage: [ROOT / "rtl" / f"{block}.py" for block in blocks] for stage, blocks in STAGES.items()}
-    for name, paths in (stages | verbs()).items():
-        files[name] = list(dict.fromkeys([*files.get(name, []), *paths]))
-    return files
+        files[path.stem].append(path)
+    for stage, block in STAGES.items():
+        files[stage].append(ROOT / "rtl" / f"{block}.py")
+    for path in sorted((ROOT / "eskin/cli").glob("*.py")):
+        for verb in re.findall(r"^def (\w+?)_?\(request", path.read_text(), re.MULTILINE):
+            job = "main" if verb == "run" else verb
+            files[verb] += [path, *(ROOT / "eskin/verbs").glob(f"{job}_job.py")]
+    return {name: list(dict.fromkeys(paths)) for name, paths in files.items()}
 
 
 def card(paths: list[Path]) -> list[str]:

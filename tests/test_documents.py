@@ -22,10 +22,9 @@ from typer.main import get_command
 
 from eskin.cli.main import app
 from eskin.golden.core.groups import GROUP_OF
-from scripts import docs_site
+from scripts import ROOT, docs_site
 from tests.support.table import each_row
 
-ROOT = docs_site.ROOT
 NAVIGATION = re.findall(r"\w+\.md", (ROOT / "mkdocs.yml").read_text())
 PAGES = [ROOT / "README.md", *(ROOT / "docs" / name for name in NAVIGATION)]
 

@@ -7,8 +7,8 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import mean_frame_cycles
 from eskin.study.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
 from eskin.verbs.cost import CELLS, blocks_of, cost_of, fits, on_board
+from scripts import ROOT
 from scripts.cost_model import DESIGNS, errors, fit, read_rows, without_it
-from scripts.docs_site import ROOT
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from scripts import docs_site, where
+from scripts import ROOT, where
 from tests.support.table import each_row
 
 BLOCKS = {
@@ -23,7 +23,7 @@ def told(name: str) -> set[str]:
         line.split()[-1] if line.startswith(" ") else line.partition(":")[0]
         for line in where.card(where.index()[name])
     }
-    assert all((docs_site.ROOT / path).exists() for path in found)
+    assert all((ROOT / path).exists() for path in found)
     return found
 
 
