@@ -41,7 +41,7 @@ from eskin.golden.model import (
 )
 from eskin.golden.model.pipeline import by_recording
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
-from eskin.training.batches import Batches, TouchPool
+from eskin.training.batches import Batches, drawn_rows
 from eskin.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.training.fit import Loss, fit_networks, post_training, train_integers
 from eskin.training.losses import Progress, class_loss
@@ -107,22 +107,6 @@ def load_pair(folder: str | Path) -> Pair:
     return Pair(real, integer)
 
 
-class _Mixed(TouchPool):
-    """Draws a fixed share of every batch from the new touches, the rest from the old ones."""
-
-    def __init__(
-        self, old: list[np.ndarray], new: list[np.ndarray], share: float, generator: torch.Generator
-    ) -> None:
-        super().__init__(old, generator)
-        self._new, self._share = TouchPool(new, generator), share
-
-    def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
-        fresh = max(1, round(batch * self._share))
-        return torch.cat(
-            [self._new.draw(fresh, in_order=False), super().draw(batch - fresh, in_order=False)], dim=-1
-        )
-
-
 def fit(
     pairs: Sequence[Pair],
     data: Dataset,
@@ -143,16 +127,21 @@ def fit(
         For each network the rows of ``data`` to enrol, and those of the old recordings; None: there are none.
     """
     setting = SETTINGS[old is not None]
-    drawn = dataclasses.replace(recipe, epochs=0)  # a pass over so few touches means nothing
 
     def batches_of(config: AcceleratorConfig, members: list[int]) -> Batches:
         generator, fresh = torch.Generator().manual_seed(seed), [new[number] for number in members]
-        pool = TouchPool(fresh, generator)
-        if old is not None:
-            pool = _Mixed([old[number] for number in members], fresh, setting.share, generator)
+
+        def draw(batch: int) -> torch.Tensor:
+            """A fixed share from the new touches, the rest from the old ones."""
+            if old is None:
+                return drawn_rows(fresh, batch, generator)
+            count, before = max(1, round(batch * setting.share)), [old[number] for number in members]
+            rows = drawn_rows(fresh, count, generator), drawn_rows(before, batch - count, generator)
+            return torch.cat(rows, dim=-1)
+
         real = [pairs[number].real.arrays for number in members]
         scales = [(arrays["mu"].tolist(), arrays["sigma"].tolist()) for arrays in real]
-        return Batches(data, config, drawn, fresh, generator, scales=scales, pool=pool)
+        return Batches(data, config, recipe, fresh, generator, scales=scales, draw=draw)
 
     def loss_of(network: IntegerNetwork) -> Loss:
         begin = {name: weight.detach().clone() for name, weight in network.weights.items()}

@@ -3,6 +3,8 @@ requires."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 import torch
 
@@ -22,7 +24,7 @@ features."""
 
 class Batches:
     """Augmented training batches, one for every part; scales: (mu, sigma) of each part, codes. ``scales`` and
-    ``pool`` replace the scales of the parts and the draws from them.
+    ``draw`` replace the scales of the parts and the draws of so many rows from them.
     """
 
     def __init__(
@@ -34,7 +36,7 @@ class Batches:
         generator: torch.Generator,
         *,
         scales: list[tuple[float, float]] | None = None,
-        pool: TouchPool | None = None,
+        draw: Callable[[int], torch.Tensor] | None = None,
     ) -> None:
         self._config, self._recipe, self._generator = config, recipe, generator
         touches_of = [data.touches.take(rows) for rows in parts]
@@ -58,16 +60,16 @@ class Batches:
         )
         self._labels = torch.tensor(data.labels[data.touches.recording])
         self._ends = torch.tensor(data.ends)
-        self._pool = pool or TouchPool(parts, generator)
+        self._parts, self._draw = parts, draw or (lambda batch: drawn_rows(parts, batch, generator))
 
     def draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Real features (parts, batch, steps, inputs), labels (parts, batch), and which steps the recording
         holds (parts, batch, steps)."""
-        return self._augmented(self._pool.draw(self._recipe.batch, in_order=bool(self._recipe.epochs)))
+        return self._augmented(self._draw(self._recipe.batch))
 
     def recorded(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """The same as `draw`, for every touch of the parts once; all parts must have one size."""
-        return self._augmented(torch.stack(self._pool.parts))
+        return self._augmented(torch.tensor(np.stack(self._parts)))
 
     def _augmented(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         recipe, generator = self._recipe, self._generator
@@ -176,24 +178,7 @@ def _log_uniform(limit: float, shape: torch.Size, generator: torch.Generator) ->
     return limit ** (torch.rand(shape, generator=generator) * 2 - 1)
 
 
-class TouchPool:
-    """Draws training rows for every part: at random, or in shuffled passes over the part."""
-
-    def __init__(self, parts: list[np.ndarray], generator: torch.Generator) -> None:
-        self.parts = [torch.tensor(rows) for rows in parts]
-        self._generator = generator
-        self._waiting = [torch.empty(0, dtype=torch.long) for _ in parts]
-
-    def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
-        """(parts, batch) rows."""
-        if in_order:
-            return torch.stack([self._next(m, batch) for m in range(len(self.parts))])
-        places = [torch.randint(len(part), (batch,), generator=self._generator) for part in self.parts]
-        return torch.stack([part[rows] for part, rows in zip(self.parts, places, strict=True)])
-
-    def _next(self, m: int, batch: int) -> torch.Tensor:
-        while len(self._waiting[m]) < batch:
-            again = self.parts[m][torch.randperm(len(self.parts[m]), generator=self._generator)]
-            self._waiting[m] = torch.cat([self._waiting[m], again])
-        rows, self._waiting[m] = self._waiting[m][:batch], self._waiting[m][batch:]
-        return rows
+def drawn_rows(parts: Sequence[np.ndarray], batch: int, generator: torch.Generator) -> torch.Tensor:
+    """(parts, batch) training rows of every part, at random."""
+    places = [torch.randint(len(part), (batch,), generator=generator) for part in parts]
+    return torch.stack([torch.tensor(part)[rows] for part, rows in zip(parts, places, strict=True)])

@@ -72,20 +72,17 @@ def fit_networks(
     generator = torch.Generator().manual_seed(seed)
     if not config.recurrent:
         return _fit_linear(data, config, recipe, parts, generator, progress)
-    models: list[FloatModel] = []
+    models, updates = list[FloatModel](), recipe.updates
     shares = [parts[first : first + TOGETHER] for first in range(0, len(parts), TOGETHER)]
     for number, share in enumerate(shares):
         network = RecurrentClassifier(config, batch=(len(share),), generator=generator)
-        batches, updates = Batches(data, config, recipe, share, generator), recipe.updates
-        if recipe.epochs:
-            # parts of unequal size take equally many updates: as the largest needs for its epochs
-            updates = max(1, recipe.epochs * -(-max(map(len, share)) // recipe.batch))
+        batches = Batches(data, config, recipe, share, generator)
 
         def loss_of(network=network, batches=batches) -> torch.Tensor:
             features, labels, counts = batches.draw()
             return class_loss(recipe, network(features), labels, counts)
 
-        def after(done: int, loss: torch.Tensor, network=network, number=number, updates=updates) -> None:
+        def after(done: int, loss: torch.Tensor, network=network, number=number) -> None:
             if recipe.weight_limit:
                 with torch.no_grad():
                     for weight in network.parameters():
@@ -94,8 +91,8 @@ def fit_networks(
                 told.note(done, updates, loss)
             progress(number * updates + done, len(shares) * updates)
 
-        rate, one_cycle = recipe.learning_rate, recipe.one_cycle
-        descend(network.parameters(), loss_of, rate, updates, one_cycle=one_cycle, after=after)
+        rate, cycle = recipe.learning_rate, recipe.one_cycle
+        descend(network.parameters(), loss_of, rate, updates, one_cycle=cycle, after=after)
         arrays = network.arrays() | {
             name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))
         }

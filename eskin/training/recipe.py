@@ -19,8 +19,7 @@ class Recipe:
     """Training of a network; Adam and cross-entropy throughout, features scaled by one mean and one standard
     deviation.
 
-    loss: on ``all`` steps (mean) or on the ``last``. updates, batch: gradient steps and touches each; epochs:
-    passes over the training part instead of updates (then every touch is used once an epoch, in random order).
+    loss: on ``all`` steps (mean) or on the ``last``. updates, batch: gradient steps and touches each.
     learning_rate: the largest of a one-cycle schedule, or constant. noise: standard deviation added to every
     feature (1 = that of the training features). warp: a touch runs faster by a factor drawn between 1/warp and
     warp (log-uniform); 1 = none. gain: its amplitude is multiplied by a factor between 1/gain and gain.
@@ -29,7 +28,7 @@ class Recipe:
     touch. taxel_failure: probability with which a taxel sticks at a limit in the touch, is found after
     FAULTY_WINDOWS and masked from there on. penalty: of a linear cell, which is fitted as a logistic regression
     on all windows of a touch (`eskin.training.linear_fit`): the inverse penalty of its weights on standardised
-    inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and weight_limit have no effect then.
+    inputs, as scikit-learn has it; loss, learning_rate, one_cycle and weight_limit have no effect then.
     squares: a linear cell is a ridge regression on the classes' indicators instead; ridge: its penalty, as a
     share of the mean squared length of a touch's inputs; 0: chosen by leaving touches out. averaged: it is the
     mean of both. sturdy: it is fitted under the disturbances of `eskin.training.linear_fit.fit_sturdy`, with
@@ -40,7 +39,6 @@ class Recipe:
     name: str
     loss: Literal["all", "last"] = "all"
     updates: int = 400
-    epochs: int = 0
     batch: int = 64
     learning_rate: float = 0.01
     one_cycle: bool = True

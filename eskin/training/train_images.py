@@ -125,13 +125,6 @@ def augmented(images: Tensor, recipe: ImageRecipe, generator: torch.Generator) -
     return ((moved + noise) * (1 + spread(recipe.intensity))[:, None, None, None]).clamp(0, 1)
 
 
-def _batches(count: int, recipe: ImageRecipe, generator: torch.Generator) -> list[Tensor]:
-    order = torch.randperm(count, generator=generator)
-    if count <= recipe.batch:
-        return [order]
-    return list(order[: count - count % recipe.batch].split(recipe.batch))
-
-
 def train_network(
     config: AcceleratorConfig,
     images: np.ndarray,
@@ -168,7 +161,9 @@ def train_network(
         targets = torch.from_numpy(labels.astype(np.int64))
         loss_of = nn.CrossEntropyLoss(label_smoothing=recipe.label_smoothing)
         for epoch in range(recipe.epochs):
-            for rows in _batches(len(images), recipe, generator):
+            # batches of one size; of fewer images than a batch one
+            whole = len(images) - len(images) % recipe.batch or len(images)
+            for rows in torch.randperm(len(images), generator=generator)[:whole].split(recipe.batch):
                 loss = loss_of(network(augmented(pixels[rows], recipe, generator)), targets[rows])
                 optimiser.zero_grad()
                 loss.backward()

@@ -7,5 +7,5 @@ from tests.support.recipes import few_updates
 
 @pytest.fixture
 def quick(monkeypatch):
-    """At most 6 updates, or 2 epochs."""
-    few_updates(monkeypatch, 6, 2)
+    """At most 6 updates."""
+    few_updates(monkeypatch, 6)

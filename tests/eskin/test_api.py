@@ -18,7 +18,7 @@ from tests.support.touch_scenes import SMALL, scene
 def model():
     """Trained on the small scene."""
     with pytest.MonkeyPatch.context() as patch:
-        few_updates(patch, 200, 0)
+        few_updates(patch, 200)
         return eskin.Model(SMALL, folds=0).fit(scene(60))
 
 

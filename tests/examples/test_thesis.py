@@ -4,6 +4,7 @@ import importlib
 import json
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,7 @@ def test_the_methods_write_the_rows_of_baselines(thesis, tmp_path, monkeypatch, 
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # no processes, each of which would import torch
     monkeypatch.setattr(sys.modules["images"], "UPDATES", 30)
     few_updates(monkeypatch, 100)
+    monkeypatch.setattr(thesis, "PROTOCOL", replace(thesis.PROTOCOL, updates=96))
     names = "tensor-svm,tensor-rls,cnn-lstm,convlstm,dcnn,gru12-n20,gru12-n256"
     exported("seen.pt2")
     words = f"--dcnn seen.pt2 --data data.npz --config c.json --group person --seeds 1 --folds 2 --methods {names} --out out"

@@ -7,10 +7,7 @@ import pytest
 from eskin.training import recipe
 
 
-def few_updates(patch: pytest.MonkeyPatch, updates: int, epochs: int = 99) -> None:
-    """At most so many updates, or epochs, until ``patch`` is undone."""
-    few = {
-        name: replace(one, updates=min(one.updates, updates), epochs=min(one.epochs, epochs))
-        for name, one in recipe.RECIPES.items()
-    }
+def few_updates(patch: pytest.MonkeyPatch, updates: int) -> None:
+    """At most so many updates until ``patch`` is undone."""
+    few = {name: replace(one, updates=min(one.updates, updates)) for name, one in recipe.RECIPES.items()}
     patch.setattr(recipe, "RECIPES", few)
