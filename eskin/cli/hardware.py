@@ -176,22 +176,9 @@ def replay(request: ReplayRequest) -> Record:
 
     baud, lanes, lane_type = build_job.board_of(request.model)
     integer = integer_model(request.model).with_lanes(lanes, lane_type)
-    classes = integer.config.network.class_names
-    if request.teach is not None and request.teach not in classes:
-        raise InputError(
-            f"--teach {request.teach}: is not a class of the model; there are {', '.join(classes)}"
-        )
     recordings = recordings_for(request.data, integer.config)
     with progress_bars() as report:
-        result = play(
-            integer,
-            recordings,
-            port=request.port,
-            baud=baud,
-            progress=lambda done, total: report("frames played", done, total),
-            teach=None if request.teach is None else classes.index(request.teach),
-            kept=request.save_taught,
-        )
+        result = play(request, integer, recordings, baud, report)
     show("replay", **result)
     return result
 
@@ -241,8 +228,7 @@ def energy(request: EnergyRequest) -> Record:
     integer = IntegerModel.load(request.model)
     loaded = recordings_for(request.data, integer.config)
     with _work_folder() as work, progress_bars() as report:
-        count, out = request.recordings, request.out
-        result = job(integer, loaded, request.configuration, count=count, out=out, work=work, notify=report)
+        result = job(request, integer, loaded, work, report)
     show("energy", **result, in_words=in_words, file=request.out / RESULT)
     return result
 

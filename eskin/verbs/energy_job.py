@@ -8,7 +8,6 @@ and at a slower one. Both runs must be bit-exact.
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from eskin.cosim.activity import instrument, read_count
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
-from eskin.requests import parse_lanes
+from eskin.requests import EnergyRequest, parse_lanes
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
@@ -108,35 +107,23 @@ def slower_cycles(config: AcceleratorConfig, full: Record) -> int:
 
 
 def job(
-    model: IntegerModel,
-    recordings: Recordings,
-    configurations: Sequence[str] | None,
-    *,
-    count: int,
-    out: Path,
-    work: Path,
-    notify: Progress,
+    request: EnergyRequest, model: IntegerModel, recordings: Recordings, work: Path, notify: Progress
 ) -> Record:
-    """Measure every configuration and write energy.json into ``out``.
-
-    Parameters
-    ----------
-    configurations:
-        As for `parse_configuration`; None: CONFIGURATIONS.
+    """Measure every configuration (`parse_configuration`; by default CONFIGURATIONS) and write energy.json.
 
     Returns
     -------
     dict
         configurations (of `measure`), passed (all bit-exact).
     """
-    boards = [*map(parse_configuration, configurations or CONFIGURATIONS)]
+    boards = [*map(parse_configuration, request.configuration or CONFIGURATIONS)]
     for target, lanes, kind in boards:  # one that cannot be is refused before any long work
         model.config.with_lanes(lanes, kind)
         if find_target(target).device not in energy.PARTS:
             raise InputError(
                 f"--configuration {target}: there is no energy model of its part; use another board"
             )
-    numbers, chosen = with_touches(model, recordings, count)
+    numbers, chosen = with_touches(model, recordings, request.recordings)
     rows = []
     for number, (target, lanes, kind) in enumerate(boards):
         notify("configurations", number, len(boards))
@@ -144,5 +131,5 @@ def job(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )
     result = {"configurations": rows, "passed": all(row["bit_exact"] for row in rows)}
-    write_json(out / RESULT, result)
+    write_json(request.out / RESULT, result)
     return result

@@ -3,29 +3,27 @@ model's."""
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from eskin.cosim.scoreboard import Mismatch, Recording, Scoreboard
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, images_of, run_images
 from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
-from eskin.live.link import BURST, Link, Transport
+from eskin.live.link import BURST, Link
 from eskin.live.serial_port import SerialPort
 from eskin.live.sources import on_port
+from eskin.requests import ReplayRequest
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import TeachRegister, taught_arrays
 from eskin.teach.taught import load_taught, save_taught
 
 ANSWER_S = 0.5
 """To wait for an answer once the line is free: far more than a serial adapter holds bytes back."""
-Progress = Callable[[int, int], None]
-"""Called with (frames taken, frames in all)."""
 
 
 def answer_s(config: AcceleratorConfig, baud: int) -> float:
@@ -34,26 +32,17 @@ def answer_s(config: AcceleratorConfig, baud: int) -> float:
 
 
 def replay(
-    model: IntegerModel,
-    recordings: Recordings,
-    *,
-    port: str,
-    baud: int,
-    progress: Progress,
-    teach: int | None = None,
-    kept: Path | None = None,
+    request: ReplayRequest, model: IntegerModel, recordings: Recordings, baud: int, progress: Progress
 ) -> Record:
-    """Load ``model`` into the board on ``port`` and play ``recordings``.
+    """Load ``model`` into the board on ``request.port`` and play ``recordings``.
 
     Parameters
     ----------
+    request:
+        teach: each recording's last touch is taught as this class, when it is over; one that is not whole is not.
+        save_taught: what this file holds is loaded, and then what the board holds in the end goes into it.
     model:
         With the lanes that the board's bitstream has.
-    teach:
-        Class that each recording's last touch is taught as, when it is over; one that is not whole is not.
-    kept:
-        File of touches taught: what it holds is loaded, and then what the board holds in the end goes into
-        it.
 
     Returns
     -------
@@ -67,71 +56,66 @@ def replay(
     Raises
     ------
     InputError
-        No such port; no answer, another design than eskin's, a board that goes away; a model that cannot be
+        No such port or class; no answer, another design than eskin's, a board that goes away; a model that cannot be
         taught, or a file of another one.
     """
-    if teach is not None or kept:
+    kept, classes = request.save_taught, model.config.network.class_names
+    if request.teach not in (None, *classes):
+        raise InputError(
+            f"--teach {request.teach}: is not a class of the model; there are {', '.join(classes)}"
+        )
+    if request.teach or kept:
         check_teachable(model.config)
     if kept and kept.exists():
         model = load_taught(model, kept)
-    with contextlib.closing(SerialPort(port, baud)) as transport, on_port(port):
-        timeout_s = answer_s(model.config, baud)
-        result = play_all(transport, model, recordings, progress, teach=teach, kept=kept, timeout_s=timeout_s)
-        return {"port": port, "baud": baud} | result
-
-
-def play_all(
-    transport: Transport,
-    model: IntegerModel,
-    recordings: Recordings,
-    progress: Progress,
-    *,
-    teach: int | None = None,
-    kept: Path | None = None,
-    **options: Any,
-) -> Record:
-    """The same over any transport, the model as it is to be loaded; other ``options`` as for Link."""
     config = model.config
     recordings = recordings.scanned(config.sensor.scan_every)
     stream = None if config.is_image else Stream(model, scanned=True)
     decided = _of_images(model, recordings) if stream is None else _streamed(stream, recordings)
     differences: list[Mismatch] = []
     compared = decisions = 0
-    link = Link(transport, register_map(config), **options)
-    begin = time.monotonic()
-    link.connect()
-    link.load(boot_writes(config, model.arrays))
-    for number, (rows, frames, touches) in enumerate(decided):  # which heeds what is taught below
-        before = int(recordings.offsets[number])
-
-        def report(taken: int, before: int = before) -> None:
-            progress(before + taken, recordings.frames)
-
-        got = link.play(recordings.recording(number), report)
-        arrays = {"numbers": np.array([number]), "touches": np.array([touches])}
-        arrays |= {"decision": rows, "decision_frame": frames, "decision_offsets": np.array([0, len(rows)])}
-        scoreboard = Scoreboard(config, probes=False)
-        scoreboard.begin(Recording(arrays, 0))
-        try:
-            scoreboard.check("decision", np.array(got.decisions, np.uint32))
-            scoreboard.end({"STATUS": got.status, "FAULTS": got.faults, "TOUCHES": got.touches})
-        except Mismatch as found:
-            differences.append(found)
-        compared += scoreboard.compared.total()
-        decisions += len(got.decisions)
-        if stream is not None and teach is not None and touches:
-            with contextlib.suppress(InputError):  # not whole
-                stream.teach(teach)
-                link.write([(TeachRegister.TEACH, teach)])
-                link.settle()
     held: Record = {"in_use": None, "taught_equal": True}
-    if stream is not None and (teach is not None or kept):
-        assert isinstance(stream.model, IntegerModel)
-        held = _held(link, stream.model, kept)
-    wall_s = time.monotonic() - begin
+    with contextlib.closing(SerialPort(request.port, baud)) as transport, on_port(request.port):
+        link = Link(transport, register_map(config), timeout_s=answer_s(config, baud))
+        begin = time.monotonic()
+        link.connect()
+        link.load(boot_writes(config, model.arrays))
+        for number, (rows, frames, touches) in enumerate(decided):  # which heeds what is taught below
+            before = int(recordings.offsets[number])
+
+            def report(taken: int, before: int = before) -> None:
+                progress("frames played", before + taken, recordings.frames)
+
+            got = link.play(recordings.recording(number), report)
+            arrays = {"numbers": np.array([number]), "touches": np.array([touches])}
+            arrays |= {
+                "decision": rows,
+                "decision_frame": frames,
+                "decision_offsets": np.array([0, len(rows)]),
+            }
+            scoreboard = Scoreboard(config, probes=False)
+            scoreboard.begin(Recording(arrays, 0))
+            try:
+                scoreboard.check("decision", np.array(got.decisions, np.uint32))
+                scoreboard.end({"STATUS": got.status, "FAULTS": got.faults, "TOUCHES": got.touches})
+            except Mismatch as found:
+                differences.append(found)
+            compared += scoreboard.compared.total()
+            decisions += len(got.decisions)
+            if stream is not None and request.teach and touches:
+                with contextlib.suppress(InputError):  # not whole
+                    stream.teach(teach := classes.index(request.teach))
+                    link.write([(TeachRegister.TEACH, teach)])
+                    link.settle()
+        if stream is not None and (request.teach or kept):
+            assert isinstance(stream.model, IntegerModel)
+            held = _held(link, stream.model, kept)
+        wall_s = time.monotonic() - begin
     counts = {name: getattr(link, name) for name in ("repeated", "replayed", "unanswered", "damaged")}
     exact = not differences and compared > 0
     return counts | {
+        "port": request.port,
+        "baud": baud,
         "lanes": config.hardware.lanes,
         "recordings": len(recordings),
         "frames": recordings.frames,

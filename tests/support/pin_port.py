@@ -37,6 +37,9 @@ class PinPort:
         self._device, self._clocks = device, clocks
         self._line, self._heard = b"", b""
 
+    def close(self) -> None:
+        pass
+
     def write(self, data: bytes, broken: frozenset[int] = frozenset()) -> None:
         """Send all of ``data``; the bytes at the places in ``broken`` have a low stop bit."""
         self._pass(levels(data, self._clocks, broken))

@@ -4,6 +4,7 @@ everything that can go wrong."""
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import IntegerModel
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.live import link
+from eskin.requests import ReplayRequest
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
@@ -170,6 +172,10 @@ def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     assert "holds its rate and lanes, and there is none" in replay("port")[2]
 
 
+def request(port: str, **options: Any) -> ReplayRequest:
+    return ReplayRequest(model=Path("model"), data="data", port=port, **options)
+
+
 # ---------------------------------------------------------------------- images
 def test_images_are_played_row_by_row_and_their_decisions_compared():
     config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
@@ -184,7 +190,7 @@ def test_images_are_played_row_by_row_and_their_decisions_compared():
 
     for decide, mismatches in ((golden, 0), (wrong, 1)):
         with Device(made.config, decide) as device:
-            result = replay_job.replay(made, images, port=device.port, baud=2000000, progress=lambda *_: None)
+            result = replay_job.replay(request(device.port), made, images, 2000000, lambda *_: None)
         assert result["passed"] == (not mismatches) and result["mismatches"] == mismatches
         counts = [result[key] for key in ("recordings", "frames", "decisions")]
         assert counts == [6, 30, 12] and device.taken == 30
@@ -209,15 +215,18 @@ def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
     """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
     model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"
 
-    def replayed(model: IntegerModel, teach: int | None = None) -> dict:
-        options = {"teach": teach, "kept": kept, "timeout_s": TIMEOUT_BYTES}
-        return replay_job.play_all(board_of(model), model, recordings, lambda done, total: None, **options)
+    monkeypatch.setattr(replay_job, "SerialPort", lambda port, baud: board_of(model))
+    monkeypatch.setattr(replay_job, "answer_s", lambda config, baud: TIMEOUT_BYTES)
 
-    first = replayed(model, teach=2)  # recordings 0 and 1 show no whole touch
+    def replayed(**options: Any) -> dict:
+        asked = request("pins", save_taught=kept, **options)
+        return replay_job.replay(asked, model, recordings, 1, lambda *_: None)
+
+    first = replayed(teach="pulse")  # recordings 0 and 1 show no whole touch
     assert first["passed"] and first["taught_equal"] and first["in_use"] == {"rise": 0, "fall": 0, "pulse": 3}
     taught = load_taught(model, kept)
     assert taught_in_use(taught).tolist() == [0, 0, 3]
-    second = replayed(taught)
+    second = replayed()
     assert second["passed"] and second["in_use"] == first["in_use"]
     assert load_taught(model, kept).content == taught.content
     with refused("holds no touches taught to this model"):
@@ -227,5 +236,5 @@ def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
     monkeypatch.setattr(
         link.Link, "places", lambda _, first, count: [0] * count
     )  # a board that holds nothing
-    lost = replayed(taught)
+    lost = replayed()
     assert lost["bit_exact"] and not lost["taught_equal"] and not lost["passed"]
