@@ -113,7 +113,7 @@ def _sensor_of(like: Path) -> tuple[AcceleratorConfig, tuple[str, ...], str]:
 )
 def watch(request: WatchRequest) -> Record:
     """Watch a model live in the browser: taxels, windows, features, hidden state, logits and decisions."""
-    from eskin.verbs import build_job, watch_job
+    from eskin.verbs import board_job, build_job
 
     if request.port and request.simulate:
         raise InputError("--simulate: cannot be combined with --port; leave one out")
@@ -131,14 +131,12 @@ def watch(request: WatchRequest) -> Record:
     )
     if request.simulate:
         messages.print("watch: building the simulator, once a design", soft_wrap=True)
-    result = watch_job.watch(
+    result = board_job.watch(
+        request,
         integer,
         recordings,
-        port=request.port,
-        baud=baud,
-        simulate=request.simulate,
-        host_port=request.host_port,
-        ready=lambda address, _: messages.print(
+        baud,
+        lambda address, _: messages.print(
             f"watch: {escape(address)} (stop with Ctrl-C)", soft_wrap=True, highlight=False
         ),
     )

@@ -172,7 +172,7 @@ def build(request: BoardRequest) -> None:
 def replay(request: ReplayRequest) -> Record:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
     from eskin.verbs import build_job
-    from eskin.verbs.replay_job import replay as play
+    from eskin.verbs.board_job import replay as play
 
     baud, lanes, lane_type = build_job.board_of(request.model)
     integer = integer_model(request.model).with_lanes(lanes, lane_type)

@@ -15,7 +15,7 @@ from eskin.live.feed import Begin
 from eskin.live.hub import Hub
 from eskin.live.player import Controls
 from eskin.live.server import PageServer
-from eskin.verbs.watch_job import page
+from eskin.verbs.board_job import page
 from tests.support.live_case import wait
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
 from eskin.golden.model import run
+from eskin.requests import WatchRequest
 from eskin.training.made_up import random_recordings
 from eskin.training.times import decision_times
-from eskin.verbs import watch_job
+from eskin.verbs import board_job
 from tests.support import browser
 from tests.support.live_case import wait
 from tests.support.random_models import random_integer_model
@@ -32,7 +34,8 @@ class Watched:
             ready.set()
 
         def work() -> None:
-            self.result = watch_job.watch(model, recordings, host_port=0, ready=told, **options)
+            request = WatchRequest(model=Path("model"), host_port=0, **options)
+            self.result = board_job.watch(request, model, recordings, None, told)
 
         self._thread = threading.Thread(target=work)
         self._thread.start()
