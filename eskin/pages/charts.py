@@ -57,12 +57,6 @@ def svg(figure: Figure) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def share_bar(share: float, spread: float | None) -> list[list[float]]:
-    """Error bar, down and up, of a share between 0 and 1, which it does not leave. A spread of None has none."""
-    spread = spread or 0.0
-    return [[min(spread, share)], [min(spread, 1.0 - share)]]
-
-
 def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str) -> None:
     """Accuracy of ``rows`` against a cost in millionths of its unit, with the front of those that none beats in both; the chosen one is named.
 
@@ -84,7 +78,7 @@ def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str) -> Non
             axes.plot([place[0]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
         axes.errorbar(
             *place,
-            yerr=share_bar(row["accuracy"], row["standard_error"]),
+            yerr=row["standard_error"],
             fmt="o",
             capsize=2,
             elinewidth=0.8,

@@ -68,7 +68,7 @@ def test_labels_by_name_and_of_a_table(lists):
     assert repr(eskin.Model()) == "Model(not fitted)"
     with refused("sample_rate_hz"):  # a configuration would say it
         eskin.Model(cell="linear", folds=0).fit(*lists)
-    with refused("label 'push' is not a class; there are hold, tap"):
+    with refused("holds 'push', which is not in class_names"):
         eskin.Model(config, folds=0).fit(lists[0], np.where(names == "tap", "push", names))
     parts = {
         number: pd.DataFrame(array, columns=list("abcd")).assign(
