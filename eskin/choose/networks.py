@@ -28,7 +28,7 @@ import dataclasses
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -175,7 +175,10 @@ class SearchOptions:
         InputError
             No accelerator has this network, or there is no such recipe.
         """
-        config = self.network(on, cell, hidden)
+        cell, hidden = cell or (None if self.cell == AUTO else self.cell), hidden or self.hidden
+        config = network(on, cell, hidden) if cell else with_network(on, hidden=hidden)
+        if config.recurrent:
+            config = with_network(config, reset=self.reset)
         recipe = choose_recipe(config, self.robust)
         if fit == ROBUST:
             wary = choose_recipe(config, robust=True)
@@ -189,15 +192,6 @@ class SearchOptions:
             return self.candidate(on, *network)
         except InputError:
             return None
-
-    def network(
-        self, on: AcceleratorConfig, cell: str | None = None, hidden: int | None = None
-    ) -> AcceleratorConfig:
-        """The network asked for on a front end, or another one in its place."""
-        cell = cell or (None if self.cell == AUTO else self.cell)
-        hidden = hidden or self.hidden
-        config = network(on, cell, hidden) if cell else with_network(on, hidden=hidden)
-        return with_network(config, reset=self.reset) if config.recurrent else config
 
 
 def network(config: AcceleratorConfig, cell: str, hidden: int | None) -> AcceleratorConfig:
@@ -226,9 +220,11 @@ class Round:
     other_seeds: bool = False
 
 
-NetworkChoice = Generator[Round, list[ScoredCandidate], tuple[Candidate, list[ScoredCandidate]]]
-"""Yields rounds, receives the judged candidates (a linear fit whose formats do not fit is left out), and
-returns the candidate taken and all candidates of the choice; the list is empty if the network was not
+Result = TypeVar("Result")
+Choosing = Generator[Round, list[ScoredCandidate], Result]
+"""Yields rounds and receives the judged candidates (a linear fit whose formats do not fit is left out)."""
+NetworkChoice = Choosing[tuple[Candidate, list[ScoredCandidate]]]
+"""Returns the candidate taken and all candidates of the choice; the list is empty if the network was not
 open."""
 
 
@@ -256,9 +252,6 @@ def network_choice(
     return (yield from choice.under_stress(calm, hardening)), choice.tried
 
 
-Judging = Generator[Round, list[ScoredCandidate], list[ScoredCandidate]]
-
-
 @dataclass(eq=False)
 class _Choice:
     """A choice in progress. tried: all candidates that it judged; known: these and the probes, by candidate
@@ -280,13 +273,13 @@ class _Choice:
         price = self.prices.price(candidate.config)
         return any(one.settled and self.prices.price(one.config) < price for one in self.tried)
 
-    def asked(self, candidates: Sequence[Candidate], share: int) -> Judging:
+    def asked(self, candidates: Sequence[Candidate], share: int) -> Choosing[list[ScoredCandidate]]:
         fresh = [candidate for candidate in candidates if (candidate, share) not in self.known]
         for one in (yield Round(fresh, share)) if fresh else []:
             self.known[one.candidate, share] = one
         return [self.known[one, share] for one in candidates if (one, share) in self.known]
 
-    def judged(self, candidates: Iterable[Candidate]) -> Judging:
+    def judged(self, candidates: Iterable[Candidate]) -> Choosing[list[ScoredCandidate]]:
         """Those of the candidates that were not tried before."""
         before = {one.candidate for one in self.tried}
         fresh = [one for one in candidates if one not in before]
@@ -294,9 +287,7 @@ class _Choice:
         self.tried.extend(outcomes)
         return outcomes
 
-    def with_other_seeds(
-        self, near: Sequence[ScoredCandidate]
-    ) -> Generator[Round, list[ScoredCandidate], None]:
+    def with_other_seeds(self, near: Sequence[ScoredCandidate]) -> Choosing[None]:
         if self.effort.seeds > 1 and near:
             more = yield Round([one.candidate for one in near], self.effort.share, other_seeds=True)
             further = {one.candidate: one for one in more}
@@ -304,14 +295,14 @@ class _Choice:
                 one.joined(further[one.candidate]) if one.candidate in further else one for one in self.tried
             ]
 
-    def best_probe(self, probes: Sequence[Candidate]) -> Generator[Round, list[ScoredCandidate], Candidate]:
+    def best_probe(self, probes: Sequence[Candidate]) -> Choosing[Candidate]:
         # the best, not the cheapest that ties: after few updates short touches look better than they are
         outcomes = yield from self.asked(probes, self.effort.probe_share)
         outcomes.sort(key=lambda one: self.prices.price(one.config))
         return best_of(outcomes).candidate
 
     # -- choices
-    def requested_network(self) -> Generator[Round, list[ScoredCandidate], Candidate]:
+    def requested_network(self) -> Choosing[Candidate]:
         """The requested network, on the best front end for it."""
         probes = self.usable(map(self.options.possible, self.front_ends.for_recurrent))
         if not probes:
@@ -324,7 +315,7 @@ class _Choice:
             return probes[0]
         return (yield from self.best_probe(probes))
 
-    def by_accuracy(self) -> Generator[Round, list[ScoredCandidate], ScoredCandidate]:
+    def by_accuracy(self) -> Choosing[ScoredCandidate]:
         """Choose by undisturbed recordings alone."""
         options, effort, front_ends = self.options, self.effort, self.front_ends
         probes = self.usable(options.possible(on, "gru", effort.probe) for on in front_ends.for_recurrent)
@@ -364,9 +355,7 @@ class _Choice:
         yield from self.with_other_seeds(near)
         return choose(self.tried, self.prices)
 
-    def under_stress(
-        self, calm: ScoredCandidate, hardening: Hardening
-    ) -> Generator[Round, list[ScoredCandidate], Candidate]:
+    def under_stress(self, calm: ScoredCandidate, hardening: Hardening) -> Choosing[Candidate]:
         """Try the network ``calm`` on sturdier front ends, fitted to disturbances, and with more units, as
         far as these are in reach of it."""
         prices, effort, front_ends = self.prices, self.effort, self.front_ends
