@@ -186,9 +186,9 @@ def replay(request: ReplayRequest) -> Record:
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
 def schedule(request: ScheduleRequest) -> None:
     """Draw the work of each unit in each cycle, from the program of the hardware."""
+    from eskin.rtl.image.image_engine import refuse_hardware
     from eskin.rtl.program.image_passes import plan_of
     from eskin.rtl.program.schedule import schedule as plan_step
-    from eskin.rtl.top.image_accelerator import refuse_hardware
     from eskin.rtl.views import image_view, schedule_view
 
     config = (PRESETS.get(str(request.model)) or load_config(request.model)).with_lanes(

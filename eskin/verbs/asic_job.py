@@ -41,7 +41,7 @@ from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, lowest_clock_hz, schedule, step_cycles
-from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top import accelerator
 from eskin.study.energy import TOUCHES_PER_S
 from eskin.study.touch_ends import with_touches
 
@@ -80,7 +80,7 @@ def netlist_of(
     key = content_key(
         config.to_dict(), repr(images), probes, process.library.path, macros, code_version("rtl", "golden")
     )
-    design = make_accelerator if probes else Chain
+    design = accelerator.Accelerator if probes else Chain
 
     def make(folder: Path) -> None:
         synthesise(design(config, images), process, folder, top=TOP)

@@ -39,6 +39,7 @@ from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.fpga.tools import need_tool
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.host.uart import DIVISOR_MIN
+from eskin.rtl.image.image_engine import refuse_hardware
 from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import (
@@ -49,7 +50,6 @@ from eskin.rtl.program.schedule import (
     step_cycles,
 )
 from eskin.rtl.top.board import BAUD, refuse_standalone
-from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.study.energy import PARTS, estimate, scheduled_activity
 
 CACHE = Path("build/implementations")

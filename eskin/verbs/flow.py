@@ -30,7 +30,7 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top.accelerator import Accelerator
 from eskin.verbs import asic_job
 from eskin.verbs.build_job import cached_netlist
 
@@ -207,7 +207,7 @@ def netlist_of(
     """
     family = find_target(target).family
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    design = make_accelerator if probes else Chain
+    design = Accelerator if probes else Chain
     netlist, _ = cached_netlist(lambda: design(config, images), family, (), BUILD / "netlists")
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
 

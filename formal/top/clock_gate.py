@@ -125,8 +125,8 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
     bugs=(
         Bug(
             "a beat does not wake the chain",
-            "passing=self.i.valid | front_end.passing",
-            "passing=front_end.passing",
+            "passing=self.i.valid | front.passing",
+            "passing=front.passing",
             file="rtl/top/accelerator.py",
         ),
         Bug(

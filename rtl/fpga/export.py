@@ -12,7 +12,7 @@ from eskin.rtl.common import without_contents
 from eskin.rtl.fpga.readable import ports_named, readable
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import Images, memory_images
-from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top.accelerator import Accelerator
 
 TOP = "accelerator"
 
@@ -23,7 +23,7 @@ def export(config: AcceleratorConfig, arrays: Arrays | None = None, name: str = 
     ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the
     same for every model.
     """
-    return verilog(make_accelerator(config, rom(config, arrays)), name)
+    return verilog(Accelerator(config, rom(config, arrays)), name)
 
 
 def rom(config: AcceleratorConfig, arrays: Arrays | None) -> Images | None:

@@ -47,8 +47,8 @@ from eskin.rtl.program.memory_map import (
     words_per_entry,
 )
 from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
+from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.bus_top import Bus, BusTop
-from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.sensing import Sensing
 
 SENSING = "sensing"
@@ -115,7 +115,7 @@ def generate(
     if axis and converter != "none":
         raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
     images = rom(config, arrays)
-    modules: list[tuple[str, Callable[..., Any]]] = [(TOP, make_accelerator)]
+    modules: list[tuple[str, Callable[..., Any]]] = [(TOP, Accelerator)]
     if converter != "none":
         modules.append((SENSING, Sensing))
     if bus or axis:

@@ -18,7 +18,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import Block, forward, inputs, open_collisions, outputs, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
-from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top.accelerator import Accelerator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class Chain(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True):
-        self._accelerator = make_accelerator(config, images)
+        self._accelerator = Accelerator(config, images)
         members = dict(self._accelerator.signature.members)
         bus = bus_signature().members
         self._bus = [name for name in bus if readable or name not in ("r_stb", "r_data")]

@@ -4,7 +4,8 @@
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 
-from eskin.rtl.common import drive, image_lines, inputs, lines_signature, outputs, probe, struct
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.rtl.common import ENGINE, drive, image_lines, inputs, lines_signature, outputs, probe, struct
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature
 from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.image.bias_memory import BiasMemory
@@ -20,6 +21,33 @@ from eskin.rtl.program.memory_map import ImageMemory
 
 ACTIVATION_BITS = 9
 """An activation as a lane takes it: 8 bits and a sign."""
+LANES = (1, 2, 4, 8, 16)
+
+
+def refuse_hardware(config: AcceleratorConfig) -> None:
+    """Refuse (InputError) features that the hardware for images does not have."""
+    hardware = config.hardware
+
+    def refuse(field: str, why: str) -> None:
+        raise InputError(f"configuration '{config.name}', field {field}: {why}")
+
+    if hardware.lanes not in LANES:
+        refuse(
+            "lanes",
+            f"is {hardware.lanes}; a network for images runs on {', '.join(map(str, LANES[:-1]))} or "
+            f"{LANES[-1]} lanes",
+        )
+    if not hardware.loadable:
+        refuse(
+            "loadable",
+            "is false; the weights of images lie in memories that only the host can fill: give true",
+        )
+    if hardware.one_port:
+        refuse("one_port", "is on; a network for images has no ring: leave it out")
+    if hardware.one_phase:
+        refuse("one_phase", "is on; a network for images has no phases: leave it out")
+    if not config.image.weight_formats:
+        refuse("weight_formats", "is empty; quantise the model first")
 
 
 class ImageEngine(wiring.Component):
@@ -31,6 +59,8 @@ class ImageEngine(wiring.Component):
         Sizes and formats. Any network whose passes, weights and maps are no larger can be loaded.
     lane_type:
         ``plain`` or ``dsp``, `eskin.rtl.engine.lanes.LANE_TYPES`.
+    to_decision:
+        Cycles from the last logit to the decision.
 
     Members
     -------
@@ -38,6 +68,8 @@ class ImageEngine(wiring.Component):
         While not ``busy``: a pixel of the image.
     start : In(1)
         Pulse while not ``busy``: the image is there.
+    waiting : In(1)
+        It is, and not yet started.
     busy : Out(1)
         From the cycle after ``start`` until the one that ends the last pass.
     done : Out(1)
@@ -50,13 +82,18 @@ class ImageEngine(wiring.Component):
         With ``checksum``, of `ImageCheck`: a word of the passes, weights or biases is wrong.
     map : Out(valid, value)
         For benches: each value of a map as it is written.
+    step : Out(valid, value)
+        For benches: cycles from ``start`` to the decision.
+    status : Out(ENGINE)
+        Of `eskin.rtl.common.status`; the image is its window, and its step.
     """
 
-    def __init__(self, plan: ImagePlan, lane_type: str = "plain"):
-        self._plan, self._lane_type = plan, lane_type
+    def __init__(self, plan: ImagePlan, lane_type: str = "plain", to_decision: int = 0):
+        self._plan, self._lane_type, self._to_decision = plan, lane_type, to_decision
         super().__init__(
             inputs(
                 "start",
+                "waiting",
                 fill=struct("valid", address=plan.address_bits, value=8),
                 load=lines_signature(len(image_lines(plan))),
             )
@@ -66,6 +103,8 @@ class ImageEngine(wiring.Component):
                 "check_failed",
                 logit=struct("valid", value=signed(plan.logit_format.width)),
                 map=probe(),
+                step=probe(),
+                status=ENGINE,
             )
         )
 
@@ -156,6 +195,22 @@ class ImageEngine(wiring.Component):
             total=chain.total,
         )
         m.d.comb += self.logit.eq(drain.logit)
+
+        # ---------------------------------------------------------------- status
+        number = Signal(range(plan.stages[-1].outputs))
+        last_logit = Signal()
+        cycles = Signal(32)  # since the start
+        working = self.busy | self.waiting
+        m.d.comb += last_logit.eq(self.logit.valid & (number == plan.stages[-1].outputs - 1))
+        m.d.sync += cycles.eq(Mux(self.start, 1, cycles + 1))
+        with m.If(self.logit.valid):
+            m.d.sync += number.eq(number + 1)
+        with m.If(last_logit):
+            m.d.sync += number.eq(0)
+        drive(
+            m, self.status, working=working, windows_open=working, slot_done=self.busy, step_done=last_logit
+        )
+        drive(m, self.step, valid=last_logit, value=cycles + self._to_decision)
 
         if plan.checksum:
             m.submodules.check = check = ImageCheck(plan)

@@ -28,6 +28,8 @@ class ImageReceiver(Block):
         is taken.
     open, waiting, over : Out(1)
         A pixel of the image is there, not all of them; all are, and the engine is not started; all are.
+    passing, moving, wrong : Out(1)
+        As of `eskin.rtl.frontend.front_end.FrontEnd`; nothing is on its way, and no word is checked.
     status : Out(detector_status)
         A touch is an image from its first pixel until the next recording; it starts when that pixel is taken.
     """
@@ -35,7 +37,15 @@ class ImageReceiver(Block):
     def ports(self, config: AcceleratorConfig):
         fill = struct("valid", address=plan_of(config).address_bits, value=8)
         return inputs("free", i=stream.Signature(sample_layout(config))) | outputs(
-            "start", "open", "waiting", "over", fill=fill, status=detector_status(config)
+            "start",
+            "open",
+            "waiting",
+            "over",
+            "passing",
+            "moving",
+            "wrong",
+            fill=fill,
+            status=detector_status(config),
         )
 
     def elaborate(self, platform):
@@ -63,7 +73,7 @@ class ImageReceiver(Block):
             touch=self.open | self.over,
             armed=~self.open & ~self.over,
         )
-        m.d.comb += self.start.eq(self.waiting & self.free)
+        drive(m, self, start=self.waiting & self.free, moving=self.i.valid | self.fill.valid)
         with m.If(self.fill.valid):
             m.d.sync += [
                 before.eq(self.fill.value),

@@ -19,7 +19,7 @@ from eskin.rtl.interface.stimulation import Stimulation, reset_settings
 from eskin.rtl.interface.touch_position import TouchPosition
 from eskin.rtl.program.flash_image import design_number, write_count
 from eskin.rtl.program.memory_map import Images
-from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.sensing import Sensing
 
 BAUD = 2e6
@@ -137,7 +137,7 @@ class Board(wiring.Component):
         if sensing:
             self.core = Sensing(config, images, clock_hz=clock_hz, fed_by="sensor" if shell else None)
         else:
-            self.core = make_accelerator(config, images)
+            self.core = Accelerator(config, images)
         stimulates = sensing and config.interface.stimulator != "none"
         shelled = {"bus": In(bus_signature()), "o": Out(self.core.o.signature), "any_fault": Out(1)}
         super().__init__(

@@ -14,8 +14,8 @@ from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word
 from eskin.rtl.host.wishbone_front import WishboneFront
 from eskin.rtl.program.memory_map import Images
+from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board import Board
-from eskin.rtl.top.image_accelerator import make_accelerator
 
 Bus = Literal["wishbone", "axi4lite"]
 """Buses that there is a front for."""
@@ -59,7 +59,7 @@ class BusTop(wiring.Component):
         if config.interface.converter.name != "none":
             self._core = Board(config, images, baud=None, sensing=True, shell=True)
         else:
-            self._core = make_accelerator(config, images, "sensor" if self._axis else "cpu")
+            self._core = Accelerator(config, images, "sensor" if self._axis else "cpu")
         self._fed = "i" in self._core.signature.members and not self._axis
         self._shell = BusShell(config, samples=self._fed) if bus else None
         super().__init__(

@@ -16,7 +16,7 @@ from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Fault, Register, TeachRegister
-from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top.accelerator import Accelerator
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
@@ -72,7 +72,7 @@ def test_teaching_on_recordings_as_rtl_netlist_and_in_icarus(name, shared_data, 
     print(name, len(recordings), both.decisions, "decisions", both.taught, "taught", both.refused, "refused")
     assert both.decisions > 20 * DATA[name] / 2 and both.taught > 5 and both.refused > 5
     (tmp_path / "accelerator.v").write_text(export(model.config, model.arrays))
-    synthesise(make_accelerator(model.config), target("icebreaker").family, tmp_path / "net")
+    synthesise(Accelerator(model.config), target("icebreaker").family, tmp_path / "net")
     netlist = netlist_hardware(tmp_path / "net" / "accelerator.v", "ice40", "icebreaker", probes=False)
     for count, hardware in ((DATA[name] // 3, Hardware((tmp_path / "accelerator.v",))), (2, netlist)):
         few = taught_at_random(model, recordings.subset(range(count)), BUILDS, seed=3)

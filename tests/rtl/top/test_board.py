@@ -36,7 +36,7 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
     accelerator = Silent(Accelerator(config, None))
     offered = accelerator.o
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(board, "make_accelerator", lambda *_: accelerator)
+        patch.setattr(board, "Accelerator", lambda *_: accelerator)
         dut = Board(config, clock_hz=12e6, class_pins=class_pins)
     assert class_pin_count(config, class_pins) == bits == len(dut.decision)
 

@@ -2,16 +2,14 @@
 long."""
 
 import pytest
-from amaranth.back import rtlil
 
-from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import run_images
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.image_passes import Word
 from eskin.rtl.program.memory_map import Control, Fault, ImageMemory, Register
 from eskin.rtl.program.schedule import step_cycles
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.watchdog import bound
 from eskin.training.made_up import random_images
 from tests.support.image_scenes import random_image_model
@@ -28,7 +26,7 @@ def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int
     """(decisions, what FAULTS then reads, before and after it was cleared) of an image, a long time between
     its rows."""
     config = MODEL.config
-    dut, decisions, faults = make_accelerator(config), [], []
+    dut, decisions, faults = Accelerator(config), [], []
 
     async def bench(ctx):
         write, read = bus_accesses(ctx, dut.bus)
@@ -83,11 +81,4 @@ def test_a_program_that_runs_too_long_is_told_by_the_checksum_and_ended_by_the_w
 @each_row("field, value", [("lanes", 6), ("loadable", False), ("one_port", True), ("one_phase", True)])
 def test_hardware_that_images_do_not_have_is_refused_in_a_sentence(field, value):
     with refused(f"field {field}: .*"):
-        make_accelerator(MODEL.config.replace(**{field: value}))
-
-
-def test_without_an_image_network_the_design_is_the_recurrent_chain_alone():
-    config = PRESETS["pvdf"].replace(hidden=4, feature_shift=(3,))
-    designs = (make_accelerator(config), Accelerator(config), make_accelerator(MODEL.config))
-    chosen, alone, other = (rtlil.convert(design, name="top", emit_src=False) for design in designs)
-    assert chosen == alone and "receiver" not in alone and "receiver" in other
+        Accelerator(MODEL.config.replace(**{field: value}))
