@@ -37,9 +37,10 @@ import typer
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, Record
-from eskin.rtl.fpga.synthesis import ICE40, Chain, synthesise
+from eskin.rtl.fpga.synthesis import ICE40, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.top.accelerator import Accelerator
 from eskin.verbs import build_job
 from scripts import ROOT
 from tests.support.random_models import random_integer_model
@@ -71,10 +72,10 @@ CELLS = dict(
 Row = tuple[Any, ...]
 
 
-def cells_of(design: Any) -> dict[str, int]:
-    """Cells by kind."""
+def cells_of(design: Any, **options: Any) -> dict[str, int]:
+    """Cells by kind; options of `synthesise`."""
     with tempfile.TemporaryDirectory() as folder:
-        counts = synthesise(design, ICE40, Path(folder)).cells.items()
+        counts = synthesise(design, ICE40, Path(folder), **options).cells.items()
     return {kind: sum(n for cell, n in counts if cell.startswith(name)) for kind, name in CELLS.items()}
 
 
@@ -115,7 +116,7 @@ def features(kinds: str) -> Iterator[Row]:
     """A set of kinds."""
     base = PRESETS["pvdf"].replace(lanes=LANES, lane_type="dsp", activity_block=24)
     config = random_integer_model(base.replace(**FEATURES[kinds]), 1).config
-    plan, cells = schedule(config), cells_of(Chain(config)).values()
+    plan, cells = schedule(config), cells_of(Accelerator(config), hidden=("probe",)).values()
     frames = frame_cycles(config), frame_cycles(config, ends_window=False)
     yield kinds, *cells, config.inputs, config.multiplies, plan.step_cycles, plan.decision_cycles, *frames
 

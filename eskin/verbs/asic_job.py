@@ -38,7 +38,6 @@ from eskin.rtl.asic.liberty import Library, WireLoad, corners, read
 from eskin.rtl.asic.nets import BAND, Costs, Nets, costs
 from eskin.rtl.asic.synthesis import Netlist, Process, models, process_of, synthesise
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
-from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import decision_cycles, lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.top import accelerator
@@ -80,10 +79,10 @@ def netlist_of(
     key = content_key(
         config.to_dict(), repr(images), probes, process.library.path, macros, code_version("rtl", "golden")
     )
-    design = accelerator.Accelerator if probes else Chain
 
     def make(folder: Path) -> None:
-        synthesise(design(config, images), process, folder, top=TOP)
+        design = accelerator.Accelerator(config, images)
+        synthesise(design, process, folder, top=TOP, hidden=() if probes else ("probe",))
 
     return Netlist.of(Memo(CACHE).folder(key, make), TOP)
 

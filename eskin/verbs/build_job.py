@@ -238,8 +238,8 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     netlist, key = cached_netlist(
         lambda: wiring.design(images, request.wanted_hz, rate),
         target.family,
-        tuple(filter(None, [border])),
         request.cache,
+        keep=[border] if border else [],
     )
     report("synthesis", 1, 1)
     placements: list[Implementation] = []
@@ -464,12 +464,12 @@ def clock_sentence(result: Record) -> str:
 
 # ---------------------------------------------------------------------- kept work
 def cached_netlist(
-    design: Callable[[], Component], family: Family, keep: tuple[str, ...], cache: Path
+    design: Callable[[], Component], family: Family, cache: Path, **options: Any
 ) -> tuple[Netlist, str]:
-    """The netlist of a design and its key; an unchanged one is taken from ``cache``. keep: modules that stay."""
+    """The netlist of a design and its key; an unchanged one is taken from ``cache``. options: of `synthesise`."""
     text = rtlil.convert(design(), name=TOP, platform=family.name, emit_src=False)
-    key = content_key(text, str(family), code_version("rtl"))
-    folder = Memo(cache).folder(key, lambda fresh: synthesise(design(), family, fresh, top=TOP, keep=keep))
+    key = content_key(text, str(family), options, code_version("rtl"))
+    folder = Memo(cache).folder(key, lambda fresh: synthesise(design(), family, fresh, top=TOP, **options))
     return Netlist.of(folder, family, TOP), key
 
 

@@ -27,7 +27,6 @@ from eskin.golden.model import (
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.accelerator import Accelerator
@@ -207,8 +206,9 @@ def netlist_of(
     """
     family = find_target(target).family
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    design = Accelerator if probes else Chain
-    netlist, _ = cached_netlist(lambda: design(config, images), family, (), BUILD / "netlists")
+    netlist, _ = cached_netlist(
+        lambda: Accelerator(config, images), family, BUILD / "netlists", hidden=() if probes else ("probe",)
+    )
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,7 @@ from amaranth.back import rtlil
 from eskin.golden.core import InputError, Record, template
 from eskin.rtl.asic.buffers import insert
 from eskin.rtl.asic.liberty import Cell, Library, text_of
-from eskin.rtl.common import CHIP, open_collisions, without_contents, written_memories
+from eskin.rtl.common import CHIP, bare, open_collisions, without_contents, written_memories
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.top.clock_gate import CELL
 
@@ -142,17 +142,26 @@ class Netlist:
 
 
 def synthesise(
-    design, process: Process, folder: Path, *, top: str = "accelerator", delay_ps: int = 10000
+    design,
+    process: Process,
+    folder: Path,
+    *,
+    top: str = "accelerator",
+    hidden: Sequence[str] = (),
+    delay_ps: int = 10000,
 ) -> Netlist:
     """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and Yosys' log.
 
     Parameters
     ----------
+    hidden:
+        Beginnings of names of ports that the netlist has not (`bare`).
     delay_ps:
         Goal of the mapping to cells.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    text = rtlil.convert(design, name=top, platform=CHIP, emit_src=False)
+    whole, ports = bare(design, hidden) if hidden else (design, None)
+    text = rtlil.convert(whole, name=top, platform=CHIP, ports=ports, emit_src=False)
     (folder / f"{top}.il").write_text(open_collisions(without_contents(text, written_memories)))
     (folder / "cells.lib").write_text(text_of(process.library.path))
     for part in (MEMORIES, RESETS):

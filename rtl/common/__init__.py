@@ -48,6 +48,6 @@ from eskin.rtl.common.memory_style import (
     short_of_blocks,
 )
 from eskin.rtl.common.one_port_memory import OnePortMemory
-from eskin.rtl.common.ports import Block, drive, forward, inputs, members_but, outputs, struct
+from eskin.rtl.common.ports import Block, bare, drive, forward, inputs, members_but, outputs, struct
 from eskin.rtl.common.register_check import at_end, parity_wrong
 from eskin.rtl.common.status import ENGINE, FRAMES, TEACHING, detector_status, probe

@@ -1,8 +1,10 @@
 """Ports and structs of components: declared, driven, forwarded to an owner."""
 
+from collections.abc import Sequence
 from typing import Any
 
-from amaranth.hdl import Module
+from amaranth.hdl import Module, Value
+from amaranth.hdl._ir import PortDirection
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -42,6 +44,21 @@ def drive(m: Module, part: Any, **values: Any) -> None:
 def members_but(part: wiring.Component, *names: str) -> dict[str, wiring.Member]:
     """Members of ``part`` without those of these ``names``."""
     return {name: member for name, member in part.signature.members.items() if name not in names}
+
+
+def bare(
+    design: wiring.Component, hidden: Sequence[str]
+) -> tuple[Module, dict[str, tuple[Value, PortDirection]]]:
+    """A module around ``design``, and the ports that it has as a top, by name: those of ``design`` whose names begin with
+    none of ``hidden``. A hidden input keeps its reset value."""
+    m = Module()
+    m.submodules.accelerator = design
+    directions = {In: PortDirection.Input, Out: PortDirection.Output}
+    ports = {
+        "__".join(map(str, path)): (Value.cast(value), directions[member.flow])
+        for path, member, value in design.signature.flatten(design)
+    }
+    return m, {name: port for name, port in ports.items() if not name.startswith(tuple(hidden))}
 
 
 def forward(m: Module, owner: wiring.Component, part: wiring.Component, *names: str) -> None:

@@ -10,15 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from amaranth.back import rtlil
-from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Mux, ResetSignal, Signal, Value
+from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Mux, ResetSignal, Signal
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import Block, forward, inputs, open_collisions, outputs, without_contents
+from eskin.rtl.common import bare, forward, inputs, open_collisions, outputs, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
-from eskin.rtl.host.control import bus_signature
-from eskin.rtl.top.accelerator import Accelerator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,38 +73,14 @@ WHOLE_WORDS = Path(__file__).with_name("whole_words.v")
 """A techmap that saves a logic cell for each block memory of an iCE40."""
 
 
-class Chain(wiring.Component):
-    """The accelerator without its probes: onset to decision, without the host link; ports ``i``, ``o``,
-    ``bus``, ``busy``.
+class Harness(wiring.Component):
+    """A design behind four pins, for parts with fewer pins than the design has ports; a figure of area and
+    timing needs registers on both sides.
 
     Parameters
     ----------
-    readable:
-        False: the bus has no read side, so that registers and counters that could only be read are not there.
-        The link reads them, and their cells count with it.
-    """
-
-    def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True):
-        self._accelerator = Accelerator(config, images)
-        members = dict(self._accelerator.signature.members)
-        bus = bus_signature().members
-        self._bus = [name for name in bus if readable or name not in ("r_stb", "r_data")]
-        members["bus"] = In(wiring.Signature({name: bus[name] for name in self._bus}))
-        super().__init__({name: members[name] for name in ("i", "o", "bus", "busy")})
-
-    def elaborate(self, platform):
-        m = Module()
-        m.submodules.accelerator = accelerator = self._accelerator
-        forward(m, self, accelerator, "i", "o", "busy")
-        for name in self._bus:
-            inner, outer = getattr(accelerator.bus, name), getattr(self.bus, name)
-            m.d.comb += outer.eq(inner) if name == "r_data" else inner.eq(outer)
-        return m
-
-
-class Harness(Block):
-    """A design behind four pins, for parts with fewer pins than the design has ports; a figure of area and
-    timing needs registers on both sides.
+    hidden:
+        Beginnings of names of ports that are left open (`bare`).
 
     Members
     -------
@@ -119,14 +91,17 @@ class Harness(Block):
     shift_out : Out(1)
     """
 
-    def ports(self, design: wiring.Component):
-        return inputs("shift_in", "capture") | outputs("shift_out")
+    def __init__(self, design: wiring.Component, hidden: Sequence[str]):
+        self._design, self._hidden = design, hidden
+        super().__init__(inputs("shift_in", "capture") | outputs("shift_out"))
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.chain = chain = self.spec
-        ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
-        inputs, outputs = (Cat(value for flow, value in ports if flow is way) for way in (In, Out))
+        m.submodules.chain, ports = bare(self._design, self._hidden)
+        inputs, outputs = (
+            Cat(value for value, way in ports.values() if way.value == wanted)
+            for wanted in ("input", "output")
+        )
         given = Signal(len(inputs))
         taken = Signal(len(outputs))
         m.d.comb += [inputs.eq(given), self.shift_out.eq(taken[0])]
@@ -198,6 +173,7 @@ def synthesise(
     folder: Path,
     *,
     top: str = "accelerator",
+    hidden: Sequence[str] = (),
     keep: Sequence[str] = (),
     verilog: Sequence[Path] = (),
 ) -> Netlist:
@@ -208,6 +184,8 @@ def synthesise(
 
     Parameters
     ----------
+    hidden:
+        Beginnings of names of ports that the netlist has not (`bare`).
     keep:
         Paths of submodules across whose borders nothing is optimised, so that their cells can be told from
         the rest.
@@ -220,7 +198,8 @@ def synthesise(
         Yosys failed, or a multiplier cell of the design is missing in the netlist.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    text = rtlil.convert(design, name=top, platform=family.name, emit_src=False)
+    whole, ports = bare(design, hidden) if hidden else (design, None)
+    text = rtlil.convert(whole, name=top, platform=family.name, ports=ports, emit_src=False)
     (folder / f"{top}.il").write_text(without_contents(open_collisions(text)))
     hide, show, hard_cell = "", "", family.dsp
     if family.dsp == "SB_MAC16":

@@ -5,10 +5,11 @@ from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, InputError, converter_plan
 from eskin.rtl.fpga.open_drain import OpenDrain
-from eskin.rtl.fpga.synthesis import Chain, Harness, PoweredOn
+from eskin.rtl.fpga.synthesis import Harness, PoweredOn
 from eskin.rtl.fpga.targets import Target
 from eskin.rtl.interface.i2c_master import I2C_PINS
 from eskin.rtl.program.memory_map import Images
+from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board import Board, ClassPins, class_pin_count
 
 STIMULATOR_PIN = 8
@@ -49,7 +50,8 @@ class Wiring:
         # long enough whichever of them it is
         hold = self.target.family.power_on_cycles(max(clock_hz, self.target.clock_hz))
         if not (self.sensing or (self.link and baud)):
-            return PoweredOn(Harness(Chain(self.config, images, readable=False)))
+            # nobody reads: registers and counters that could only be read are not there
+            return PoweredOn(Harness(Accelerator(self.config, images), ("probe", "bus__r_")))
         own: dict[str, Any] = {"sensing": True, "flash": self.flash} if self.sensing else {}
         top = Board(self.config, images, clock_hz=clock_hz, baud=baud, class_pins=self.shown, **own)
         shared = self.sensing and top.signature.members["pins"].signature == I2C_PINS

@@ -116,8 +116,8 @@ class Accelerator(wiring.Component):
         )
         wiring.connect(m, front.status, control.detector)
         wiring.connect(m, engine.status, control.engine)
-        loaded = [part for part in (front, engine, readout) if hasattr(part, "load")]
-        wiring.connect(m, control.load, *(part.load for part in loaded))
+        parts: list[Any] = [front, engine, readout]
+        wiring.connect(m, control.load, *(part.load for part in parts if hasattr(part, "load")))
         drive(m, classifier, logit=engine.logit if readout is None else readout.score, finish=control.finish)
         wrong = engine.check_failed | front.wrong
         if readout is not None and config.hardware.checksum:

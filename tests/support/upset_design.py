@@ -9,9 +9,10 @@ from pathlib import Path
 from amaranth.back import rtlil
 
 from eskin.golden.core import AcceleratorConfig, Arrays
-from eskin.rtl.fpga.synthesis import Chain
+from eskin.rtl.common import bare
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.top.accelerator import Accelerator
 
 TOP = "accelerator"
 PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
@@ -53,12 +54,11 @@ def with_upsets(config: AcceleratorConfig, arrays: Arrays | None = None) -> tupl
     RuntimeError
         The text has a clocked process of a form not known here: an upset would be missing.
     """
-    design = Chain(
-        config, None if config.hardware.loadable or arrays is None else memory_images(config, arrays)
-    )
+    images = None if config.hardware.loadable or arrays is None else memory_images(config, arrays)
+    design, ports = bare(Accelerator(config, images), ("probe",))
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
-        source.write_text(rtlil.convert(design, name=TOP, emit_src=False))
+        source.write_text(rtlil.convert(design, name=TOP, ports=ports, emit_src=False))
         script = "read_rtlil top.il; proc -norom; flatten; opt_clean; memory_collect; write_verilog -sv -noattr top.sv"
         run_tool("yosys", ["-q", "-p", script], Path(folder))
         text = target.read_text()

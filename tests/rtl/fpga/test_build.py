@@ -198,7 +198,9 @@ PLACED = SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
 
 def stand_ins(monkeypatch, place, made=lambda config: None, result=lambda *_: {}) -> None:
     """In place of synthesis ``made(config)``, of placement ``place``, of the record ``result``."""
-    monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
+    monkeypatch.setattr(
+        job, "cached_netlist", lambda design, *_, **__: (SimpleNamespace(verilog=None), design())
+    )
     monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: made(wiring.config))
     monkeypatch.setattr(job, "_placement", place)
     monkeypatch.setattr(job, "_result", result)
