@@ -49,7 +49,7 @@ from eskin.rtl.program.schedule import (
     mean_frame_cycles,
     step_cycles,
 )
-from eskin.rtl.top.board import BAUD, refuse_standalone
+from eskin.rtl.top.system import BAUD, refuse_standalone
 from eskin.study.energy import PARTS, estimate, scheduled_activity
 
 CACHE = Path("build/implementations")

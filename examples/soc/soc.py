@@ -21,12 +21,12 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.rtl.common import OnePortMemory
+from eskin.rtl.common import OnePortMemory, forward
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
 from eskin.rtl.host.uart import UartTransmitter, uart_divisor
 from eskin.rtl.program.flash_image import design_number
 from eskin.rtl.program.memory_map import Register
-from eskin.rtl.top.bus_top import BusTop
+from eskin.rtl.top.system import System
 
 SERV = Path(pythondata_cpu_serv.data_location)
 CORE = sorted(path for path in (SERV / "rtl").glob("serv_*.v") if path.name != "serv_synth_wrapper.v")
@@ -66,7 +66,7 @@ class Soc(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, program: Sequence[int] | None, *, words: int) -> None:
         self._config, self._program, self._words = config, program, words
-        self._accelerator = BusTop(config, bus="wishbone")
+        self._accelerator = System(config, host="wishbone")
         fed = config.interface.converter.name == "none"
         members = {"frame": In(16 * config.sensor.taxels), "due": In(1)}
         pins = {} if fed else {"pins": self._accelerator.signature.members["pins"]}
@@ -131,7 +131,7 @@ class Soc(wiring.Component):
             m.submodules.loader = loader = FlashLoader(
                 design_number(config), 2 * LOADED_WORDS, wake_cycles=cycles
             )
-            wiring.connect(m, loader.pins, wiring.flipped(self.flash))
+            forward(m, self, loader, "flash")
             loads, half = loader.bus.w_stb & (loader.bus.addr == Register.MEMORY_DATA), Signal(15)
             m.d.comb += starts.eq(loader.done)
             m.d.sync += half.eq(half + loads)

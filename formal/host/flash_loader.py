@@ -51,13 +51,13 @@ def comes_to_an_end(m: Module) -> None:
     prove(dut.done | dut.failed | (rank != 0), "a state")
     # ---- for the induction
     shifts = ~(now["START"] | now["WAIT"] | now["ARM"] | now["DONE"] | now["FAILED"])
-    prove(~shifts | ~dut.pins.cs_n, "selected while bits go")
+    prove(~shifts | ~dut.flash.cs_n, "selected while bits go")
     prove(~(now["MAGIC"] | now["NUMBER"] | now["WRITES"]) | (dut.writes < WRITES), "writes to go")
     prove(dut.timer <= WAKE_CYCLES, "timer")
     longest = {"WAKE": 8, "ASK": HEAD, "MAGIC": UNIT, "NUMBER": UNIT, "WRITES": UNIT, "CHECK": CHECK}
     for name, bits in longest.items():
         prove(~now[name] | (dut.left < bits), f"bits of {name}")
-    prove(~(now["START"] | now["WAIT"]) | dut.pins.cs_n, "not selected in between")
+    prove(~(now["START"] | now["WAIT"]) | dut.flash.cs_n, "not selected in between")
 
 
 @proof(

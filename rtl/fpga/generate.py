@@ -48,8 +48,8 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.rtl.top.sensing import Sensing
+from eskin.rtl.top.system import Bus, System
 
 SENSING = "sensing"
 DRIVER = sorted((Path(host.__file__).parent / "driver").glob("eskin.*"))
@@ -83,7 +83,7 @@ def generate(
         File of eskin.golden.model.vectors.write_vectors; its first recording is what the cocotb bench plays.
         None: no bench.
     bus, axis:
-        With ``bus`` or ``axis`` the module of `eskin.rtl.top.bus_top.BusTop` too.
+        With ``bus`` or ``axis`` the module of `eskin.rtl.top.system.System` too.
     top:
         Name of the module that a system takes; with it all other modules, and the driver with all that it and
         registers.h declare, begin with this name, so that several designs go into one system.
@@ -119,7 +119,8 @@ def generate(
     if converter != "none":
         modules.append((SENSING, Sensing))
     if bus or axis:
-        modules.append((f"{PREFIX}_{bus or 'axis'}", partial(BusTop, bus=bus, axis=axis)))
+        system = partial(System, host=bus, source="stream" if axis else None)
+        modules.append((f"{PREFIX}_{bus or 'axis'}", system))
     # the last one is the system's and has the name itself
     names = [name for name, _ in modules]
     if top:

@@ -1,7 +1,6 @@
 """The contents of a board's part, the pins, and the wires between them."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, InputError, converter_plan
 from eskin.rtl.fpga.open_drain import OpenDrain
@@ -10,7 +9,7 @@ from eskin.rtl.fpga.targets import Target
 from eskin.rtl.interface.i2c_master import I2C_PINS
 from eskin.rtl.program.memory_map import Images
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.board import Board, ClassPins, class_pin_count
+from eskin.rtl.top.system import BAUD, ClassPins, Host, System, class_pin_count
 
 STIMULATOR_PIN = 8
 """Index of the stimulator's pin among a board's free pins: the first of the second connector if there are two
@@ -52,8 +51,16 @@ class Wiring:
         if not (self.sensing or (self.link and baud)):
             # nobody reads: registers and counters that could only be read are not there
             return PoweredOn(Harness(Accelerator(self.config, images), ("probe", "bus__r_")))
-        own: dict[str, Any] = {"sensing": True, "flash": self.flash} if self.sensing else {}
-        top = Board(self.config, images, clock_hz=clock_hz, baud=baud, class_pins=self.shown, **own)
+        host: Host | None = "link" if baud else "flash" if self.flash else None
+        top = System(
+            self.config,
+            images,
+            host=host,
+            source="converter" if self.sensing else "host",
+            clock_hz=clock_hz,
+            baud=baud or BAUD,
+            class_pins=self.shown,
+        )
         shared = self.sensing and top.signature.members["pins"].signature == I2C_PINS
         return PoweredOn(OpenDrain(top) if shared else top, hold)
 

@@ -41,7 +41,7 @@ class FlashLoader(wiring.Component):
 
     Members
     -------
-    pins : Out(flash_pins)
+    flash : Out(flash_pins)
         All from registers. A bit takes 4 cycles; the flash may take all but two of them to answer.
     bus : Out(bus_signature)
         The host bus: the image's writes, 96 cycles apart, and ARM once the checksum has proved right. Nothing
@@ -56,11 +56,11 @@ class FlashLoader(wiring.Component):
 
     def __init__(self, number: int, writes: int, *, wake_cycles: int, offset: int = FLASH_OFFSET):
         self._number, self._writes, self._wake_cycles, self._offset = number, writes, wake_cycles, offset
-        super().__init__(outputs("done", "failed", pins=flash_pins, bus=bus_signature()))
+        super().__init__(outputs("done", "failed", flash=flash_pins, bus=bus_signature()))
 
     def elaborate(self, platform):
         m = Module()
-        pins = self.pins
+        pins = self.flash
         line = Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(pins.miso, line, init=1)
         phase = self.phase = Signal(2)  # of a bit: the clock is low, low, high, high

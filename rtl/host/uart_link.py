@@ -3,7 +3,7 @@
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
-from amaranth.lib.wiring import Out
+from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import decision_layout, drive, inputs, outputs, sample_layout, struct
@@ -57,9 +57,9 @@ class UartLink(wiring.Component):
     def __init__(self, config: AcceleratorConfig, divisor: int):
         self._config, self._divisor = config, divisor
         super().__init__(
-            inputs("rx", decision=stream.Signature(decision_layout(config)))
+            inputs(decision=stream.Signature(decision_layout(config)))
             | outputs(frame=stream.Signature(sample_layout(config)), bus=bus_signature(), expected=8)
-            | {"tx": Out(1, init=1)}
+            | {"rx": In(1, init=1), "tx": Out(1, init=1)}
         )
 
     def elaborate(self, platform):

@@ -24,7 +24,7 @@ from eskin.rtl.fpga.targets import target
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
-from eskin.rtl.top.board import Board
+from eskin.rtl.top.system import System
 from eskin.training.made_up import random_recordings
 from eskin.verbs.build_job import BuildRequest, build
 from eskin.verbs.flow import BUILD
@@ -161,7 +161,7 @@ def test_an_electrode_chip_that_reads_0_is_a_fault(tmp_path):
     touch, row 2, column 5."""
     model = random_integer_model(TWO_CHIPS, 1)
     config = model.config
-    board = PoweredOn(Board(config, memory_images(config, model.arrays), baud=None, sensing=True), 16)
+    board = PoweredOn(System(config, memory_images(config, model.arrays), host=None), 16)
     (tmp_path / "accelerator.v").write_text(text_of(board, "accelerator"))
     codes = np.full((14, 13), 700)
     codes[10:13, [5, 7 + 2]] = 300

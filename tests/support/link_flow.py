@@ -17,7 +17,7 @@ from eskin.golden.model import IntegerModel
 from eskin.live.link import Link
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
-from eskin.rtl.top.board import Board
+from eskin.rtl.top.system import System
 from tests.support.noisy_port import NoisyPort
 from tests.support.pin_port import PinPort
 
@@ -81,7 +81,7 @@ def play_link(
     }
     begun = time.monotonic()
     device = Device(
-        Design(text_of(Board(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top")
+        Design(text_of(System(config, clock_hz=12e6, baud=3e6), "board_top"), BUILDS, top="board_top")
     )
     device.put("rx", 1)
     device.reset()

@@ -19,7 +19,7 @@ from eskin.requests import ReplayRequest
 from eskin.rtl.fpga.export import verilog as text_of
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Register
-from eskin.rtl.top.board import Board
+from eskin.rtl.top.system import System
 from eskin.teach.taught import load_taught
 from eskin.training.made_up import image_recordings, random_images, random_recordings
 from eskin.verbs import board_job
@@ -203,7 +203,7 @@ CLOCKS_PER_BIT = 4
 def board_of(model: IntegerModel) -> PinPort:
     """The pins of a simulated board that was just switched on."""
     config, clock_hz = model.config, model.config.hardware.clock_hz
-    board = text_of(Board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
+    board = text_of(System(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT), "board_top")
     simulated = device.Device(device.Design(board, Path("build/simulators"), top="board_top"))
     simulated.put("rx", 1)
     simulated.reset()

@@ -374,7 +374,7 @@ def test_nothing_is_fetched_before_block_memories_read(name, clock_hz, monkeypat
     board = target(name)
     clock = clock_hz or board.clock_hz
     blind = math.ceil(15e-6 * clock) if board.family.name == "ice40" else 0
-    monkeypatch.setattr(wired, "Board", lambda *_, **__: Program(blind))
+    monkeypatch.setattr(wired, "System", lambda *_, **__: Program(blind))
     design = Wiring(config=CONFIG, target=board, link=True).design(None, clock, 1e6)
     counts = []
 

@@ -25,7 +25,7 @@ def load(image: bytes, *, offset: int = FLASH_OFFSET, wakes: int = WAKE_CYCLES -
     """(writes on the bus, done, failed, cycles, the flash) of a start with ``image`` in the flash."""
     dut = FlashLoader(NUMBER, len(WRITES), wake_cycles=WAKE_CYCLES)
     bench, heard, ended = Bench(dut), [], []
-    flash = SpiFlash(dut.pins, offset, image, wakes)
+    flash = SpiFlash(dut.flash, offset, image, wakes)
     bench._sim.add_testbench(flash.play, background=True)
 
     async def play(ctx):
@@ -37,7 +37,7 @@ def load(image: bytes, *, offset: int = FLASH_OFFSET, wakes: int = WAKE_CYCLES -
                 heard.append((ctx.get(dut.bus.addr), ctx.get(dut.bus.w_data)))
             if not ended and (ctx.get(dut.done) or ctx.get(dut.failed)):
                 ended.append(bench.cycle)
-        ended.append((ctx.get(dut.done), ctx.get(dut.failed), ctx.get(dut.pins.cs_n)))
+        ended.append((ctx.get(dut.done), ctx.get(dut.failed), ctx.get(dut.flash.cs_n)))
 
     bench.process(play)
     bench.run()

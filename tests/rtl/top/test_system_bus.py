@@ -1,4 +1,4 @@
-"""rtl/top/bus_top.py: the generated Verilog under the masters of cocotbext."""
+"""rtl/top/system.py: the generated Verilog under the masters of cocotbext."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from cocotb_tools.runner import get_results, get_runner
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.export import verilog
-from eskin.rtl.top.bus_top import BusTop
+from eskin.rtl.top.system import System
 from tests.support.random_models import random_integer_model
 
 CONFIG = random_integer_model(
@@ -17,7 +17,7 @@ CONFIG = random_integer_model(
 
 @pytest.mark.parametrize("bus", ["axi4lite", pytest.param("wishbone", marks=pytest.mark.slow)])
 def test_masters_of_others_read_and_write(bus, tmp_path):
-    (tmp_path / "design.sv").write_text(verilog(BusTop(CONFIG, bus=bus), "design"))
+    (tmp_path / "design.sv").write_text(verilog(System(CONFIG, host=bus), "design"))
     runner = get_runner("icarus")
     runner.build(
         sources=[tmp_path / "design.sv"],

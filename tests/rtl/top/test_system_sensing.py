@@ -1,4 +1,4 @@
-"""A board with its own sensors (rtl/top/board.py): whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
+"""A board with its own sensors (rtl/top/system.py): whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
 decision is heard again."""
 
 import re
@@ -11,8 +11,8 @@ from amaranth.sim import Simulator
 from eskin.golden.core import PRESETS
 from eskin.rtl.host.flash_loader import WAKE_S
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
-from eskin.rtl.top import board
-from tests.support.silent import Silent, forget
+from eskin.rtl.top import system
+from tests.support.silent import Silent
 from tests.support.table import refused
 
 CLOCK_HZ = 4 * STIMULATOR_BAUD
@@ -25,17 +25,17 @@ CAUSES = {
 }
 
 
-def skin(monkeypatch, config=CONFIG, **fields):
+def skin(monkeypatch, host=None):
     """A board around a chain that does nothing, and a list that will hold its stimulator."""
-    sensing_of, stimulation_of, made = board.Sensing, board.Stimulation, []
+    sensing_of, stimulation_of, made = system.Sensing, system.Stimulation, []
     watching = SimpleNamespace(watching=SimpleNamespace(hung=Signal()))
     monkeypatch.setattr(
-        board, "Sensing", lambda *arguments, **options: Silent(sensing_of(*arguments), accelerator=watching)
+        system, "Sensing", lambda *arguments, **options: Silent(sensing_of(*arguments), accelerator=watching)
     )
     monkeypatch.setattr(
-        board, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
+        system, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
     )
-    return board.Board(config, None, clock_hz=CLOCK_HZ, sensing=True, **{"baud": None} | fields), made
+    return system.System(CONFIG, None, host=host, clock_hz=CLOCK_HZ), made
 
 
 def run(dut, play) -> None:
@@ -82,15 +82,8 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
     run(dut, play)
 
 
-@pytest.mark.parametrize("host", [{"baud": CLOCK_HZ / 4}, {"shell": True}])
-def test_a_flash_beside_a_host_is_refused(monkeypatch, host):
-    with refused("from the flash or from a host") as caught:
-        skin(monkeypatch, flash=True, **host)
-    forget(caught.traceback[-1].frame.f_locals["self"])
-
-
 def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
-    dut, _ = skin(monkeypatch, flash=True)
+    dut, _ = skin(monkeypatch, "flash")
 
     async def play(ctx):
         selects = ""
@@ -109,7 +102,7 @@ def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
 
 def test_what_needs_a_host_is_refused():
     with refused("there is no source of frames; add --converter"):
-        board.refuse_standalone(CONFIG.replace(converter="none"))
+        system.refuse_standalone(CONFIG.replace(converter="none"))
     immediate = dict(onset="immediate", window_mode="free", window=614, pretrigger_frames=0)
     with refused("use 'band' or 'baseline'"):
-        board.refuse_standalone(CONFIG.replace(**immediate))
+        system.refuse_standalone(CONFIG.replace(**immediate))

@@ -7,9 +7,9 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.golden.core import PRESETS
 from eskin.rtl.common import decision_layout
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.top import board
+from eskin.rtl.top import system
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.board import Board, class_pin_count, reaches_pins
+from eskin.rtl.top.system import System, class_pin_count, reaches_pins
 from tests.support.random_models import random_integer_model
 from tests.support.silent import Silent
 from tests.support.stream_bench import put, simulate
@@ -20,7 +20,7 @@ from tests.support.table import each_row
 def test_elaborates_with_the_ports_of_a_board(changes):
     model = random_integer_model(PRESETS["thesis"].replace(**changes), 1)
     images = None if model.config.hardware.loadable else memory_images(model.config, model.arrays)
-    text = rtlil.convert(Board(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
+    text = rtlil.convert(System(model.config, images, clock_hz=48e6), name="board_top", emit_src=False)
     top = text[text.index("module \\board_top") :].partition("\nend\n")[0]
     ports = {line.split()[-1] for line in top.splitlines() if " input " in line or " output " in line}
     unsure = {"\\unsure"} if model.config.network.margin_threshold else set()
@@ -36,8 +36,8 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
     accelerator = Silent(Accelerator(config, None))
     offered = accelerator.o
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(board, "Accelerator", lambda *_: accelerator)
-        dut = Board(config, clock_hz=12e6, class_pins=class_pins)
+        patch.setattr(system, "Accelerator", lambda *_: accelerator)
+        dut = System(config, clock_hz=12e6, class_pins=class_pins)
     assert class_pin_count(config, class_pins) == bits == len(dut.decision)
 
     async def bench(ctx):
