@@ -219,7 +219,7 @@ class TrainRequest(ChoiceOptions):
     folds: int = option("Folds of the cross-validation; 0: none.", 5)
     seed: int = option("First seed; the written model uses it.", 0, min=0, max=SEED_MAX)
     protocol: Literal["default", "robust"] = option(
-        "Training recipe; robust trains with failing taxels.", "default"
+        "Training recipe; robust trains with failing taxels and offsets.", "default"
     )
 
 

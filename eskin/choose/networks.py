@@ -70,7 +70,7 @@ STURDY: dict[str, Record] = {
     f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.3, 0.1, 0.03)
 }
 """Fits of a linear cell that are tried if it is judged under disturbance."""
-ROBUST, ROBUST_UPDATES = "robust", 400
+ROBUST, ROBUST_UPDATES = "robust", 800
 """Recipe of recurrent cells that are judged under disturbance, and its updates."""
 AGAIN = 2
 """Maximum number of candidates under disturbance that are scored with other seeds."""
@@ -387,9 +387,14 @@ class _Choice:
         level = [one for one in behind if is_level(ranked[0].scores, one.scores)]
         yield from self.with_other_seeds(level[:AGAIN])
         stablest = choose_stable(self.tried, calm, prices)
-        # of the candidates out of reach only the most accurate is judged under disturbance: it shows what a
-        # higher cost would gain
-        told = {one.candidate for one in (*in_reach(self.tried, calm, prices), best_of(self.tried))}
+        # of the networks out of reach only the most accurate is judged under disturbance, fitted to it if it is
+        # recurrent: it shows what a higher cost would gain
+        dearer = [best_of(self.tried)]
+        if dearer[0].config.recurrent:
+            network, on = dearer[0].config.network, stablest.candidate.front_end
+            robust = [self.options.possible(on, network.cell, network.hidden, fit) for fit in effort.robust]
+            dearer += yield from self.judged(self.usable(robust))
+        told = {one.candidate for one in (*in_reach(self.tried, calm, prices), dearer[-1])}
         self.tried = [
             dataclasses.replace(one, calm=one.candidate == calm.candidate)
             if one.candidate in told

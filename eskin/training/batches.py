@@ -17,6 +17,10 @@ FAULTY_WINDOWS = 3
 """Windows that a stuck taxel spoils before the fault detector masks it: two blocks reach into three windows
 at most."""
 
+OFFSET, COMMON, DRIFT = 0.7, 0.3, 0.3
+"""Standard deviations of an offset of one taxel, of all together and of their drift in a touch, in those of the
+means."""
+
 UNCLIPPED_LIMIT = 10.0
 """Reading of a stuck taxel in training if deviations are not clipped, in standard deviations of the
 features."""
@@ -55,8 +59,9 @@ class Batches:
         self._means[..., list(config.input_mask)] = 0.0
         self._faults = None if data.faults is None else torch.tensor(data.faults)
         self._live = (~torch.tensor(config.input_mask)).float()
-        self._integral = torch.tensor(
-            [config.features.feature_kinds[kind] == "integral" for kind in config.input_kinds]
+        kind_of = [config.features.feature_kinds[kind] for kind in config.input_kinds]
+        self._level, self._integral = (
+            torch.tensor([kind == name for kind in kind_of]) for name in ("mean", "integral")
         )
         self._labels = torch.tensor(data.labels[data.touches.recording])
         self._ends = torch.tensor(data.ends)
@@ -85,18 +90,20 @@ class Batches:
         upper = torch.minimum(lower + 1, last)
         part = (position - lower)[..., None]
         means = torch.lerp(self._means[rows[..., None], lower], self._means[rows[..., None], upper], part)
-        gain = amplitude[..., None, None]
+        gain, offset = amplitude[..., None, None], torch.zeros(())
         of_taxel = torch.Size((*rows.shape, 1, self._config.sensor.taxels))  # one value for the whole touch
         kinds = self._config.kinds
         if self._integral.any():  # a faster touch of the same amplitude adds up to less
             gain = torch.where(self._integral, gain / speed[..., None, None], gain)
-        features = (self._amplified(means, gain) - self._mu) / self._sigma
+        if recipe.offset:
+            offset = recipe.offset * self._offset(of_taxel).repeat_interleave(kinds, -1)
+        features = (self._moved(means, gain, offset) - self._mu) / self._sigma
         if recipe.noise:
             features = features + recipe.noise * torch.randn(features.shape, generator=generator)
         if recipe.channel_dropout:
-            features = features * (
-                torch.rand(of_taxel, generator=generator) >= recipe.channel_dropout
-            ).repeat_interleave(kinds, -1)
+            lost = torch.rand(of_taxel, generator=generator) < recipe.channel_dropout
+            reading = self._lost(of_taxel)
+            features = torch.where(lost.repeat_interleave(kinds, -1), reading, features)
         if recipe.taxel_failure:
             features = self._failing(features, of_taxel)
         # last, as in hardware: the features of a masked taxel are 0, whatever it reads
@@ -107,14 +114,36 @@ class Batches:
             features = features.masked_fill(masked, 0.0)
         return features * self._live, self._labels[rows], counts
 
-    def _amplified(self, means: torch.Tensor, gain: torch.Tensor) -> torch.Tensor:
-        """Real features of touches whose deviations are ``gain`` times as large: of an integral the logarithm
-        of the amplified sum."""
+    def _moved(self, means: torch.Tensor, gain: torch.Tensor, offset: torch.Tensor) -> torch.Tensor:
+        """Real features of touches whose deviations are ``gain`` times as large and ``offset`` codes higher: of
+        an integral the logarithm of the sum of these."""
+        moved = means * gain + torch.where(self._level, offset, 0.0)
         if not self._integral.any():
-            return means * gain
+            return moved
+        frames = torch.tensor([last for _, last in self._config.window_spans])[:, None]
         # clamp: 2**60 is far beyond any integral, and 2**128 would be infinite in float32
-        logarithms = torch.sign(means) * torch.log2(1 + gain * (torch.exp2(means.abs().clamp(max=60.0)) - 1))
-        return torch.where(self._integral, logarithms, means * gain)
+        sums = gain * torch.sign(means) * (torch.exp2(means.abs().clamp(max=60.0)) - 1)
+        sums = sums + offset * frames / 2.0**self._config.features.integral_knee
+        return torch.where(self._integral, torch.sign(sums) * torch.log2(1 + sums.abs()), moved)
+
+    def _offset(self, of_taxel: torch.Size) -> torch.Tensor:
+        """Codes (parts, batch, steps, taxels) by which one taxel, and all together, are off; those of all drift."""
+        generator, (*touch, _, taxels) = self._generator, of_taxel
+        one, all_together, drift = torch.randn((3, *touch, 1, 1), generator=generator)
+        steps = self._config.windows.steps
+        time = (torch.arange(steps) + 0.5)[:, None] / steps
+        off = torch.arange(taxels) == torch.randint(taxels, (*touch, 1, 1), generator=generator)
+        mean = self._config.features.feature_kinds.index("mean") if self._level.any() else 0
+        unit = self._sigma[..., mean :: self._config.kinds].amax(-1, keepdim=True)
+        return unit * (OFFSET * one * off + COMMON * all_together + DRIFT * drift * time)
+
+    def _lost(self, of_taxel: torch.Size) -> torch.Tensor:
+        """Features of lost taxels: of each as often those of a masked one and those of one at rest."""
+        if self._config.rest_level.rest == "none":  # a level that is not subtracted remains
+            return torch.zeros(())
+        masked = torch.rand(of_taxel, generator=self._generator) < 0.5
+        masked = masked.repeat_interleave(self._config.kinds, -1)
+        return torch.where(masked, 0.0, -self._mu / self._sigma)
 
     def _stuck(
         self, side: torch.Tensor, limit: torch.Tensor, since: torch.Tensor, share: torch.Tensor

@@ -24,9 +24,10 @@ class Recipe:
     feature (1 = that of the training features). warp: a touch runs faster by a factor drawn between 1/warp and
     warp (log-uniform); 1 = none. gain: its amplitude is multiplied by a factor between 1/gain and gain.
     speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel
-    answers to the rate of change. channel_dropout: probability with which a taxel is masked for the whole
-    touch. taxel_failure: probability with which a taxel sticks at a limit in the touch, is found after
-    FAULTY_WINDOWS and masked from there on. penalty: of a linear cell, which is fitted as a logistic regression
+    answers to the rate of change. channel_dropout: probability with which a taxel is lost for the whole
+    touch: as often masked as at rest. offset: factor of the offsets and of the drift that
+    `eskin.training.batches` adds. taxel_failure: probability with which a taxel sticks at a limit in the
+    touch, is found after FAULTY_WINDOWS and masked from there on. penalty: of a linear cell, which is fitted as a logistic regression
     on all windows of a touch (`eskin.training.linear_fit`): the inverse penalty of its weights on standardised
     inputs, as scikit-learn has it; loss, learning_rate, one_cycle and weight_limit have no effect then.
     squares: a linear cell is a ridge regression on the classes' indicators instead; ridge: its penalty, as a
@@ -48,6 +49,7 @@ class Recipe:
     speed_gain: float = 0.0
     channel_dropout: float = 0.0
     taxel_failure: float = 0.0
+    offset: float = 0.0
     weight_limit: float = 0.0
     penalty: float = 0.0
     squares: bool = False
@@ -75,6 +77,7 @@ AS_RECORDED: Record = {
     "speed_gain": 0.0,
     "channel_dropout": 0.0,
     "taxel_failure": 0.0,
+    "offset": 0.0,
 }
 """Changes that make a recipe train on the touches as they were recorded."""
 
@@ -100,6 +103,7 @@ RECIPES = {
         updates=800,
         channel_dropout=0.1,
         taxel_failure=0.05,
+        offset=1.0,
     ),
     "linear": Recipe(
         name="linear", loss="last", updates=60, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5, penalty=1.0
@@ -127,6 +131,7 @@ def choose_recipe(config: AcceleratorConfig, robust: bool = False) -> Recipe:
             updates=2 * recipe.updates,
             channel_dropout=wary.channel_dropout,
             taxel_failure=wary.taxel_failure,
+            offset=wary.offset,
         )
     return recipe
 

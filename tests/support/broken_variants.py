@@ -216,6 +216,7 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
         "gains of all taxels within 20 %",
         "offset of all taxels at the onset",
         "clipped signals",
+        "one noisy taxel",
     ),
     # a window is one sample and seven of eight frames are lost
     _with(find_touches=_thinned): (
@@ -244,8 +245,6 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
         "one taxel sticks high at the onset",
         "one taxel sticks high before the touch",
     ),
-    # a window is one sample
-    _with({"clip": 0}, find_touches=last_sample_windows): ("one noisy taxel",),
     # no detector
     _with({"fault_frames": 0}): ("failed taxels not found",),
     # a detector that takes rest noise for silence

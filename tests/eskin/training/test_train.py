@@ -203,11 +203,26 @@ def drawn(config=SMALL, **changes) -> tuple[np.ndarray, tuple[float, float]]:
     return batches.draw()[0][0].numpy(), batches.scales[0]
 
 
-def test_dropped_channels_hold_for_the_whole_touch_and_differ_by_taxel():
-    same, dropped = drawn()[0], drawn(channel_dropout=0.2)[0]
-    gone = (dropped == 0).all(axis=1)  # (touches, taxels)
-    assert np.array_equal(dropped, np.where(gone[:, None], 0, same)) and 0.15 < gone.mean() < 0.25
-    assert np.corrcoef(gone.T)[0, 1:].max() < 0.3
+def test_a_lost_taxel_is_masked_or_rests_for_the_whole_touch():
+    same, (lost, (mu, sigma)) = drawn()[0], drawn(channel_dropout=0.4)
+    masked, at_rest = (
+        (lost == level).all(axis=1) for level in (0, np.float32(-mu / sigma))
+    )  # (touches, taxels)
+    assert np.array_equal(lost == same, np.broadcast_to(~(masked | at_rest)[:, None], same.shape))
+    assert 0.16 < masked.mean() < 0.24 and 0.16 < at_rest.mean() < 0.24
+    assert np.corrcoef(masked.T)[0, 1:].max() < 0.3
+
+
+def test_offsets_move_one_taxel_and_all_and_drift():
+    same, moved = drawn()[0], drawn(offset=1.0)[0]
+    moves = moved - same  # in deviations of the means, as mean is the only kind of feature
+    of_all = np.median(moves, axis=2)
+    assert np.isclose(np.diff(of_all, axis=1).std(), batching.DRIFT / same.shape[1], rtol=0.1)
+    assert np.isclose(of_all[:, 0].std(), batching.COMMON, rtol=0.1)
+    own = np.abs(moves - of_all[..., None]).max(axis=1)
+    assert ((own > 1e-4).sum(axis=1) <= 1).all() and np.isclose(
+        np.sqrt((own**2).sum(axis=1).mean()), batching.OFFSET, rtol=0.1
+    )
 
 
 def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later():
