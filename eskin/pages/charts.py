@@ -18,7 +18,7 @@ from eskin.choose.cost import pareto
 from eskin.golden.core import Record
 from eskin.pages.views import count
 
-CHOSEN, OTHERS = "#0072B2", "#E69F00"
+CHOSEN, OTHERS, SCANS = "#0072B2", "#E69F00", "#888888"
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,

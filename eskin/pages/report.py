@@ -17,6 +17,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from operator import itemgetter
 from pathlib import Path
 
 import jinja2
@@ -34,7 +35,7 @@ from eskin.choose.choice_table import (
     windows_brief,
 )
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.pages.charts import STYLE, draw_costs, svg
+from eskin.pages.charts import SCANS, STYLE, draw_costs, svg
 from eskin.pages.views import page, short_name, tables, words, write_text
 from eskin.training.formats import describe_formats
 
@@ -119,16 +120,36 @@ def confusions(split: Record, class_names: Sequence[str]) -> list[Record]:
 
 
 # ---------------------------------------------------------------------- charts
-def draw_candidates(rows: Sequence[Record]) -> Figure:
-    """Accuracy of every candidate against energy of a touch (`eskin.pages.charts.draw_costs`)."""
+def fewer_scans(front_end: Record) -> list[Record]:
+    """For each ``scan_every`` that was judged the cheapest front end that ties with the best; where none does, the
+    most accurate."""
+    rows = [front_end["chosen"], *front_end["rivals"]]
+    found = []
+    for every in sorted({row["scan_every"] for row in rows}):
+        alike = sorted((row for row in rows if row["scan_every"] == every), key=itemgetter("energy_touch_j"))
+        found.append(next((row for row in alike if row["level"]), max(alike, key=itemgetter("accuracy"))))
+    return found
+
+
+def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> Figure:
+    """Accuracy of every candidate against energy of a touch (`eskin.pages.charts.draw_costs`). Crosses show what
+    `fewer_scans` buy: front ends alone, by the linear classifier that chose among them."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     axes = figure.subplots()
     named = [row | {"name": network_name(row)} for row in rows]
     draw_costs(axes, named, "energy_touch_j", "energy of a touch (µJ)")
+    scans = fewer_scans(front_end) if front_end else []
+    if len(scans) > 1:
+        places = [(1e6 * row["energy_touch_j"], row["accuracy"]) for row in scans]
+        axes.plot(*zip(*places, strict=True), ":x", color=SCANS, linewidth=0.8, zorder=1)
+        for row, place in zip(scans, places, strict=True):
+            under: Record = {"textcoords": "offset points", "fontsize": 7, "color": SCANS}
+            axes.annotate(f"1/{row['scan_every']}", place, (3, -9), **under)
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
     lines = "; lines down: under disturbance" * any(row.get("stress") for row in rows)
-    axes.set_title(f"grey: the best at each cost; {filled}{lines}")
+    crosses = "\ncrosses: front ends alone, one frame in k scanned" * (len(scans) > 1)
+    axes.set_title(f"grey: the best at each cost; {filled}{lines}{crosses}")
     return figure
 
 
@@ -199,7 +220,7 @@ def _render(values: Record) -> str:
         errors = {row["stage"]: row for row in values["evaluate"]["stages"]}
         return page("images.html.j2", **values, errors=errors, formats=describe_formats(config))
     with rc_context(STYLE):
-        chart = svg(draw_candidates(candidates)) if candidates else None
+        chart = svg(draw_candidates(candidates, front_end)) if candidates else None
     return page(
         "report.html.j2",
         **values,

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import pytest
 
 from eskin.choose.candidate import front_end_fields
-from eskin.pages.report import summary, write_report
+from eskin.pages.report import draw_candidates, fewer_scans, summary, write_report
 from eskin.pages.views import count, hertz, percent, seconds
 from tests.support.result_case import CONFIG, STAGE_COUNTS, edit, make_result
 from tests.support.table import each_row, refused
@@ -115,6 +115,18 @@ def under_stress(held: bool) -> list[dict]:
         front_end=front_end_fields(CONFIG), front_end_words="made",
     )  # fmt: skip
     return [row | {"chosen": taken, "calm": not taken} for taken in (True, False)]
+
+
+def test_the_chart_shows_the_cheapest_tied_front_end_of_each_scan_every():
+    def row(every, accuracy, energy, level):
+        return {"scan_every": every, "accuracy": accuracy, "energy_touch_j": energy, "level": level}
+
+    best, cheaper, poor = row(1, 0.99, 4e-6, True), row(1, 0.98, 2e-6, True), row(1, 0.9, 1e-6, False)
+    less, least = row(8, 0.97, 2e-7, False), row(8, 0.95, 1e-7, False)
+    front_end = {"chosen": cheaper, "rivals": [best, poor, least, less]}
+    assert fewer_scans(front_end) == [cheaper, less]
+    axes = draw_candidates(under_stress(True), front_end).axes[0]
+    assert {"1/1", "1/8"} <= {text.get_text() for text in axes.texts}
 
 
 @pytest.mark.parametrize("held", [True, False])
