@@ -335,13 +335,13 @@ def test_bad_options_are_one_sentence(play, vectors, tmp_path):
 
 # ---------------------------------------------------------------- generated folder
 @pytest.mark.parametrize(
-    ("simulator", "options"),
-    [("icarus", {"lanes": 2}), pytest.param("verilator", {"top": "third"}, marks=pytest.mark.slow)],
+    ("simulator", "lanes", "options"),
+    [("icarus", 2, {}), pytest.param("verilator", None, {"top": "third"}, marks=pytest.mark.slow)],
 )
 def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(
-    model, tmp_path, simulator, options
+    model, tmp_path, simulator, lanes, options
 ):
-    folder = generate_design(model, tmp_path / "out", **options)
+    folder = generate_design(model.with_lanes(lanes), tmp_path / "out", **options)
     kept = (folder / "vectors.npz").read_bytes()
     done = make(folder, simulator)
     assert done.returncode == 0 and "values in" in done.stdout and "PASS=1 FAIL=0" in done.stdout, done.stdout

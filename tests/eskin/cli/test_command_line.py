@@ -256,7 +256,7 @@ main()
 """
 
 
-@each_row("module", ["typer", "eskin.cli.job"])
+@each_row("module", ["typer", "eskin.cli.studies"])
 def test_an_interrupt_while_modules_are_loaded_ends_with_130(module):
     entry = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["eskin"]
     program = INTERRUPTED_AT.format(module=module, place=entry.partition(":")[0])
