@@ -55,6 +55,7 @@ def test_saturate_every_code(source, target):
     got, shape = evaluate(source, lambda value: fixed.saturate(value, target), codes)
     assert shape == fixed.shape_of(target)
     assert got == [formats.clamp(code, target) for code in codes]
+    assert got == formats.clamp(np.array(codes), target).tolist()
 
 
 @examples(60, 600)
