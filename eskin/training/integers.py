@@ -26,6 +26,7 @@ from eskin.training.losses import Progress
 from eskin.training.prototypes import prototypes_from_recordings, training_groups
 from eskin.training.quantise import (
     LAST_LOGIT,
+    LAST_MARGIN,
     Range,
     check_given,
     check_widths,
@@ -46,7 +47,11 @@ def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Reco
         raise InputError(f"model '{model_dir}': has no ranges from its training; {fix}")
     try:
         ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
-        needed = [signal for signal in signals(config) if signal in ranges or signal != LAST_LOGIT]
+        needed = [
+            signal
+            for signal in signals(config)
+            if signal in ranges or signal not in (LAST_LOGIT, LAST_MARGIN)
+        ]
         endless = [signal for signal in needed if not all(map(math.isfinite, ranges[signal]))]
     except (TypeError, ValueError, KeyError) as error:
         raise InputError(

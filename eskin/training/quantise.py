@@ -51,6 +51,9 @@ COVERED_FEATURE = f"feature ({FEATURE_COVERAGE:.1%})"
 LAST_LOGIT, ROUNDING = "last logit", 1 / 512
 """Name of the range of logits at the last steps of touches. Share of their span by which the rounded weights
 of a linear cell may move a logit."""
+LAST_MARGIN, CLOSE = "last margin", 0.01
+"""Name of the range of the lead of the first class over the second there, from the lead that the share CLOSE of the
+touches does not reach. The rounded weights may not move a logit by more."""
 
 SIGNALS = {
     "feature": "feature",
@@ -65,10 +68,11 @@ SIGNALS = {
     "state": "state",
     "logit": "logit",
     LAST_LOGIT: "logit",
+    LAST_MARGIN: "logit",
 }
 """Signals whose ranges are profiled, and the format that each is noted with."""
 
-LINEAR_SIGNALS = ("feature", COVERED_FEATURE, "dense", "dense bias", "logit", LAST_LOGIT)
+LINEAR_SIGNALS = ("feature", COVERED_FEATURE, "dense", "dense bias", "logit", LAST_LOGIT, LAST_MARGIN)
 """Signals of a linear cell."""
 
 LOGIT_HEADROOM = 2.0
@@ -140,6 +144,8 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
         begun = touches.completed > 0
         last = logits[begun, np.minimum(touches.completed[begun], features.shape[1]) - 1]
         profiler.ranges[LAST_LOGIT] = (float(last.min()), float(last.max()))
+        lead = np.diff(np.sort(last, axis=1)[:, -2:], axis=1)
+        profiler.ranges[LAST_MARGIN] = (float(np.quantile(lead, CLOSE)), float(lead.max()))
     profiler.note("feature", features)
     covered = float(np.quantile(np.abs(features[complete]), FEATURE_COVERAGE))
     kinds = {"W": "weight", "U": "recurrent", "b": "bias", "bh": "bias"}
@@ -345,8 +351,8 @@ def choose_formats(
     plain: bool = False,
 ) -> AcceleratorConfig:
     """``config`` with a format for every signal, from profiled ranges; widths in bits. ``weight_bits`` None:
-    WEIGHT_BITS, of a linear cell more where rounding them moves logits by more than ROUNDING of their span, as
-    far as an accumulator of DSP lanes goes.
+    WEIGHT_BITS, of a linear cell more where rounding them moves logits by more than ROUNDING of their span or than
+    the leads of close decisions, as far as an accumulator of DSP lanes goes.
 
     State: SQ(2, .) for GRU reset before, SQ(4, .) for LSTM and reset after (``state_bits`` changes the
     fraction only; where it is None, weights of at most LOW_WEIGHT_BITS bits bring a state of LOW_BIT_STATE,
@@ -454,7 +460,8 @@ def _linear_formats(
 
     chosen = with_weight_bits(weight_bits or WEIGHT_BITS)
     low, high = ranges.get(LAST_LOGIT, (-math.inf, math.inf))  # without one the span is infinite: no finer
-    while not (weight_bits or plain) and _rounding(chosen) > ROUNDING * (high - low):
+    lead, _ = ranges.get(LAST_MARGIN, (math.inf, math.inf))
+    while not (weight_bits or plain) and _rounding(chosen) > min(ROUNDING * (high - low), lead):
         finer = with_weight_bits(chosen.weight_bits + 1)
         if finer.weight_bits > OPERAND_BITS or finer.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
             break

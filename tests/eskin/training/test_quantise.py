@@ -26,6 +26,7 @@ from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import (
     COVERED_FEATURE,
     LAST_LOGIT,
+    LAST_MARGIN,
     choose_formats,
     closest_range,
     covering_format,
@@ -249,6 +250,14 @@ def test_weights_of_a_linear_cell_are_as_fine_as_its_last_logits_ask_for(last, c
     assert choose_formats(config, ranges).weight_bits == 8
 
 
+@each_row("lead, dense", [(0.1, "SQ(2,6)"), (0.05, "SQ(2,7)"), (0.03, "SQ(2,8)")])
+def test_rounded_weights_move_a_logit_by_no_more_than_close_decisions_lead(lead, dense):
+    config = with_network(PRESETS["fabric"], cell="linear").replace(name="derived")
+    ranges = UNIT | {"dense": (-1.6, 1.6), "logit": (-20.0, 20.0)}
+    ranges |= {LAST_LOGIT: (-99.0, 99.0), LAST_MARGIN: (lead, 5.0)}
+    assert str(choose_formats(config, ranges).formats.dense_format) == dense
+
+
 def test_the_last_logits_of_a_linear_cell_are_those_of_the_last_window_that_ended():
     """Touch by touch, also where a touch has more windows than the network reads."""
     config = with_network(SMALL, cell="linear")
@@ -258,8 +267,10 @@ def test_the_last_logits_of_a_linear_cell_are_those_of_the_last_window_that_ende
         logits = model.forward(float_features(model, touches)[:, :steps])[1]
         for touch in np.flatnonzero(touches.completed)[:8]:
             last = logits[touch, min(touches.completed[touch], steps) - 1]
-            seen = profile(model, touches.take([touch]))[LAST_LOGIT]
-            assert seen == pytest.approx((last.min(), last.max()), rel=1e-12)
+            seen = profile(model, touches.take([touch]))
+            assert seen[LAST_LOGIT] == pytest.approx((last.min(), last.max()), rel=1e-12)
+            second, first = np.sort(last)[-2:]
+            assert seen[LAST_MARGIN] == pytest.approx((first - second, first - second), rel=1e-9)
 
 
 def test_weak_signals_get_features_finer_than_their_sums():
