@@ -601,8 +601,8 @@ def _compared(
     taken: Candidate,
     rows: Sequence[Record],
 ) -> Record:
-    """Comparisons for training.json: for every split a linear classifier on
-    the same integer features and folds, and its ``unseen`` figure if something was chosen."""
+    """Comparisons for training.json: for every split a linear classifier on the same integer features and folds,
+    and its ``unseen`` figure if something was chosen."""
     recordings, config = settings.recordings, taken.config
     splits = [split["groups"] for split in validated]
     baselines = linear_yardsticks(recordings, config, splits, settings.folds)

@@ -11,15 +11,12 @@ import torch
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import real_by_input
 from eskin.training.datasets import Dataset, scaling
+from eskin.training.linear_fit import COMMON, DRIFT, OFFSET
 from eskin.training.recipe import Recipe
 
 FAULTY_WINDOWS = 3
 """Windows that a stuck taxel spoils before the fault detector masks it: two blocks reach into three windows
 at most."""
-
-OFFSET, COMMON, DRIFT = 0.7, 0.3, 0.3
-"""Standard deviations of an offset of one taxel, of all together and of their drift in a touch, in those of the
-means."""
 
 UNCLIPPED_LIMIT = 10.0
 """Reading of a stuck taxel in training if deviations are not clipped, in standard deviations of the
