@@ -51,12 +51,13 @@ class DdcSlave:
 class MprSlave:
     """Chips on one bus, by address: ``electrodes(address)`` gives twelve codes. silent: addresses that do not
     acknowledge. ecr: register 0x5E, by address; where that is 0 electrodes read 0. written: (address,
-    register, value) in their order. shortest: cycles that the clock was low or high at least."""
+    register, value) in their order. shortest: cycles that the clock was low or high at least. idle: clocks behind a
+    stop."""
 
     def __init__(self, pins, electrodes, config2=0x24) -> None:
         self.pins, self.electrodes, self.config2 = pins, electrodes, config2
         self.silent: set[int] = set()
-        self.upper, self.shortest = 0, 1 << 20
+        self.upper, self.shortest, self.idle = 0, 1 << 20, 0
         self.ecr = {0x5A: 0, 0x5B: 0}
         self.written: list[tuple[int, int, int]] = []
 
@@ -80,7 +81,9 @@ class MprSlave:
                 self.shortest, since = min(self.shortest, since), 0
             if scl and scl_was and sda != sda_was:
                 mode, bits, word, pulls = ("address", 0, 0, False) if not sda else ("off", 0, 0, False)
-            elif scl and not scl_was and mode != "off":
+            elif scl and not scl_was and mode == "off":
+                self.idle += 1
+            elif scl and not scl_was:
                 bits += 1
                 if bits < 9:
                     word = word << 1 | sda

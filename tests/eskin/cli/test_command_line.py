@@ -159,14 +159,12 @@ REFUSED = [
     ("convert data.npz --out made.npz --rate {0}", "nan", "--rate nan"),
     ("inspect {0}", "nothing.npz", "is not there"),
     ("train --data data.npz --config {0} --out new", "fabrik", "configuration 'fabrik'"),
-    ("compare model --data {0}", "nothing.npz", "nothing.npz"),
     ("train --data data.npz --out {0}", "mine", "thesis.tex"),
     ("generate model --out {0}|run --data data.npz --out {0}", "mine", "other files"),
     ("report {0}", "mine", "run.json"),
     ("train --data data.npz --out {0}", "data.npz", "would overwrite the input"),
     ("inspect data.npz --json {0}", "/dev/null", "/dev/null: is not a regular file"),
     ("stability model --data data.npz --out t --no-cosim --mode {0}", "tie", "mode 'tie': is unknown"),
-    ("stability {0} --data data.npz --out t", "none", "config.json"),
     ("stability model --data data.npz --out {0} --no-cosim --mode frames", "s", "s is a file"),
     ("train --data data.npz --out new --group {0}", "person", "has no group array 'person'; it has trial"),
     (
@@ -181,9 +179,7 @@ REFUSED = [
     ),
     ("cosim model --data data.npz --recordings {0}", "0", "--recordings 0: is not a number of recordings"),
     ("cosim model --data data.npz --clock {0}", "nan", "is not a clock; give 1 Hz"),
-    ("cosim model --data data.npz --clock {0}", "0.5", "is not a clock; give 1 Hz"),
     (PLAYED, "700", "--clock 700: is too slow for 4 taxels at 200 Hz"),
-    ("generate model --out design --lanes {0}", "0", "field lanes: is 0; it must lie in 1..64"),
 ]
 
 
@@ -206,7 +202,7 @@ def test_what_is_refused_is_one_sentence_and_changes_no_file(call, folder, model
                 status, out, err = call(*command.format(name).split())
                 assert (status, out, err.count("\n")) == (2, "", 1), (command, name, out, err)
                 assert err.startswith("eskin: ") and sentence in err, err
-                assert name in err or not Path(name).suffix or name == "0.5", err
+                assert name in err or not Path(name).suffix, err
                 assert contents(folder) == before, (command, name)
 
 

@@ -42,10 +42,8 @@ def test_a_step_a_touch_and_the_powers_are_the_sums_by_hand():
     assert energy["idle_w"] == on["idle_w"] == pytest.approx(idle) and on["average_w"] == pytest.approx(
         idle + added
     )
-    assert (
-        stopped["average_w"]
-        == pytest.approx(100e-6 + 3000 * (frame - 4 * 50e-12) + 20 * step + 6144 * 4 * 50e-12)
-        and stopped["average_w"] < on["average_w"]
+    assert stopped["average_w"] == pytest.approx(
+        100e-6 + 3000 * (frame - 4 * 50e-12) + 20 * step + 6144 * 4 * 50e-12
     )
     assert own["clock_hz"] == 6e6 and own["idle_w"] == pytest.approx(
         500e-6 + 6e6 * 3 * 0.2e-12 + 3000 * 900 * 0.2e-12

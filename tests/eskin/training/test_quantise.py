@@ -219,6 +219,7 @@ def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurr
     for widths in ({"feature_bits": 12}, {"state_bits": 14}):
         assert in_words(chosen(30.0, **widths)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
     assert in_words(chosen(30.0, lean=True)).startswith("SQ(4,")
+    assert chosen(7.5, weight_bits=4).state_format.width == 12
 
 
 @each_row("cell", ["gru", "linear"])

@@ -27,6 +27,7 @@ REFUSED = [
         "a rate of at most 1582 Hz works as it is",
         1582.0,
     ),
+    (behind("ddc232", scan_every=2), "scan_every: is 2; a DDC232 integrates from frame to frame", None),
     (behind("ddc232", sample_rate_hz=7000.0), "integrates for 166.5 us at least: give at most 6006", None),
     (
         BIG | dict(sample_rate_hz=300.0),

@@ -4,6 +4,7 @@ import numpy as np
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
 from eskin.golden.model.preprocess import companded
+from tests.support.front_end_cases import TRACKED
 from tests.support.table import each_row, refused
 
 BASE = dict(
@@ -11,12 +12,7 @@ BASE = dict(
     sample_bits=9,
     hidden=4,
     sample_rate_hz=1000.0,
-    rest="tracked",
-    rest_frames=8,
-    onset="baseline",
-    onset_check_frames=4,
-    onset_mean_frames=8,
-    onset_threshold=30,
+    **TRACKED,
     class_names=("a", "b"),
     integral_knee=3,
     integral_frac=5,

@@ -35,7 +35,7 @@ def of_bits(bits: int) -> range:
     return range(-(1 << bits - 1), 1 << bits - 1)
 
 
-@each_row("a_bits, b_bits, bits", [(16, 8, 28), (12, 7, 30)])
+@each_row("a_bits, b_bits, bits", [(16, 8, 28), (12, 7, 30), (4, 6, 12)])
 def test_products_of_the_lanes_widths(a_bits, b_bits, bits):
     rng = random.Random(2)
 

@@ -93,6 +93,7 @@ def test_what_is_wrong_with_a_chip_is_told_and_all_are_set_up_anew(config):
         assert frames[1].codes == frames[-2].codes == dict(enumerate(plan.from_pins(own, config)[0].tolist()))
     faults = sum(map(bool, (fault for *_, fault in rows[:-1])))
     assert chip.written.count((0x5A + plan.chips - 1, 0x5E, RUNNING)) == faults + (config is TWO)
+    assert chip.idle >= 9 * faults  # the bus is freed before each
 
 
 def test_the_chip_has_its_time_before_its_first_data():
