@@ -165,18 +165,16 @@ def leaks(recordings: int, accuracy: float, limit: float, frames: int = 0) -> li
     ``frames`` are left: ``accuracy`` above ``limit``."""
     if accuracy <= limit:
         return []
-    if frames:
-        text = (
-            f"the network classifies {percent(accuracy)} of {recordings} recordings correctly from their first "
-            f"{frames} frames, repeated: if each class has its own session, the network recognises the session "
-            f"and not the touch; {SESSIONS}"
-        )
-        return [doubt("leaks", text)]
-    text = (
-        f"the network classifies {percent(accuracy)} of {recordings} recordings correctly after their touch was "
-        "removed: the rest level, the time of the onset or the length reveals the class; record the classes in "
-        "mixed order under the same conditions"
+    why = (
+        "after their touch was removed: the rest level, the time of the onset or the length reveals the class; record "
+        "the classes in mixed order under the same conditions"
     )
+    if frames:
+        why = (
+            f"from their first {frames} frames, repeated: if each class has its own session, the network recognises "
+            f"the session and not the touch; {SESSIONS}"
+        )
+    text = f"the network classifies {percent(accuracy)} of {recordings} recordings correctly {why}"
     return [doubt("leaks", text)]
 
 

@@ -1,5 +1,6 @@
 """Verbs that study a model or many of them."""
 
+from eskin.choose.choice_table import left_out
 from eskin.cli.common import (
     app,
     fitting_config,
@@ -21,7 +22,6 @@ from eskin.requests import BaselinesRequest, ReportRequest, RunRequest, Stabilit
 )
 def sweep(request: SweepRequest) -> None:
     """Train and quantise 90 networks, plot accuracy against cost, and name the smallest that is enough."""
-    from eskin.pages.charts import split_name
     from eskin.verbs import sweep_job
 
     recordings, user_config = load_data(request.data, request.config)
@@ -35,7 +35,7 @@ def sweep(request: SweepRequest) -> None:
     bits = {name: point["config"].get(name) for name in ("weight_bits", "state_bits")}
     options = "".join(f" --{name.replace('_', '-')} {width}" for name, width in bits.items() if width)
     train = f"eskin train --data {request.data} --config {request.out / sweep_job.CONFIG} --out MODEL"
-    names = [f"unseen {split_name(split['groups'])} (%)" for split in point["splits"]]
+    names = [f"unseen {left_out(split['groups'])} (%)" for split in point["splits"]]
     command = f"{train}, then eskin quantise MODEL{options}"
     show("sweep", **result, names=names, command=command, out=request.out)
 

@@ -14,6 +14,7 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
+from eskin.choose.choice_table import left_out
 from eskin.choose.cost import pareto
 from eskin.golden.core import Record
 from eskin.pages.views import count
@@ -111,11 +112,6 @@ COSTS = {
 """Costs that accuracy is set against: key of a point, label."""
 
 
-def split_name(groups: Sequence[str]) -> str:
-    """Name of the groups that a split leaves out."""
-    return " and ".join(groups) or "recordings"
-
-
 def accuracy_chart(result: Record) -> Figure:
     """A row a split: accuracy, with its deviation over seeds, against latency and energy."""
     splits = result["points"][0]["splits"]
@@ -136,5 +132,5 @@ def accuracy_chart(result: Record) -> Figure:
             ]
             for axes, (cost, label) in zip(panels[number], COSTS.items(), strict=True):
                 draw_costs(axes, rows, cost, label)
-                axes.set_title(f"left out: {split_name(split['groups'])}")
+                axes.set_title(f"left out: {left_out(split['groups'])}")
     return figure

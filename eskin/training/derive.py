@@ -27,6 +27,7 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
+from eskin.golden.model.pipeline import by_recording
 
 LOOKED_AT = 64
 """Recordings that the rules look at: enough for quantiles, quick for any archive."""
@@ -47,10 +48,7 @@ def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray
     """Onset frame of the first touch of each recording (1-based; 0 where the gate opens at once), -1 where
     there is none."""
     touches = find_touches(config, recordings, steps=0)
-    first = touches.first_touch()
-    onsets = np.full(touches.recordings, -1, dtype=np.int64)
-    onsets[first >= 0] = touches.onset_frame[first[first >= 0]]
-    return onsets
+    return by_recording(touches.onset_frame, touches.first_touch())
 
 
 def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:

@@ -177,6 +177,8 @@ def _of_images(model: IntegerModel, recordings: Recordings) -> Decided:
 
 
 BUILDS = Path("build/simulators")
+PAGE = TEMPLATES / "watch.html"
+"""The page that is served."""
 END_S = 0.5
 """Longest time between checks whether the player has ended, so that an interrupt is noticed."""
 
@@ -260,7 +262,9 @@ def watch(
         player = Player(source, recordings, numbers, hub, controls)
         with (
             _ending_in_order(controls),
-            contextlib.closing(PageServer(page(), hub, controls, port=request.host_port)) as server,
+            contextlib.closing(
+                PageServer(PAGE.read_bytes(), hub, controls, port=request.host_port)
+            ) as server,
         ):
             ready(server.address, controls)
             _run(player, controls)
@@ -316,11 +320,6 @@ def in_turn(recordings: Recordings) -> list[int]:
 
 LONGEST = 4
 """Columns a row at most, of a shape that is guessed."""
-
-
-def page() -> bytes:
-    """The page as it is served."""
-    return (TEMPLATES / "watch.html").read_bytes()
 
 
 def guessed_shape(taxels: int) -> tuple[int, int]:

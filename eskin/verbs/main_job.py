@@ -71,7 +71,6 @@ one, at most PER_CLASS of each class."""
 FEWEST_WINDOWS = 3
 """Fewest windows of such a run: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
-GOLDEN = LEARNING
 
 
 def run(request: RunRequest, console: Console | None = None) -> Record:
@@ -205,8 +204,8 @@ class _Steps:
         """Run every stage in the folder ``work`` and fill ``result`` with all but the page. The record, as in
         run.json."""
         self.work = work
-        trained = self.stage("training", (*GOLDEN, *COST), self._train)
-        quantised = self.stage("quantisation", GOLDEN, self._quantise, trained)
+        trained = self.stage("training", (*LEARNING, *COST), self._train)
+        quantised = self.stage("quantisation", LEARNING, self._quantise, trained)
         model = IntegerModel.load(quantised / "model", images=True)
         training = load_training(quantised / "model")
         config = self.config = model.config
@@ -215,7 +214,7 @@ class _Steps:
         def judge(folder: Path, _: Progress) -> None:
             write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
 
-        evaluated = self.stage("evaluation", GOLDEN, judge)
+        evaluated = self.stage("evaluation", LEARNING, judge)
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
         generated = self.stage("Verilog", ("golden", "rtl"), self._generate, model)
@@ -285,7 +284,7 @@ class _Steps:
             rows = yardsticks.yardsticks(self.recordings, self.config, groups, 5, notify)
             write_json(folder / "yardsticks.json", rows)
 
-        measured = self.stage("other classifiers", GOLDEN, measure)
+        measured = self.stage("other classifiers", LEARNING, measure)
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Progress) -> None:

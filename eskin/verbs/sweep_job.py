@@ -30,7 +30,7 @@ from eskin.golden.core import (
 from eskin.golden.data import Recordings
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
-from eskin.pages.charts import accuracy_chart
+from eskin.pages.charts import COSTS, accuracy_chart
 from eskin.requests import SweepRequest
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.views.schedule_view import save_figure
@@ -66,9 +66,6 @@ TYPICAL_RANGES = {
 }
 """Formats of these ranges show, before any training, whether the widths of a point can work, and give the
 hardware its widths."""
-
-COSTS = ("latency_s", "energy_j")
-"""Keys of a record that accuracy is set against."""
 
 SPLIT = (
     "groups",

@@ -108,9 +108,7 @@ class Trace(Decisions):
 
     def first_local(self) -> np.ndarray:
         """(R, K) local decisions of each recording's first touch, -1 where there is none."""
-        local = np.full((len(self.first), self.local.shape[1]), -1, dtype=np.int64)
-        local[self.first >= 0] = self.local[self.first[self.first >= 0]]
-        return local
+        return by_recording(self.local, self.first)
 
 
 def first_maximum(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

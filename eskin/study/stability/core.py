@@ -138,11 +138,17 @@ class Scene:
         own = means[np.arange(plain.windows.steps) < touches.completed[:, None]].std(axis=0)
         return per_kind(own, scaling(plain, means, touches.completed)[1])
 
+    @property
+    def begins(self) -> int:
+        """Frames at the start of a recording that are taken as quiet, whatever the onset: 32 of the source."""
+        return max(32 // self.config.sensor.scan_every, 4)
+
     @cached_property
     def rest_noise(self) -> np.ndarray:
         """(taxels) standard deviation of a taxel at rest, codes, from frame to frame: the median over taxels and
         recordings, and of columns of different kinds (`per_kind`) over recordings."""
-        quiet = [self.clean.recording(i)[: max(int(onset) - 1, 16)] for i, onset in enumerate(self.onsets)]
+        ends = np.maximum(self.onsets - 1, self.begins)
+        quiet = [self.clean.recording(i)[:end] for i, end in enumerate(ends)]
         # the difference of two frames has twice the variance of one; slow drift does not count
         spreads = [np.diff(part.astype(np.float64), axis=0).std(axis=0) for part in quiet if len(part) > 2]
         noise = np.array(spreads or [np.zeros_like(self.sigma)]) / np.sqrt(2)
@@ -452,7 +458,7 @@ class Experiment:
         and as many at once as the level says; both ``ways``, level and minus level; the ``quiet`` stretches before
         each touch, in which no onset may be found.
     mean:
-        The figure is the mean over what is disturbed in turn, and not the worst.
+        The figure is the mean over what is disturbed in turn, and not the worst. What both need is computed once.
     masked:
         The taxels' mask bits are set.
     sampled:
@@ -473,11 +479,6 @@ class Experiment:
     masked: bool = False
     sampled: bool = False
     early: bool = False
-
-    @property
-    def averaged(self) -> Experiment:
-        """The same, the mean over the taxels. Results that both need are computed once."""
-        return replace(self, mean=True)
 
     # -- what is played
     def cases(self, scene: Scene, level: float | None = None) -> dict[str, Played]:

@@ -143,13 +143,13 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "a class recognised without the touch comes from the rest level, the time of the onset or the length",
         at_most=lambda bench: bench.remember("leak", lambda: disturbances.leak_of(bench)).limit, needs="onset"),
     # sensor: taxels
-    SENSOR("one dead taxel, mean", DEAD.averaged, ACCURACY,
+    SENSOR("one dead taxel, mean", replace(DEAD, mean=True), ACCURACY,
         "one of many taxels fails sooner or later, and the array must still work",
         "Each taxel in turn stays at its rest level from shortly before the touch: mean over the taxels. Curve: time "
         "of the failure.", at_least=ONE_TAXEL_MEAN),
     SENSOR("one dead taxel, worst", DEAD, ACCURACY, "the decision must not depend on a single taxel",
         "The same for the taxel whose loss costs most.", at_least=ONE_TAXEL_WORST),
-    SENSOR("one taxel stuck at full scale, masked, mean", MASKED.averaged, ACCURACY, LIKE_A_DEAD_ONE,
+    SENSOR("one taxel stuck at full scale, masked, mean", replace(MASKED, mean=True), ACCURACY, LIKE_A_DEAD_ONE,
         "Each taxel in turn stays at the highest code from shortly before the touch, with its mask bit set: mean over "
         "the taxels.", at_least=ONE_TAXEL_MEAN),
     SENSOR("one taxel stuck at full scale, masked, worst", MASKED, ACCURACY, LIKE_A_DEAD_ONE,

@@ -135,7 +135,6 @@ def bad_files(model: Path) -> None:
     Path("csv/smooth/trial2.csv").write_bytes(b"time,a,b,c,d\n0.000,1,2,3,4\n0.005,1,2,3\n0.010,1,2,3,4\n")
     Path("mine").mkdir()
     Path("mine/thesis.tex").write_text("years of work")
-    Path("s").touch()
 
 
 DATA = "inspect {0}|train --data {0} --out new|run --data {0} --out result"
@@ -146,7 +145,6 @@ BESIDE = (
 FITTED = f"{BESIDE}|train --data {{0}} --config config.json --out new"
 BEFORE = "train --data data.npz --config {0} --out new|run --data data.npz --config {0} --out result"
 FOLDER = "generate {0} --out design|evaluate {0} --data data.npz --json e.json|cosim {0} --data data.npz --json c.json"
-PLAYED = "cosim model --data data.npz --pace declared --clock {0}"
 REFUSED = [
     (f"{DATA}|{BESIDE}", "bare.npz", "array offsets: is missing"),
     (f"{DATA}|{BESIDE}", "label.npz", "array labels: gives recording 0 class 2"),
@@ -161,11 +159,9 @@ REFUSED = [
     ("train --data data.npz --config {0} --out new", "fabrik", "configuration 'fabrik'"),
     ("train --data data.npz --out {0}", "mine", "thesis.tex"),
     ("generate model --out {0}|run --data data.npz --out {0}", "mine", "other files"),
-    ("report {0}", "mine", "run.json"),
     ("train --data data.npz --out {0}", "data.npz", "would overwrite the input"),
     ("inspect data.npz --json {0}", "/dev/null", "/dev/null: is not a regular file"),
     ("stability model --data data.npz --out t --no-cosim --mode {0}", "tie", "mode 'tie': is unknown"),
-    ("stability model --data data.npz --out {0} --no-cosim --mode frames", "s", "s is a file"),
     ("train --data data.npz --out new --group {0}", "person", "has no group array 'person'; it has trial"),
     (
         "quantise model --formats {0}",
@@ -179,7 +175,6 @@ REFUSED = [
     ),
     ("cosim model --data data.npz --recordings {0}", "0", "--recordings 0: is not a number of recordings"),
     ("cosim model --data data.npz --clock {0}", "nan", "is not a clock; give 1 Hz"),
-    (PLAYED, "700", "--clock 700: is too slow for 4 taxels at 200 Hz"),
 ]
 
 

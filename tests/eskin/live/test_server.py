@@ -15,14 +15,14 @@ from eskin.live.feed import Begin
 from eskin.live.hub import Hub
 from eskin.live.player import Controls
 from eskin.live.server import PageServer
-from eskin.verbs.board_job import page
+from eskin.verbs.board_job import PAGE
 from tests.support.live_case import wait
 
 
 @pytest.fixture
 def served():
     hub, controls = Hub({"name": "made"}, 1000.0, 160), Controls()
-    server = PageServer(page(), hub, controls, port=0)
+    server = PageServer(PAGE.read_bytes(), hub, controls, port=0)
     yield server, hub, controls
     server.close()
 
@@ -31,7 +31,7 @@ def test_the_page_brings_all_that_it_needs(served):
     server, _, _ = served
     with urllib.request.urlopen(server.address) as answer:
         body, policy = answer.read(), answer.headers["Content-Security-Policy"]
-    assert body == page()
+    assert body == PAGE.read_bytes()
     assert b"<script src" not in body
     assert b"url(" not in body
     assert b"//" not in body.split(b"</style>")[0]
@@ -85,7 +85,7 @@ BY_NAME |= dict.fromkeys(("[", "localhost:x", "localhost:99999"), 400)
 
 def test_only_names_of_this_machine_are_answered(capfd):
     """Another site's name that was made to lead here reads nothing; what cannot be read is one sentence."""
-    server = PageServer(page(), Hub({}, 1000.0, 4), Controls(), port=0)
+    server = PageServer(PAGE.read_bytes(), Hub({}, 1000.0, 4), Controls(), port=0)
     try:
         for name, status in BY_NAME.items():
             assert answer(server.port, f"Host: {name}\r\nOrigin: http://{name}\r\n{KEY}") == status, name

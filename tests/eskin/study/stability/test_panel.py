@@ -14,7 +14,8 @@ from eskin.choose.front_ends import Screen
 from eskin.choose.sturdy import SELDOM, Hardening
 from eskin.golden.core import AcceleratorConfig
 from eskin.requests import TrainRequest
-from eskin.study.stability.core import Scene
+from eskin.study.stability.core import At, Scene
+from eskin.study.stability.disturbances import noisy
 from eskin.study.stability.panel import PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
 from eskin.training.recipe import RECIPES
@@ -187,3 +188,6 @@ def test_columns_of_different_kinds_are_disturbed_by_their_own_deviations():
     for name in ("sigma", "rest_noise"):
         own = getattr(apart, name)
         assert own[3] > 100 * np.delete(own, 3).max() > 0, name
+    # what a scan leaves of the 32 first frames is quiet, though the gate is open
+    scanned, stream = replace(alike, config=config.replace(scan_every=4)), np.repeat([0.0, 9.0], 8)[:, None]
+    assert np.array_equal(noisy(stream.copy(), At(scanned, 3.0, [0], 0, 1, scanned.rng())), stream)
