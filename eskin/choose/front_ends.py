@@ -207,13 +207,8 @@ class Screen:
             if len(touches):
                 longest = self.ends(touches, config.sensor.scan_every)[-1]
                 touches = touches.within(max(longest, config.last_frame))
-        for idle in self._touches.values():
-            idle.forget()
         self._touches[plain] = touches  # the oldest goes first; it is found again at the next request
-        while (
-            len(self._touches) > 1
-            and sum(idle.deviations.nbytes for idle in self._touches.values()) > KEPT_BYTES
-        ):
+        while len(self._touches) > 1 and sum(idle.nbytes for idle in self._touches.values()) > KEPT_BYTES:
             del self._touches[next(iter(self._touches))]
         return touches
 
@@ -290,9 +285,9 @@ class Screen:
         """Two to this power is an eighth of the median sum of a taxel's deviations over a touch, codes: below
         it the integral is linear."""
         touches = self.touches(config)
-        begin = touches.offsets[:-1] + np.maximum(touches.onset_frame - 1, 0)
-        sums = np.abs((touches.running[:, touches.offsets[1:]] - touches.running[:, begin]).astype(np.int64))
-        typical = float(np.median(sums)) if sums.size else 1.0
+        pairs = zip(touches.deviations, touches.onset_frame.tolist(), strict=True)
+        sums = [np.abs(part[max(onset - 1, 0) :].sum(axis=0, dtype=np.int64)) for part, onset in pairs]
+        typical = float(np.median(sums)) if sums else 1.0
         return int(np.clip(round(np.log2(max(typical, 1.0))) - 3, 0, 24))
 
 

@@ -68,8 +68,8 @@ class Hardening:
         if level is None or not len(touches := self.screen.touches(level)):
             return []
         touched = [
-            np.abs(touches.deviations_of_touch(i)[max(on - 1, 0) :])
-            for i, on in enumerate(touches.onset_frame)
+            np.abs(part[max(on - 1, 0) :])
+            for part, on in zip(touches.deviations, touches.onset_frame, strict=True)
         ]
         # with rest none the samples still contain their level, so fewer of them may be clipped
         share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
