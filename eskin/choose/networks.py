@@ -70,8 +70,8 @@ STURDY: dict[str, Record] = {
     f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.3, 0.1, 0.03)
 }
 """Fits of a linear cell that are tried if it is judged under disturbance."""
-ROBUST = "robust"
-"""Recipe of recurrent cells that are judged under disturbance."""
+ROBUST, ROBUST_UPDATES = "robust", 800
+"""Recipe of recurrent cells that are judged under disturbance, and its updates."""
 AGAIN = 2
 """Maximum number of candidates under disturbance that are scored with other seeds."""
 
@@ -181,7 +181,8 @@ class SearchOptions:
             config = with_network(config, reset=self.reset)
         recipe = choose_recipe(config, self.robust)
         if fit == ROBUST:
-            return Candidate(on, config, choose_recipe(config, robust=True))
+            wary = choose_recipe(config, robust=True)
+            return Candidate(on, config, dataclasses.replace(wary, name=ROBUST, updates=ROBUST_UPDATES))
         fit = fit if recipe.augments else ALIKE.get(fit, fit)
         return Candidate(on, config, dataclasses.replace(recipe, **FITS[fit]) if fit else recipe)
 

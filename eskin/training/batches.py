@@ -18,10 +18,6 @@ FAULTY_WINDOWS = 3
 """Windows that a stuck taxel spoils before the fault detector masks it: two blocks reach into three windows
 at most."""
 
-SPIKES = 0.0075
-"""Share of the samples that lie at that reading for one frame: the best of 0.005, 0.0075, 0.01, 0.015 and 0.03 on
-persons of the synthetic scene."""
-
 UNCLIPPED_LIMIT = 10.0
 """Reading of a stuck taxel in training if deviations are not clipped, in standard deviations of the
 features."""
@@ -63,8 +59,8 @@ class Batches:
         self._faults = None if data.faults is None else torch.tensor(data.faults)
         self._live = (~torch.tensor(config.input_mask)).float()
         kind_of = [config.features.feature_kinds[kind] for kind in config.input_kinds]
-        self._level, self._activity, self._integral = (
-            torch.tensor([kind == name for kind in kind_of]) for name in ("mean", "activity", "integral")
+        self._level, self._integral = (
+            torch.tensor([kind == name for kind in kind_of]) for name in ("mean", "integral")
         )
         self._labels = torch.tensor(data.labels[data.touches.recording])
         self._ends = torch.tensor(data.ends)
@@ -99,7 +95,7 @@ class Batches:
         if self._integral.any():  # a faster touch of the same amplitude adds up to less
             gain = torch.where(self._integral, gain / speed[..., None, None], gain)
         if recipe.offset:
-            offset = recipe.offset * self._offset(of_taxel)
+            offset = recipe.offset * self._offset(of_taxel).repeat_interleave(kinds, -1)
         features = (self._moved(means, gain, offset) - self._mu) / self._sigma
         if recipe.noise:
             features = features + recipe.noise * torch.randn(features.shape, generator=generator)
@@ -119,9 +115,8 @@ class Batches:
 
     def _moved(self, means: torch.Tensor, gain: torch.Tensor, offset: torch.Tensor) -> torch.Tensor:
         """Real features of touches whose deviations are ``gain`` times as large and ``offset`` codes higher: of
-        an integral the logarithm of the sum of these. A taxel that is off is noisy, too: its activity is higher,
-        whatever the sign."""
-        moved = means * gain + torch.where(self._activity, offset.abs(), offset * self._level)
+        an integral the logarithm of the sum of these."""
+        moved = means * gain + offset * self._level
         if not self._integral.any():
             return moved
         frames = torch.tensor([last for _, last in self._config.window_spans])[:, None]
@@ -131,23 +126,15 @@ class Batches:
         return torch.where(self._integral, torch.sign(sums) * torch.log2(1 + sums.abs()), moved)
 
     def _offset(self, of_taxel: torch.Size) -> torch.Tensor:
-        """Codes (parts, batch, steps, inputs) by which one taxel, and all together, are off; those of all drift,
-        and some samples are spikes."""
-        generator, kinds, (*touch, _, taxels) = self._generator, self._config.kinds, of_taxel
+        """Codes (parts, batch, steps, taxels) by which one taxel, and all together, are off; those of all drift."""
+        generator, (*touch, _, taxels) = self._generator, of_taxel
         one, all_together, drift = torch.randn((3, *touch, 1, 1), generator=generator)
         steps = self._config.windows.steps
         time = (torch.arange(steps) + 0.5)[:, None] / steps
         off = torch.arange(taxels) == torch.randint(taxels, (*touch, 1, 1), generator=generator)
         mean = self._config.features.feature_kinds.index("mean") if self._level.any() else 0
-        unit = self._sigma[..., mean::kinds].amax(-1, keepdim=True)
-        deviations = OFFSET * one * off + COMMON * all_together + DRIFT * drift * time
-        offset = torch.where(self._activity, self._sigma, unit) * deviations.repeat_interleave(kinds, -1)
-        window = self._config.windows.window
-        hit, side = torch.rand((2, *touch, steps, taxels), generator=generator)
-        spikes = (hit < SPIKES * window) * torch.sign(side - 0.5) / window
-        # a spike is two changes, which count as activity; an integral hardly knows it
-        weight = 1.0 + self._activity - self._integral.float()
-        return offset + self._limit() * weight * spikes.repeat_interleave(kinds, -1)
+        unit = self._sigma[..., mean :: self._config.kinds].amax(-1, keepdim=True)
+        return unit * (OFFSET * one * off + COMMON * all_together + DRIFT * drift * time)
 
     def _lost(self, of_taxel: torch.Size) -> torch.Tensor:
         """Features of lost taxels: of each as often those of a masked one and those of one at rest."""
