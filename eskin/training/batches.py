@@ -88,7 +88,9 @@ class Batches:
         lower = position.floor().long()
         upper = torch.minimum(lower + 1, last)
         part = (position - lower)[..., None]
-        means = torch.lerp(self._means[rows[..., None], lower], self._means[rows[..., None], upper], part)
+        means = self._means[rows]  # what stands behind the last window does not count
+        if recipe.warp != 1.0:
+            means = torch.lerp(self._means[rows[..., None], lower], self._means[rows[..., None], upper], part)
         gain, offset = amplitude[..., None, None], torch.zeros(())
         of_taxel = torch.Size((*rows.shape, 1, self._config.sensor.taxels))  # one value for the whole touch
         kinds = self._config.kinds
@@ -144,60 +146,52 @@ class Batches:
         masked = masked.repeat_interleave(self._config.kinds, -1)
         return torch.where(masked, 0.0, -self._mu / self._sigma)
 
-    def _stuck(
-        self, side: torch.Tensor, limit: torch.Tensor, since: torch.Tensor, share: torch.Tensor
-    ) -> torch.Tensor:
-        """Real features of a taxel that has stood ``side`` * ``limit`` codes from rest for ``since`` +
-        ``share`` hops."""
-        config = self._config
-        level = share * side * limit
-        still = config.features.activity_rule == "change"  # a stuck taxel does not change
-        activity = torch.zeros_like(level) if still else (level * config.features.activity_block).abs()
-        grown = level * config.windows.hop * (since + 1).clamp(min=0)
-        kinds = {"mean": level, "activity": activity, "integral": grown}
-        columns = []
-        for number, kind in enumerate(config.features.feature_kinds):
-            value = kinds[kind][..., number :: config.kinds]
-            if kind == "integral":
-                value = torch.sign(value) * torch.log2(1 + value.abs() / 2.0**config.features.integral_knee)
-            columns.append(value)
-        return torch.stack(columns, -1).flatten(-2)
+    def _stuck(self, level: torch.Tensor, since: torch.Tensor) -> torch.Tensor:
+        """Real features (touches, steps, inputs) of taxels that have stood at ``level`` for ``since`` hops and a part of
+        one."""
+        features, values = self._config.features, []
+        for kind in features.feature_kinds:
+            if kind == "mean":
+                values.append(level)
+            elif kind == "activity":  # a stuck taxel does not change
+                values.append(level.abs() * features.activity_block * (features.activity_rule == "sum"))
+            else:
+                grown = level * self._config.windows.hop * (since + 1).clamp(min=0)
+                values.append(torch.sign(grown) * torch.log2(1 + grown.abs() / 2.0**features.integral_knee))
+        return torch.stack(values, -1).flatten(-2)
 
     def _failing(self, features: torch.Tensor, of_taxel: torch.Size) -> torch.Tensor:
         """Some taxels at a limit from a random step on, masked FAULTY_WINDOWS later; the first window may
         hold only part of it."""
-        recipe, generator, steps = self._recipe, self._generator, self._config.windows.steps
-        kinds = self._config.kinds
-
-        def each(of_one_taxel: torch.Tensor) -> torch.Tensor:
-            """The value drawn for the taxel, repeated for every kind of feature."""
-            return of_one_taxel.repeat_interleave(kinds, -1)
-
-        fails = each(torch.rand(of_taxel, generator=generator) < recipe.taxel_failure)
-        first = each(torch.randint(1 - FAULTY_WINDOWS, steps, of_taxel, generator=generator))
-        side = each(torch.randint(0, 2, of_taxel, generator=generator) * 2.0 - 1.0)
-        since = torch.arange(steps)[:, None] - first
-        share = torch.where(since == 0, each(torch.rand(of_taxel, generator=generator)), torch.ones(()))
-        stuck = (self._stuck(side, self._limit(), since, share) - self._mu) / self._sigma
-        return torch.where(
-            fails & (since >= FAULTY_WINDOWS), 0.0, torch.where(fails & (since >= 0), stuck, features)
-        )
+        generator, steps, kinds = self._generator, self._config.windows.steps, self._config.kinds
+        fails = torch.rand(of_taxel, generator=generator) < self._recipe.taxel_failure
+        first = torch.randint(1 - FAULTY_WINDOWS, steps, of_taxel, generator=generator)
+        side = torch.randint(0, 2, of_taxel, generator=generator) * 2.0 - 1.0
+        begun = torch.rand(of_taxel, generator=generator)
+        # of few touches: the others are not computed
+        some = fails.flatten(2).any(-1)
+        scale = self._mu, self._sigma, self._limit()
+        mu, sigma, limit = (of.expand(-1, fails.shape[1], 1, -1)[some] for of in scale)
+        since = torch.arange(steps)[:, None] - first[some]
+        share = torch.where(since == 0, begun[some], 1.0)
+        stuck = (self._stuck(share * side[some] * limit, since) - mu) / sigma
+        for begin, value in ((0, stuck), (FAULTY_WINDOWS, 0.0)):
+            failed = (fails[some] & (since >= begin)).repeat_interleave(kinds, -1)
+            features[some] = torch.where(failed, value, features[some])
+        return features
 
     def _limit(self) -> torch.Tensor:
-        """Codes from rest at which a stuck taxel reads: the clip, or far beyond the spread of the first kind
-        of feature."""
-        config = self._config
+        """Codes from rest at which a stuck taxel reads (parts, 1, 1, taxels): the clip, or far beyond the spread of
+        the first kind of feature."""
+        config, first = self._config, self._sigma[..., :: self._config.kinds]
         if config.rest_level.clip:
-            return torch.full_like(self._sigma, float(config.rest_level.clip))
+            return torch.full_like(first, float(config.rest_level.clip))
         kind = config.features.feature_kinds[0]
         if kind == "integral":
-            return UNCLIPPED_LIMIT * torch.full_like(
-                self._sigma, 2.0**config.features.integral_knee / config.last_frame
-            )
-        first = self._sigma[..., :: config.kinds] / (
-            config.features.activity_block if kind == "activity" else 1
-        )
-        return UNCLIPPED_LIMIT * first.repeat_interleave(config.kinds, -1)
+            first = torch.full_like(first, 2.0**config.features.integral_knee / config.last_frame)
+        elif kind == "activity":
+            first = first / config.features.activity_block
+        return UNCLIPPED_LIMIT * first
 
 
 def _log_uniform(limit: float, shape: torch.Size, generator: torch.Generator) -> torch.Tensor:
