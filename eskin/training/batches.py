@@ -88,9 +88,9 @@ class Batches:
         lower = position.floor().long()
         upper = torch.minimum(lower + 1, last)
         part = (position - lower)[..., None]
-        means = self._means[rows]  # what stands behind the last window does not count
+        means = self._means[rows[..., None], lower]
         if recipe.warp != 1.0:
-            means = torch.lerp(self._means[rows[..., None], lower], self._means[rows[..., None], upper], part)
+            means = torch.lerp(means, self._means[rows[..., None], upper], part)
         gain, offset = amplitude[..., None, None], torch.zeros(())
         of_taxel = torch.Size((*rows.shape, 1, self._config.sensor.taxels))  # one value for the whole touch
         kinds = self._config.kinds
