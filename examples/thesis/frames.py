@@ -14,13 +14,13 @@ def frames_of(scene: Scene, count: int) -> np.ndarray:
     ``count`` points in time: means of equal parts where that is fewer than there are frames, else straight
     lines between frames. A touch that the recording cuts short is 0 from there on."""
     span, held = scene.config.last_frame, first_touches(scene.config, scene.recordings)
-    rows = {int(recording): row for row, recording in enumerate(held.recording)}
+    courses = dict(zip(held.recording.tolist(), held.deviations, strict=True))
     frames = np.zeros((len(scene.labels), count, scene.config.sensor.taxels), dtype=np.float32)
     for number, (recording, start) in enumerate(
         zip(scene.touches.recording, scene.touches.start_frame, strict=True)
     ):
         touch = np.zeros((span, scene.config.sensor.taxels))
-        course = held.deviations_of_touch(rows[int(recording)])[start - 1 :][:span]
+        course = courses[int(recording)][start - 1 :][:span]
         touch[: len(course)] = course
         frames[number] = in_time(touch, count)
     return frames
