@@ -94,7 +94,8 @@ def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str) -> Non
     axes.margins(x=0.15, y=0.15)
     if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
         # a gate that always opens lies below the drawing
-        axes.set_ylim(min(stressed) - 0.05, min(axes.get_ylim()[1], 1.03))
+        lowest = min(*stressed, *(row["accuracy"] for row in rows))
+        axes.set_ylim(lowest - 0.05, min(axes.get_ylim()[1], 1.03))
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter(lambda value, _: count(value) if value >= 10 else f"{value:g}")
