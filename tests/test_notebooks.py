@@ -18,6 +18,7 @@ def run(notebook: dict[str, Any], name: str) -> dict[str, Any]:
     names: dict[str, Any] = {"__name__": "__main__"}
     for cell in notebook["cells"]:
         if cell["cell_type"] == "code":
+            assert not cell["outputs"], "save the notebook without its outputs"
             exec(compile("".join(cell["source"]), f"{name}, {cell['id']}", "exec"), names)
     return names
 

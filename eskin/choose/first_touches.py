@@ -38,6 +38,12 @@ class FirstTouches:
         return len(self.recording)
 
     @property
+    def touched(self) -> list[np.ndarray]:
+        """Deviations of each touch from its onset on."""
+        pairs = zip(self.deviations, self.onset_frame.tolist(), strict=True)
+        return [part[max(onset - 1, 0) :] for part, onset in pairs]
+
+    @property
     def nbytes(self) -> int:
         """Bytes of the deviations."""
         return sum(part.nbytes for part in self.deviations)

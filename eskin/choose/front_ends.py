@@ -284,9 +284,7 @@ class Screen:
     def knee(self, config: AcceleratorConfig) -> int:
         """Two to this power is an eighth of the median sum of a taxel's deviations over a touch, codes: below
         it the integral is linear."""
-        touches = self.touches(config)
-        pairs = zip(touches.deviations, touches.onset_frame.tolist(), strict=True)
-        sums = [np.abs(part[max(onset - 1, 0) :].sum(axis=0, dtype=np.int64)) for part, onset in pairs]
+        sums = [np.abs(part.sum(axis=0, dtype=np.int64)) for part in self.touches(config).touched]
         typical = float(np.median(sums)) if sums else 1.0
         return int(np.clip(round(np.log2(max(typical, 1.0))) - 3, 0, 24))
 

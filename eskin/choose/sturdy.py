@@ -67,13 +67,9 @@ class Hardening:
         level = config if config.opens_at_once else valid(config, rest="tracked")
         if level is None or not len(touches := self.screen.touches(level)):
             return []
-        touched = [
-            np.abs(part[max(on - 1, 0) :])
-            for part, on in zip(touches.deviations, touches.onset_frame, strict=True)
-        ]
         # with rest none the samples still contain their level, so fewer of them may be clipped
         share = CLIPPED / 10 if config.rest_level.rest == "none" else CLIPPED
-        deviations, before = np.concatenate(touched), config.rest_level.clip
+        deviations, before = np.abs(np.concatenate(touches.touched)), config.rest_level.clip
         most, spans = np.quantile(deviations, 1 - share), np.quantile(deviations, 1 - share, axis=0)
         clips = [min(max(int(np.ceil(over * most)), 1), before or 65535) for over in CLIPS]
         if spans.max() > UNEVEN**2 * max(spans.min(), 1):

@@ -168,7 +168,7 @@ class Batches:
         first = torch.randint(1 - FAULTY_WINDOWS, steps, of_taxel, generator=generator)
         side = torch.randint(0, 2, of_taxel, generator=generator) * 2.0 - 1.0
         begun = torch.rand(of_taxel, generator=generator)
-        # of few touches: the others are not computed
+        # touches in which no taxel fails are left as they are
         some = fails.flatten(2).any(-1)
         scale = self._mu, self._sigma, self._limit()
         mu, sigma, limit = (of.expand(-1, fails.shape[1], 1, -1)[some] for of in scale)

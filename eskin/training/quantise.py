@@ -52,8 +52,8 @@ LAST_LOGIT, ROUNDING = "last logit", 1 / 512
 """Name of the range of logits at the last steps of touches. Share of their span by which the rounded weights
 of a linear cell may move a logit."""
 LAST_MARGIN, CLOSE = "last margin", 0.01
-"""Name of the range of the lead of the first class over the second there, from the lead that the share CLOSE of the
-touches does not reach. The rounded weights may not move a logit by more."""
+"""Name of the range of leads at the last steps: by how much the first class is ahead of the second. It begins at the
+quantile CLOSE; the rounded weights of a linear cell may not move a logit by more than that."""
 
 SIGNALS = {
     "feature": "feature",

@@ -458,7 +458,7 @@ class Experiment:
         and as many at once as the level says; both ``ways``, level and minus level; the ``quiet`` stretches before
         each touch, in which no onset may be found.
     mean:
-        The figure is the mean over what is disturbed in turn, and not the worst. What both need is computed once.
+        The figure is the mean over what is disturbed in turn, and not the worst. Both are taken from the same decisions.
     masked:
         The taxels' mask bits are set.
     sampled:

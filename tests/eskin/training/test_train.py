@@ -190,6 +190,7 @@ def test_default_splits_are_those_the_recordings_can_make():
     recordings = scene(30, seed=8)
     assert default_splits(recordings, SMALL) == [[]]
     assert default_splits(recordings, PRESETS["synthetic"]) == [["person"]]
+    assert default_splits(recordings, PRESETS["pvdf"]) == [[]]
     some = replace(recordings, groups={"trial": recordings.labels, "seq": recordings.labels})
     assert default_splits(some, PRESETS["pvdf"]) == [["trial"], ["seq"]]
 
