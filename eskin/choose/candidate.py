@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,8 +25,8 @@ from eskin.choose.choice_table import beyond
 from eskin.choose.cost import CostModel
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import IntegerModel
-from eskin.training.crossval import FoldDecisions
 from eskin.training.formats import with_network
+from eskin.training.judge import Decisions
 from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import Recipe
 
@@ -96,18 +96,32 @@ class ScoredCandidate:
     """A candidate and its decisions on recordings that it has not seen.
 
     correct: (recordings) the share of its networks that decided each correctly; without a touch: 0. missed:
-    recordings without a touch or a completed window. runs: what each network decided, seed by seed. stress: the
-    disturbances. disturbed: function that gives the share of networks that were wrong under each (cases,
-    recordings). calm: the rule takes this candidate if it looks at undisturbed recordings alone.
+    recordings without a touch or a completed window. decisions: of its networks. stress: the disturbances.
+    disturbed: function that gives the share of networks that were wrong under each (cases, recordings). calm: the
+    rule takes this candidate if it looks at undisturbed recordings alone.
     """
 
     candidate: Candidate
     correct: np.ndarray
     missed: int = 0
-    runs: tuple[FoldDecisions, ...] = ()
+    decisions: Decisions | None = None
     stress: Stress | None = None
     disturbed: Callable[[], np.ndarray] | None = None
     calm: bool = False
+
+    @classmethod
+    def of(
+        cls, candidate: Candidate, decisions: Decisions, rows: np.ndarray, stress: Stress | None
+    ) -> ScoredCandidate:
+        """A candidate whose networks decided as ``decisions``, on recordings ``rows``."""
+        correct = decisions.correct.reindex(rows, fill_value=0.0).to_numpy()
+        disturbed = partial(_wrong, candidate.config, stress, decisions, rows) if stress else None
+        return cls(candidate, correct, decisions=decisions, stress=stress, disturbed=disturbed)
+
+    @property
+    def seeds(self) -> list[int]:
+        """Seeds of its networks."""
+        return self.decisions.seeds if self.decisions else []
 
     @cached_property
     def wrong(self) -> np.ndarray | None:
@@ -189,7 +203,7 @@ class ScoredCandidate:
 
     def joined(self, other: ScoredCandidate) -> ScoredCandidate:
         """This candidate together with its networks of other seeds."""
-        first, more = len(self.runs), len(other.runs)
+        first, more = len(self.seeds), len(other.seeds)
 
         def mean(one: np.ndarray, another: np.ndarray) -> np.ndarray:
             return (first * one + more * another) / (first + more)
@@ -199,9 +213,22 @@ class ScoredCandidate:
             return mean(self.wrong, other.wrong)
 
         correct = mean(self.correct, other.correct)
+        decisions = self.decisions and other.decisions and self.decisions.joined(other.decisions)
         return dataclasses.replace(
-            self, correct=correct, runs=self.runs + other.runs, disturbed=self.disturbed and wrong
+            self, correct=correct, decisions=decisions, disturbed=self.disturbed and wrong
         )
+
+
+def _wrong(config: AcceleratorConfig, stress: Stress, decisions: Decisions, rows: np.ndarray) -> np.ndarray:
+    """(cases, rows) the share of networks that were wrong under each disturbance, among those that had not
+    seen the recording."""
+    places = [np.searchsorted(rows, fold.test) for fold, _ in decisions.fitted]
+    shares = [stress.wrong(config, network.integer, fold.test) for fold, network in decisions.fitted]
+    total, judged = np.zeros((len(shares[0]), len(rows))), np.zeros(len(rows))
+    for place, wrong in zip(places, shares, strict=True):
+        total[:, place] += wrong
+        judged[place] += 1
+    return total / np.maximum(judged, 1)
 
 
 def best_of(judged: Sequence[ScoredCandidate]) -> ScoredCandidate:

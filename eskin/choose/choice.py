@@ -23,45 +23,48 @@ from eskin.choose import doubts
 from eskin.choose.candidate import Candidate, ScoredCandidate, Stress, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import CostModel
-from eskin.choose.front_ends import FrontEnds, FrontEndScorer, Listed, blocked_ridge, listed, search
+from eskin.choose.front_ends import (
+    FrontEnds,
+    FrontEndSearch,
+    Listed,
+    blocked_ridge,
+    listed,
+    search_front_ends,
+)
 from eskin.choose.networks import (
     AUTO,
     INSIDE,
     ROBUST,
     Effort,
-    Part,
+    NetworkSearch,
     SearchOptions,
     check_units,
+    choose_networks,
     learns_from_one_group,
-    network_choice,
-    side_by_side,
 )
 from eskin.choose.sturdy import Hardening
 from eskin.choose.yardsticks import linear_yardsticks
 from eskin.data.fit import check_fit
 from eskin.data.folds import no_group
 from eskin.data.rate import wrong_rate
-from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
+from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target
 from eskin.memo import Memo
 from eskin.requests import TrainRequest
-from eskin.training.crossval import (
-    CrossValidationSettings,
-    FoldJob,
-    Progress,
-    cross_validate,
-    fold_records,
-    over_folds,
-    seed_by_seed,
-    share_right,
-    split_record,
-    train_folds,
-)
 from eskin.training.datasets import Datasets
 from eskin.training.derive import derive_config, settling_frames
 from eskin.training.fit import one_thread
 from eskin.training.image_models import train_image_model
+from eskin.training.judge import (
+    CrossValidationSettings,
+    FittedNetwork,
+    NetworkLearner,
+    Rows,
+    cross_validate,
+    folds_of,
+    judge,
+)
 from eskin.training.losses import Callback
 from eskin.training.splits import check_split, default_splits, error_over_groups, split_folds
 from eskin.training.times import step_times
@@ -226,8 +229,14 @@ def choose_front_end(
         why = [*why, "there are too few recordings to compare front ends, so rules derived this one"]
         return Plan(guess, why, split, split_from, prices, guessed=True)
     with one_thread():
-        judge = FrontEndScorer(front_ends, np.arange(len(judged_on)), parts, talks=True)
-        screened = search(judge, prices, brief=learns_from_one_group(judged_on, parts))
+        state = FrontEndSearch(
+            prices=prices,
+            front_ends=front_ends,
+            rows=np.arange(len(judged_on)),
+            folds=parts,
+            brief=learns_from_one_group(judged_on, parts),
+        )
+        screened = search_front_ends(state, front_ends.progress)
     chosen, best = choose(screened, prices), screened[0]
     alone, frames = _level_alone(judged_on, parts)
     facts: Record = {
@@ -283,33 +292,65 @@ def inner_folds(recordings: Recordings, groups: Sequence[str]) -> list[np.ndarra
     return [np.arange(len(recordings))]
 
 
-def choose_inside(
-    plan: Plan, settings: CrossValidationSettings, search_options: SearchOptions, parts: Sequence[np.ndarray]
-) -> list[Candidate]:
-    """Choices that each see only one of ``parts`` (recordings)."""
-    recordings, choices, held = settings.recordings, [], []
-    hardening = plan.hardening(settings.stress)
-    for number, part in enumerate(parts):
-        if settings.progress:
-            settings.progress("front ends chosen again inside folds", number, len(parts))
-        front_ends = Listed.alone(plan.config)
-        if plan.front_ends:
-            front_ends = search_inside(plan.front_ends, part, settings.groups, plan.prices)
-        folds = [part[fold] for fold in inner_folds(recordings.subset(part), settings.groups)]
-        effort = INSIDE.by(recordings, folds)
-        choices.append(network_choice(front_ends, search_options, plan.prices, effort, hardening))
-        held.append(Part(part, folds))
-    return [candidate for candidate, _ in side_by_side(choices, held, settings)]
-
-
 def search_inside(
     front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], prices: CostModel
 ) -> Listed:
     """The front ends that ``listed`` gives after a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
-        judge = FrontEndScorer(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, prices, brief=True), prices)
+        folds = inner_folds(front_ends.recordings.subset(rows), groups)
+        state = FrontEndSearch(prices=prices, front_ends=front_ends, rows=rows, folds=folds, brief=True)
+        return listed(search_front_ends(state), prices)
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """The whole choice, as a learner: front end and network are searched inside each part, and the network taken is
+    trained on the whole part.
+
+    settings: their groups are left out inside the parts, too.
+    """
+
+    plan: Plan
+    settings: CrossValidationSettings
+    search_options: SearchOptions
+
+    def choose(self, parts: Sequence[Rows]) -> list[Candidate]:
+        """Choices that each see only one of ``parts``."""
+        plan, settings = self.plan, self.settings
+        recordings, searches = settings.recordings, list[NetworkSearch]()
+        for part in parts:
+            folds = [part[rows] for rows in inner_folds(recordings.subset(part), settings.groups)]
+            front_ends = Listed.alone(plan.config)
+            if plan.front_ends:
+                front_ends = search_inside(plan.front_ends, part, settings.groups, plan.prices)
+            searches.append(
+                NetworkSearch(
+                    prices=plan.prices,
+                    front_ends=front_ends,
+                    options=self.search_options,
+                    effort=INSIDE.by(recordings, folds),
+                    rows=part,
+                    tests=folds,
+                    hardening=plan.hardening(settings.stress),
+                )
+            )
+        return choose_networks(searches, settings)
+
+    def fit(
+        self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
+    ) -> list[FittedNetwork]:
+        """As `eskin.training.judge.Learner.fit`. Networks of one candidate train at once."""
+        numbers: dict[bytes, int] = {}
+        places = [numbers.setdefault(part.tobytes(), len(numbers)) for part in parts]
+        chosen = self.choose([parts[places.index(number)] for number in range(len(numbers))])
+        fitted: dict[int, FittedNetwork] = {}
+        for candidate in dict.fromkeys(chosen):
+            own = [number for number, place in enumerate(places) if chosen[place] == candidate]
+            learner = NetworkLearner(self.settings.datasets, candidate.config, candidate.recipe)
+            networks = learner.fit([parts[n] for n in own], [seeds[0] for _ in own], progress)
+            fitted |= dict(zip(own, networks, strict=True))
+        return [fitted[number] for number in range(len(parts))]
 
 
 def unseen(
@@ -325,29 +366,23 @@ def unseen(
     """
     begin, recordings, seeds = time.perf_counter(), settings.recordings, list(map(int, settings.seeds))
     tests = split_folds(recordings, list(split), settings.folds, None)
-    parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
     brief = dataclasses.replace(settings, stress=settings.stress and settings.stress.brief)
-    chosen = choose_inside(plan, brief, search_options, parts)
-    pieces = [
-        FoldJob(candidate.config, candidate.recipe, part, test, copy)
-        for copy in range(len(seeds))
-        for candidate, part, test in zip(chosen, parts, tests, strict=True)
-    ]
-    trained = train_folds(settings.datasets, pieces, seeds[0], settings.progress)
-    runs = [network.decided() for network in trained]
-    correct = share_right(recordings.labels, [piece.test for piece in pieces], runs)
-    per_fold = fold_records(recordings, split, tests, seed_by_seed(runs, len(tests)))
-    for fold, candidate in zip(per_fold, chosen, strict=True):
+    folds = folds_of(tests, seeds, np.arange(len(recordings)))
+    learner = Searched(plan, brief, search_options)
+    decisions = judge(learner, folds, recordings.labels, settings.progress)
+    per_fold = decisions.per_fold(recordings, split)
+    for fold, (_, network) in zip(per_fold, decisions.fitted, strict=False):  # of the first seed
+        config, recipe = network.learner.config, network.learner.recipe
         del fold["by_seed"]
-        fields = front_end_fields(candidate.config)
+        fields = front_end_fields(config)
         fold |= {"front_end": fields, "front_end_words": front_end_words(fields)}
-        fold["network"] = network_name(candidate.network)
+        fold["network"] = network_name(Candidate(config, config, recipe).network)
     return {
         "groups": list(split),
         "folds": len(tests),
         "seeds": seeds,
-        **over_folds(per_fold),
-        "standard_error": error_over_groups(recordings, split, correct),
+        **decisions.shares(),
+        "standard_error": error_over_groups(recordings, split, decisions.correct.to_numpy()),
         "per_fold": per_fold,
         "wall_s": time.perf_counter() - begin,
     }
@@ -357,6 +392,7 @@ def unseen(
 def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, prices: CostModel) -> Record:
     """A row of ``candidates`` in training.json. record: its cross-validation."""
     config, fields = one.config, front_end_fields(one.candidate.front_end)
+    assert one.decisions is not None
     return {
         **one.candidate.network,
         "accuracy": one.accuracy,
@@ -370,7 +406,7 @@ def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, prices: Co
         "calm": one.calm,
         "float_accuracy": record["float_accuracy"],
         "agreement": record["agreement"],
-        **prices.row(one.runs[0].config),
+        **prices.row(one.decisions.fitted[0][1].integer.config),
         "multiplies_touch": config.windows.steps * config.multiplies,
         "multiplies_step": config.multiplies,
         "parameters": config.parameter_count,
@@ -381,16 +417,6 @@ def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, prices: Co
         "front_end_words": front_end_words(fields),
         "chosen": chosen,
     }
-
-
-def cross_validation_of(
-    one: ScoredCandidate, settings: CrossValidationSettings, tests: Sequence[np.ndarray]
-) -> Record:
-    """The record of a candidate's runs, as `eskin.training.crossval.cross_validate` gives it."""
-    data = settings.datasets.of(one.config, one.candidate.recipe)
-    seeds = list(settings.seeds)[: len(one.runs) // len(tests)]
-    times, by_fold = step_times(one.config, data.touches), seed_by_seed(one.runs, len(tests))
-    return split_record(settings.recordings, settings.groups, tests, by_fold, seeds, times)
 
 
 def splits_to_report(
@@ -480,15 +506,22 @@ def train_chosen(
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
     effort = Effort(seeds=len(settings.seeds)).by(recordings, tests)
-    choice = network_choice(
-        plan.listed if folds else Listed.alone(plan.config),
-        search_options,
-        prices,
-        effort,
-        plan.hardening(settings.stress),
+    network_search = NetworkSearch(
+        prices=prices,
+        front_ends=plan.listed if folds else Listed.alone(plan.config),
+        options=search_options,
+        effort=effort,
+        rows=np.arange(len(recordings)),
+        tests=tests,
+        hardening=plan.hardening(settings.stress),
     )
-    ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], settings)
-    judged = {one.candidate: cross_validation_of(one, settings, tests) for one in tried}
+    (taken,) = choose_networks([network_search], settings)
+    tried = network_search.tried
+    judged = {
+        one.candidate: one.decisions.record(recordings, settings.groups, step_times(one.config, data.touches))
+        for one in tried
+        if one.decisions and (data := settings.datasets.of(one.config, one.candidate.recipe))
+    }
     whole = taken in judged and len(judged[taken]["seeds"]) == len(settings.seeds)
     rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, prices) for one in tried]
     if request.groups is not None:

@@ -11,7 +11,7 @@ gives, normaliser included, on recordings that the classifier has not seen:
   recordings end before the last window, the classifier also learns from copies of others that are cut short.
 - *missed touches*: a recording without an onset, or without a completed window, counts as wrong.
 
-`search` varies one property at a time: every gate with two sets of windows on means, and gates that are not
+The search (MOVES) varies one property at a time: every gate with two sets of windows on means, and gates that are not
 far behind with all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again
 around the best; then the best with fewer scans; then, starting from the front end that the rule takes,
 cheaper neighbours as long as the rule takes one of them. A network may need more features than this
@@ -21,7 +21,7 @@ classifier, or fewer: `listed` gives the front ends that networks are tried on.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -32,6 +32,7 @@ from scipy.linalg import solve
 from eskin.choose.candidate import Candidate, ScoredCandidate, best_of, choose
 from eskin.choose.cost import CostModel
 from eskin.choose.first_touches import FirstTouches, cut_windows, first_touches
+from eskin.choose.search import Move, Request, Search, search
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Progress, QFormat, Record
 from eskin.golden.core.groups import Features
 from eskin.golden.data import Recordings
@@ -346,33 +347,6 @@ class FrontEnds:
         return np.searchsorted(rows, touched[seen]), gram[np.ix_(seen, seen)].astype(float)
 
 
-class FrontEndScorer:
-    """Cross-validates front ends on ``rows`` of the sampled recordings with ``folds``, each front end once.
-    ``judged`` holds all results."""
-
-    def __init__(
-        self, front_ends: FrontEnds, rows: np.ndarray, folds: Sequence[np.ndarray], talks: bool = False
-    ) -> None:
-        self.front_ends, self.rows, self._folds = front_ends, rows, folds
-        self._labels = front_ends.recordings.labels[rows]
-        self._talks = talks
-        self.judged: dict[AcceleratorConfig, ScoredCandidate] = {}
-
-    def __call__(self, config: AcceleratorConfig) -> ScoredCandidate:
-        if config not in self.judged:
-            owner, gram = self.front_ends.gram(config, self.rows)
-            classes = len(self.front_ends.recordings.class_names)
-            by_gram = lambda labels, parts: ridge_decisions(gram, labels, parts, classes, owner)
-            self.judged[config] = scored(config, owner, self._labels, self._folds, by_gram)
-            if self._talks:
-                self.front_ends.progress("front ends judged", len(self.judged), 0)
-        return self.judged[config]
-
-    def all(self, configs: Iterable[AcceleratorConfig]) -> list[ScoredCandidate]:
-        """Judge each of ``configs``; the results, best first."""
-        return sorted(map(self, configs), key=lambda one: -one.accuracy)
-
-
 def _how_many(recordings: Recordings) -> int:
     """Number of recordings to judge on: all of a small archive."""
     of_one = recordings.frames * recordings.taxels / len(recordings)
@@ -380,43 +354,134 @@ def _how_many(recordings: Recordings) -> int:
 
 
 # ---------------------------------------------------------------------- the search
-def search(judge: FrontEndScorer, prices: CostModel, brief: bool = False) -> list[ScoredCandidate]:
-    """The front ends judged, best first, in the order of search that the module describes; ``brief``: three
-    sets of windows per gate, and after the kinds of feature only fewer scans."""
-    screen = judge.front_ends.screen
-    by_gate = [
-        [config for config in configs if not screen.length_tells(config, judge.rows)]
-        for configs in judge.front_ends.by_gate
-    ]
-    if brief:
-        by_gate = [list(dict.fromkeys([*configs[:2], *_longer(configs), configs[-1]])) for configs in by_gate]
-    first = judge.all(config for configs in by_gate for config in configs[:2])
-    near = lambda config: is_level(first[0].correct, judge(config).correct, FAR_BEHIND)
-    close = [configs for configs in by_gate if any(map(near, configs[:2]))]
-    means = judge.all(config for configs in close for config in configs)
-    for one in means[:SURVIVORS]:
-        config = one.candidate.front_end
-        judge.all(features(config, screen.knee(config), judge.front_ends.scales))
-    if not brief:
-        judge.all(_around(best_of(list(judge.judged.values())).candidate.front_end, by_gate))
-    judged = list(judge.judged.values())
-    for one in dict.fromkeys([choose(judged, prices), *[best_of(judged)] * (not brief)]):
-        judge.all(_fewer_scans(one.candidate.front_end, by_gate))
-    budget, judged = DESCENT, judge.all(list(judge.judged))
-    while not brief:
-        at = choose(judged, prices).candidate
-        price = prices.price(at.config)
-        cheaper = [
-            config
-            for config in _smaller(at.front_end)
-            if config not in judge.judged and prices.price(Candidate.screened(config).config) < price
-        ][:budget]
-        budget -= len(cheaper)
-        judge.all(cheaper)
-        judged = judge.all(list(judge.judged))
-        if not cheaper or choose(judged, prices).candidate == at:
-            break
-    return judged
+@dataclass(eq=False, kw_only=True)
+class FrontEndSearch(Search):
+    """The search of a front end.
+
+    rows: of the sampled recordings. folds: left out of them in turn. brief: three sets of windows per gate. descent:
+    number of cheaper neighbours that may still be judged.
+    """
+
+    front_ends: FrontEnds
+    rows: np.ndarray
+    folds: Sequence[np.ndarray]
+    brief: bool = False
+    descent: int = DESCENT
+
+    @cached_property
+    def by_gate(self) -> list[list[AcceleratorConfig]]:
+        """Front ends with means alone, for each gate; the first two have the most usual windows."""
+        screen = self.front_ends.screen
+        by_gate = [
+            [config for config in configs if not screen.length_tells(config, self.rows)]
+            for configs in self.front_ends.by_gate
+        ]
+        if not self.brief:
+            return by_gate
+        return [list(dict.fromkeys([*configs[:2], *_longer(configs), configs[-1]])) for configs in by_gate]
+
+    def judge(self, config: AcceleratorConfig) -> ScoredCandidate:
+        """Cross-validate a front end."""
+        owner, gram = self.front_ends.gram(config, self.rows)
+        recordings = self.front_ends.recordings
+        classes = len(recordings.class_names)
+        by_gram = lambda labels, parts: ridge_decisions(gram, labels, parts, classes, owner)
+        return scored(config, owner, recordings.labels[self.rows], self.folds, by_gram)
+
+    def ranked(self, configs: Iterable[AcceleratorConfig] | None = None) -> list[ScoredCandidate]:
+        """Front ends that were judged, best first. configs: None: all."""
+        wanted = self.tried if configs is None else self.scored(map(Candidate.screened, configs))
+        return sorted(wanted, key=lambda one: -one.accuracy)
+
+    def near(self) -> list[AcceleratorConfig]:
+        """All windows of gates that are not far behind."""
+        best, *_ = self.ranked(config for configs in self.by_gate for config in configs[:2])
+
+        def is_near(config: AcceleratorConfig) -> bool:
+            (one,) = self.ranked([config])
+            return is_level(best.correct, one.correct, FAR_BEHIND)
+
+        close = [configs for configs in self.by_gate if any(map(is_near, configs[:2]))]
+        return [config for configs in close for config in configs]
+
+
+def usual_windows(search: FrontEndSearch) -> Request:
+    """Every gate with two sets of windows."""
+    return _screened(config for configs in search.by_gate for config in configs[:2])
+
+
+def further_windows(search: FrontEndSearch) -> Request:
+    """All windows of the gates that are not far behind."""
+    return _screened(search.near())
+
+
+def kinds_of_feature(search: FrontEndSearch) -> Request:
+    """Kinds of feature and scales on the best SURVIVORS."""
+    front_ends = search.front_ends
+    ahead = [one.candidate.front_end for one in search.ranked(search.near())[:SURVIVORS]]
+    return _screened(
+        config for at in ahead for config in features(at, front_ends.screen.knee(at), front_ends.scales)
+    )
+
+
+def around_the_best(search: FrontEndSearch) -> Request:
+    """Other windows and thresholds of the best."""
+    return _screened(_around(best_of(search.tried).candidate.front_end, search.by_gate))
+
+
+def fewer_scans(search: FrontEndSearch) -> Request:
+    """The one that the rule takes with fewer scans; the best, too, unless the search is brief."""
+    taken = [choose(search.tried, search.prices)] + [best_of(search.tried)] * (not search.brief)
+    return _screened(
+        config
+        for one in dict.fromkeys(taken)
+        for config in _fewer_scans(one.candidate.front_end, search.by_gate)
+    )
+
+
+def cheaper_neighbours(search: FrontEndSearch) -> Request:
+    """Cheaper neighbours of the one that the rule takes."""
+    prices, known = search.prices, {one.candidate for one in search.tried}
+    at = choose(search.ranked(), prices).candidate
+    neighbours = map(Candidate.screened, _smaller(at.front_end))
+    cheaper = [
+        one for one in neighbours if one not in known and prices.price(one.config) < prices.price(at.config)
+    ][: search.descent]
+    search.descent -= len(cheaper)
+    return Request(cheaper)
+
+
+def _screened(configs: Iterable[AcceleratorConfig]) -> Request:
+    return Request([*map(Candidate.screened, configs)])
+
+
+MOVES: tuple[Move[FrontEndSearch], ...] = (
+    Move("usual windows of every gate", usual_windows),
+    Move("further windows", further_windows),
+    Move("kinds of feature", kinds_of_feature),
+    Move("windows and thresholds around the best", around_the_best),
+    Move("fewer scans", fewer_scans),
+    Move("cheaper neighbours", cheaper_neighbours, repeats=DESCENT),
+)
+"""Moves of the search of a front end."""
+
+BRIEF_MOVES = tuple(move for move in MOVES if move.request not in (around_the_best, cheaper_neighbours))
+
+
+def search_front_ends(state: FrontEndSearch, progress: Progress | None = None) -> list[ScoredCandidate]:
+    """The front ends judged, best first, in the order of search that the module describes."""
+
+    def judged(requests: Mapping[int, Request]) -> dict[int, list[ScoredCandidate]]:
+        outcomes = list[ScoredCandidate]()
+        for request in requests.values():
+            for number, one in enumerate(request.candidates, len(state.tried)):
+                outcomes.append(state.judge(one.front_end))
+                if progress:
+                    progress("front ends judged", number + 1, 0)
+        return {0: outcomes}
+
+    search([state], BRIEF_MOVES if state.brief else MOVES, judged)
+    return state.ranked()
 
 
 @dataclass(frozen=True)

@@ -18,17 +18,17 @@ If networks are judged under disturbance, the one that the rule takes by undistu
 on sturdier front ends (`eskin.choose.sturdy`). Linear cells fitted to disturbed touches and GRUs trained with
 failing taxels are tried too, as far as the rule could take them in its place.
 
-`network_choice` is a choice on one set of recordings. The main choice is one of them, and so is each choice
-inside the training part of a fold: these run `side_by_side`, so that their networks train together.
+Each of these steps is a row of MOVES (`eskin.choose.search`). A `NetworkSearch` is a choice on one set of
+recordings. The main choice is one of them, and so is each choice inside the training part of a fold: these make
+their moves together, so that their networks train together.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, TypeVar
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,13 +43,13 @@ from eskin.choose.candidate import (
     in_reach,
 )
 from eskin.choose.choice_table import network_name
-from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import Listed
+from eskin.choose.search import Move, Request, Search, search
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
-from eskin.training.crossval import CrossValidationSettings, FoldJob, Trained, share_right, train_folds
 from eskin.training.formats import with_network
+from eskin.training.judge import CrossValidationSettings, NetworkLearner, Rows, folds_of, judge
 from eskin.training.level import is_level
 from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 
@@ -107,8 +107,8 @@ class Effort:
     fits, units: of linear cells and of GRUs. share: divisor of a recurrent network's number of updates.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds:
     number for candidates that can still be taken. brief: nothing dearer is tried once no other can be better
-    by a standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: number
-    of front ends that are made sturdier. rounds: number of rounds of longer windows.
+    by a standard error, and no longer windows. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: number
+    of front ends that are made sturdier.
     """
 
     fits: tuple[str, ...] = tuple(fit for fit in FITS if fit not in STURDY)
@@ -121,7 +121,6 @@ class Effort:
     sturdy: tuple[str, ...] = tuple(STURDY)
     robust: tuple[str, ...] = (ROBUST,)
     ends: int = 3
-    rounds: int = 2
 
     def by(self, recordings: Recordings, parts: Sequence[np.ndarray]) -> Effort:
         """Effort that suits leaving out ``parts`` in turn. If ``learns_from_one_group``, results do not show
@@ -149,7 +148,6 @@ INSIDE = Effort(
     sturdy=("sturdy 0.1",),
     robust=(),
     ends=2,
-    rounds=0,
 )
 """Effort inside folds, where there are many choices."""
 
@@ -201,211 +199,274 @@ def network(config: AcceleratorConfig, cell: str, hidden: int | None) -> Acceler
     return changed if changed.recurrent else changed.replace(decision="last")
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Recordings that a choice is made on (rows), and the sets of them that are left out in turn (tests), as
-    numbers in the archive."""
+@dataclass(eq=False, kw_only=True)
+class NetworkSearch(Search):
+    """The search of a network on the front ends listed.
 
-    rows: np.ndarray
-    tests: Sequence[np.ndarray]
-
-
-@dataclass(frozen=True)
-class Round:
-    """Candidates that a choice wants judged next: with 1/``share`` of a recurrent network's updates, on the
-    first seed, or on all others."""
-
-    candidates: Sequence[Candidate]
-    share: int = 1
-    other_seeds: bool = False
-
-
-Result = TypeVar("Result")
-Choosing = Generator[Round, list[ScoredCandidate], Result]
-"""Yields rounds and receives the judged candidates (a linear fit whose formats do not fit is left out)."""
-NetworkChoice = Choosing[tuple[Candidate, list[ScoredCandidate]]]
-"""Returns the candidate taken and all candidates of the choice; the list is empty if the network was not
-open."""
-
-
-def network_choice(
-    front_ends: Listed,
-    options: SearchOptions,
-    prices: CostModel,
-    effort: Effort,
-    hardening: Hardening | None = None,
-) -> NetworkChoice:
-    """Choose a network on one of the front ends listed. hardening: networks are judged under disturbance,
-    too.
-
-    Raises
-    ------
-    InputError
-        No candidate fits an accelerator, or the named board.
+    rows, tests: recordings of the choice, and those that are left out in turn. hardening: networks are judged under
+    disturbance, too. calm: the choice by undisturbed recordings; None: not made yet. dearest: the candidate that
+    shows what a higher cost would gain.
     """
-    choice = _Choice(front_ends, options, prices, effort)
-    if not options.open:
-        return (yield from choice.requested_network()), []
-    calm = yield from choice.by_accuracy()
-    if hardening is None:
-        return calm.candidate, choice.tried
-    return (yield from choice.under_stress(calm, hardening)), choice.tried
-
-
-@dataclass(eq=False)
-class _Choice:
-    """A choice in progress. tried: all candidates that it judged; known: these and the probes, by candidate
-    and share."""
 
     front_ends: Listed
     options: SearchOptions
-    prices: CostModel
     effort: Effort
-    tried: list[ScoredCandidate] = field(default_factory=list)
-    known: dict[tuple[Candidate, int], ScoredCandidate] = field(default_factory=dict)
+    rows: Rows
+    tests: Sequence[Rows]
+    hardening: Hardening | None = None
+    calm: ScoredCandidate | None = None
+    dearest: Candidate | None = None
 
-    # -- rounds
+    @property
+    def taken(self) -> Candidate:
+        """The network to take, after all moves.
+
+        Raises
+        ------
+        InputError
+            No candidate fits an accelerator, or the named board.
+        """
+        if not self.options.open:
+            return self.best_probe()
+        assert self.calm is not None
+        return self.stablest.candidate if self.hardening else self.calm.candidate
+
+    @property
+    def stablest(self) -> ScoredCandidate:
+        """The choice under disturbance."""
+        assert self.calm is not None
+        return choose_stable(self.tried, self.calm, self.prices)
+
     def usable(self, candidates: Iterable[Candidate | None]) -> list[Candidate]:
+        """Those that fit the board and that the rule could still take."""
         fitting = [one for one in candidates if one and self.prices.is_candidate(one.config)]
         return [one for one in dict.fromkeys(fitting) if not (self.effort.brief and self.beaten(one))]
 
     def beaten(self, candidate: Candidate) -> bool:
+        """True if a cheaper one is settled."""
         price = self.prices.price(candidate.config)
         return any(one.settled and self.prices.price(one.config) < price for one in self.tried)
 
-    def asked(self, candidates: Sequence[Candidate], share: int) -> Choosing[list[ScoredCandidate]]:
-        fresh = [candidate for candidate in candidates if (candidate, share) not in self.known]
-        for one in (yield Round(fresh, share)) if fresh else []:
-            self.known[one.candidate, share] = one
-        return [self.known[one, share] for one in candidates if (one, share) in self.known]
+    def request(self, candidates: Iterable[Candidate]) -> Request:
+        """Candidates of the choice."""
+        return Request([*candidates], self.effort.share)
 
-    def judged(self, candidates: Iterable[Candidate]) -> Choosing[list[ScoredCandidate]]:
-        """Those of the candidates that were not tried before."""
-        before = {one.candidate for one in self.tried}
-        fresh = [one for one in candidates if one not in before]
-        outcomes = yield from self.asked(fresh, self.effort.share)
-        self.tried.extend(outcomes)
-        return outcomes
+    def fits(self, on: AcceleratorConfig) -> dict[str, Candidate | None]:
+        """Linear cells on a front end, by their fit."""
+        return {fit: self.options.possible(on, "linear", None, fit) for fit in self.effort.fits}
 
-    def with_other_seeds(self, near: Sequence[ScoredCandidate]) -> Choosing[None]:
-        if self.effort.seeds > 1 and near:
-            more = yield Round([one.candidate for one in near], self.effort.share, other_seeds=True)
-            further = {one.candidate: one for one in more}
-            self.tried = [
-                one.joined(further[one.candidate]) if one.candidate in further else one for one in self.tried
-            ]
+    @property
+    def probes(self) -> list[Candidate]:
+        """Networks that find the front end of recurrent ones: the network asked for, or a GRU."""
+        options, on = self.options, self.front_ends.for_recurrent
+        if options.open:
+            return self.usable(options.possible(config, "gru", self.effort.probe) for config in on)
+        return self.usable(map(options.possible, on))
 
-    def best_probe(self, probes: Sequence[Candidate]) -> Choosing[Candidate]:
-        # the best, not the cheapest that ties: after few updates short touches look better than they are
-        outcomes = yield from self.asked(probes, self.effort.probe_share)
-        outcomes.sort(key=lambda one: self.prices.price(one.config))
-        return best_of(outcomes).candidate
+    def best_probe(self) -> Candidate:
+        """The most accurate probe, if they were judged; otherwise the first.
 
-    # -- choices
-    def requested_network(self) -> Choosing[Candidate]:
-        """The requested network, on the best front end for it."""
-        probes = self.usable(map(self.options.possible, self.front_ends.for_recurrent))
+        Raises
+        ------
+        InputError
+            The board does not hold the network asked for.
+        """
+        probes = self.probes
         if not probes:
             cell = self.options.candidate(self.front_ends.taken).config.network.cell  # or says why not
             raise InputError(
                 f"--fits {self.prices.board}: does not hold {cell} on the requested or chosen front end; name a "
                 "larger board, or leave the network open"
             )
-        if len(probes) < 2 or not probes[0].config.recurrent:
-            return probes[0]
-        return (yield from self.best_probe(probes))
+        # the best, not the cheapest that ties: after few updates short touches look better than they are
+        judged = self.scored(probes, self.effort.probe_share)
+        judged.sort(key=lambda one: self.prices.price(one.config))
+        return best_of(judged).candidate if judged else probes[0]
 
-    def by_accuracy(self) -> Choosing[ScoredCandidate]:
-        """Choose by undisturbed recordings alone."""
-        options, effort, front_ends = self.options, self.effort, self.front_ends
-        probes = self.usable(options.possible(on, "gru", effort.probe) for on in front_ends.for_recurrent)
-        cheapest, *others = front_ends.smaller
-        fits = {fit: options.possible(cheapest, "linear", None, fit) for fit in effort.fits}
-        first = yield from self.judged(self.usable(fits.values()))
-        if first and not any(one.settled for one in first):
-            best = best_of(first)
-            near = [one for one in first if is_level(best.correct, one.correct, OUT_OF_REACH)]
-            kinds = [
-                [one for one in near if (one.candidate.recipe.averaged, one.candidate.recipe.squares) == kind]
-                for kind in ((True, False), (False, False), (False, True))
-            ]
-            taken = [best_of(kind).candidate for kind in kinds if kind]
-            kept = [fit for fit, candidate in fits.items() if candidate in taken]
-            further = [options.possible(on, "linear", None, fit) for on in others for fit in kept]
-            yield from self.judged(self.usable(further))
-        on, probes = front_ends.taken, self.usable(probes)
-        if len(probes) > 1 and not any(one.settled for one in self.tried):
-            on = (yield from self.best_probe(probes)).front_end
-        grus = self.usable(options.possible(on, "gru", count) for count in effort.units)
-        units = yield from self.judged(grus)
-        if len(units) > 1 and goes_on(self.tried):
-            yield from self.judged(self.usable([options.possible(on, "gru", LARGER_UNITS)]))
-        if not self.tried:
-            board = f" and the board {self.prices.board}" if self.prices.named else ""
-            raise InputError(
-                f"configuration '{front_ends.taken.name}': no candidate network fits it{board}; name one "
-                "with --cell and --hidden"
-            )
-        most = best_of(self.tried).accuracy
-        near = [
-            one
-            for one in self.tried
-            if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not self.beaten(one.candidate)
-        ]
-        yield from self.with_other_seeds(near)
-        return choose(self.tried, self.prices)
+    def in_price(self, candidates: Iterable[Candidate | None]) -> list[Candidate]:
+        """Those that cost little enough to be taken in place of ``calm``."""
+        calm = self.calm
+        unique = dict.fromkeys(candidates)
+        return [one for one in unique if one and calm and affordable(one.config, calm, self.prices)]
 
-    def under_stress(self, calm: ScoredCandidate, hardening: Hardening) -> Choosing[Candidate]:
-        """Try the network ``calm`` on sturdier front ends, fitted to disturbances, and with more units, as
-        far as these are in reach of it."""
-        prices, effort, front_ends = self.prices, self.effort, self.front_ends
-        recurrent, network = calm.config.recurrent, calm.config.network
-        units = network.hidden if recurrent else None
-
-        def possible(on: AcceleratorConfig, fit: str = "") -> Candidate | None:
-            return self.options.possible(on, network.cell, units, fit)
-
-        on = calm.candidate.front_end
-        every = dict.fromkeys([on, *hardening.denser(on), *front_ends.smaller, *front_ends.rivals])
-        # a recurrent network takes seconds
-        ends = [on for on in every if self.in_price([possible(on)], calm)][: 1 if recurrent else effort.ends]
-        ends += [one for on in ends for one in hardening.sturdier(on)]
-        fits = dict.fromkeys((fit_of(calm), *(effort.robust if recurrent else effort.sturdy)))
-        yield from self.judged(self.in_price([possible(on, fit) for on in ends for fit in fits], calm))
-        for _ in range(effort.rounds):
-            # longer windows regain some of the accuracy that a sturdier fit loses
-            ahead = max(in_reach(self.tried, calm, prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
-            on, fit = ahead.candidate.front_end, fit_of(ahead)
-            if recurrent:
-                further = [self.options.possible(on, network.cell, network.hidden + 4, fit)]
-            else:
-                further = [possible(longer, fit) for longer in hardening.longer(on)]
-            if not (yield from self.judged(self.in_price(further, calm))):
-                break
-        ranked = sorted(in_reach(self.tried, calm, prices), key=lambda one: -one.score)
-        behind = [one for one in ranked if len(one.runs) < len(calm.runs)]
-        level = [one for one in behind if is_level(ranked[0].scores, one.scores)]
-        yield from self.with_other_seeds(level[:AGAIN])
-        stablest = choose_stable(self.tried, calm, prices)
-        # of the networks out of reach only the most accurate is judged under disturbance, fitted to it if it is
-        # recurrent: it shows what a higher cost would gain
-        dearer = [best_of(self.tried)]
-        if dearer[0].config.recurrent:
-            network, on = dearer[0].config.network, stablest.candidate.front_end
-            robust = [self.options.possible(on, network.cell, network.hidden, fit) for fit in effort.robust]
-            dearer += yield from self.judged(self.usable(robust))
-        told = {one.candidate for one in (*in_reach(self.tried, calm, prices), dearer[-1])}
+    def mark(self) -> None:
+        """Mark ``calm``, and drop the figures under disturbance of candidates out of reach but ``dearest``."""
+        calm = self.calm
+        if calm is None or self.hardening is None:
+            return
+        shown = {one.candidate for one in in_reach(self.tried, calm, self.prices)} | {self.dearest}
         self.tried = [
             dataclasses.replace(one, calm=one.candidate == calm.candidate)
-            if one.candidate in told
+            if one.candidate in shown
             else dataclasses.replace(one, stress=None, disturbed=None)
             for one in self.tried
         ]
-        return stablest.candidate
 
-    def in_price(self, candidates: Iterable[Candidate | None], calm: ScoredCandidate) -> list[Candidate]:
-        unique = dict.fromkeys(candidates)
-        return [one for one in unique if one and affordable(one.config, calm, self.prices)]
+    def like_calm(self, on: AcceleratorConfig, fit: str = "") -> Candidate | None:
+        """The network of ``calm`` on another front end, with another fit."""
+        assert self.calm is not None
+        config = self.calm.config
+        units = config.network.hidden if config.recurrent else None
+        return self.options.possible(on, config.network.cell, units, fit)
+
+
+# ---------------------------------------------------------------------- moves
+def linear_fits(search: NetworkSearch) -> Request:
+    """Every fit of a linear cell on the cheapest front end."""
+    return search.request(search.usable(search.fits(search.front_ends.smaller[0]).values()))
+
+
+def fits_elsewhere(search: NetworkSearch) -> Request:
+    """The best fit of each kind on the other front ends, if it is not out of reach."""
+    cheapest, *others = search.front_ends.smaller
+    fits = search.fits(cheapest)
+    first = search.scored(search.usable(fits.values()), search.effort.share)
+    if not first or any(one.settled for one in first):
+        return Request()
+    best = best_of(first)
+    near = [one for one in first if is_level(best.correct, one.correct, OUT_OF_REACH)]
+    kinds = [
+        [one for one in near if (one.candidate.recipe.averaged, one.candidate.recipe.squares) == kind]
+        for kind in ((True, False), (False, False), (False, True))
+    ]
+    ahead = [best_of(kind).candidate for kind in kinds if kind]
+    names = [fit for fit, candidate in fits.items() if candidate in ahead]
+    return search.request(search.usable(search.fits(on)[fit] for on in others for fit in names))
+
+
+def front_end_probes(search: NetworkSearch) -> Request:
+    """A network on each front end that may suit recurrent ones, with few updates."""
+    probes = search.probes
+    needless = len(probes) < 2 or not probes[0].config.recurrent or any(one.settled for one in search.tried)
+    return Request(() if needless else probes, search.effort.probe_share, probe=True)
+
+
+def gru_units(search: NetworkSearch) -> Request:
+    """GRUs of several sizes on the front end that the probes found."""
+    probes = search.scored(search.probes, search.effort.probe_share)
+    on = search.best_probe().front_end if probes else search.front_ends.taken
+    grus = (search.options.possible(on, "gru", count) for count in search.effort.units)
+    return search.request(search.usable(grus))
+
+
+def larger_gru(search: NetworkSearch) -> Request:
+    """A GRU of LARGER_UNITS, if fewer units are not enough."""
+    grus = [one for one in search.tried if one.config.recurrent]
+    if len(grus) < 2 or not goes_on(search.tried):
+        return Request()
+    on = grus[-1].candidate.front_end
+    return search.request(search.usable([search.options.possible(on, "gru", LARGER_UNITS)]))
+
+
+def other_seeds(search: NetworkSearch) -> Request:
+    """Further seeds of the candidates that can still be taken."""
+    if not search.tried:
+        board = f" and the board {search.prices.board}" if search.prices.named else ""
+        raise InputError(
+            f"configuration '{search.front_ends.taken.name}': no candidate network fits it{board}; name one "
+            "with --cell and --hidden"
+        )
+    most = best_of(search.tried).accuracy
+    near = [
+        one.candidate
+        for one in search.tried
+        if most - one.accuracy <= OUT_OF_REACH * one.standard_error and not search.beaten(one.candidate)
+    ]
+    return Request(near if search.effort.seeds > 1 else (), search.effort.share, other_seeds=True)
+
+
+def sturdier_networks(search: NetworkSearch) -> Request:
+    """The network of the choice by undisturbed recordings, on sturdier front ends and fitted to disturbances."""
+    search.calm = choose(search.tried, search.prices)
+    calm, hardening, effort = search.calm, search.hardening, search.effort
+    if hardening is None:
+        return Request()
+    recurrent, listed = calm.config.recurrent, search.front_ends
+    on = calm.candidate.front_end
+    every = dict.fromkeys([on, *hardening.denser(on), *listed.smaller, *listed.rivals])
+    # a recurrent network takes seconds
+    ends = [on for on in every if search.in_price([search.like_calm(on)])]
+    ends = ends[: 1 if recurrent else effort.ends]
+    ends += [one for on in ends for one in hardening.sturdier(on)]
+    fits = dict.fromkeys((fit_of(calm), *(effort.robust if recurrent else effort.sturdy)))
+    return search.request(search.in_price(search.like_calm(on, fit) for on in ends for fit in fits))
+
+
+def longer_or_larger(search: NetworkSearch) -> Request:
+    """The best so far with longer windows, which regain some of the accuracy that a sturdier fit loses; a recurrent
+    one with four more units."""
+    calm, hardening = search.calm, search.hardening
+    if calm is None or hardening is None or search.effort.brief:
+        return Request()
+    ahead = max(in_reach(search.tried, calm, search.prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
+    on, fit, network = ahead.candidate.front_end, fit_of(ahead), ahead.config.network
+    if calm.config.recurrent:
+        further = [search.options.possible(on, network.cell, network.hidden + 4, fit)]
+    else:
+        further = [search.like_calm(longer, fit) for longer in hardening.longer(on)]
+    return search.request(search.in_price(further))
+
+
+def seeds_under_stress(search: NetworkSearch) -> Request:
+    """Further seeds of the candidates that are level under disturbance."""
+    calm = search.calm
+    if calm is None or search.hardening is None or search.effort.seeds < 2:
+        return Request()
+    ranked = sorted(in_reach(search.tried, calm, search.prices), key=lambda one: -one.score)
+    fewer = [one for one in ranked if len(one.seeds) < len(calm.seeds)]
+    level = [one.candidate for one in fewer if is_level(ranked[0].scores, one.scores)]
+    return Request(level[:AGAIN], search.effort.share, other_seeds=True)
+
+
+def robust_dearer(search: NetworkSearch) -> Request:
+    """Of the networks out of reach the most accurate, fitted to disturbance if it is recurrent: it shows what a
+    higher cost would gain."""
+    best, tried = best_of(search.tried), {one.candidate for one in search.tried}
+    search.dearest = best.candidate
+    if search.hardening is None or not best.config.recurrent:
+        return Request()
+    network, on = best.config.network, search.stablest.candidate.front_end
+    robust = search.usable(
+        search.options.possible(on, network.cell, network.hidden, fit) for fit in search.effort.robust
+    )
+    for fresh in robust:
+        search.dearest = fresh if fresh not in tried else search.dearest
+    return search.request(robust)
+
+
+MOVES: tuple[Move[NetworkSearch], ...] = (
+    Move("fits of a linear cell", linear_fits),
+    Move("the best fits on other front ends", fits_elsewhere),
+    Move("front ends for recurrent networks", front_end_probes),
+    Move("units of a GRU", gru_units),
+    Move("a larger GRU", larger_gru),
+    Move("further seeds", other_seeds),
+    Move("sturdier designs", sturdier_networks),
+    Move("longer windows, more units", longer_or_larger, repeats=2),
+    Move("further seeds under disturbance", seeds_under_stress),
+    Move("what a higher cost gains", robust_dearer),
+)
+"""Moves of the search of a network."""
+
+AS_REQUESTED = (MOVES[2],)
+"""Moves for a network that the user named."""
+
+
+def choose_networks(searches: Sequence[NetworkSearch], settings: CrossValidationSettings) -> list[Candidate]:
+    """The network that each search takes; its ``tried`` holds what it judged. Networks of one candidate train at
+    once.
+
+    Raises
+    ------
+    InputError
+        As `NetworkSearch.taken`.
+    """
+    moves = MOVES if searches[0].options.open else AS_REQUESTED
+    search(searches, moves, lambda requests: _judged(requests, searches, settings))
+    chosen = [state.taken for state in searches]
+    for state in searches:
+        state.mark()
+    return chosen
 
 
 def fit_of(one: ScoredCandidate) -> str:
@@ -426,74 +487,35 @@ def goes_on(tried: Sequence[ScoredCandidate]) -> bool:
     return below or rising
 
 
-def side_by_side(
-    choices: Sequence[NetworkChoice], parts: Sequence[Part], settings: CrossValidationSettings
-) -> list[tuple[Candidate, list[ScoredCandidate]]]:
-    """Result of each choice on its entry of ``parts``. Networks of one candidate train at once."""
-    waiting, answers = dict(enumerate(choices)), dict[int, list[ScoredCandidate]]()
-    outcomes: dict[int, tuple[Candidate, list[ScoredCandidate]]] = {}
-    while waiting:
-        asked = {}
-        for number, choice in list(waiting.items()):
-            try:
-                asked[number] = choice.send(answers[number]) if answers else next(choice)
-            except StopIteration as end:
-                outcomes[number] = end.value
-                del waiting[number]
-        answers = _judged(asked, parts, settings)
-    return [outcomes[number] for number in range(len(choices))]
-
-
 def _judged(
-    asked: Mapping[int, Round], parts: Sequence[Part], settings: CrossValidationSettings
+    requests: Mapping[int, Request], searches: Sequence[NetworkSearch], settings: CrossValidationSettings
 ) -> dict[int, list[ScoredCandidate]]:
-    """Judge the rounds that these choices request."""
+    """Judge what the searches request."""
     together: dict[tuple[Candidate, int, bool], list[int]] = {}
-    for number, wanted in asked.items():
-        for candidate in wanted.candidates:
-            together.setdefault((candidate, wanted.share, wanted.other_seeds), []).append(number)
-    answers: dict[int, list[ScoredCandidate]] = {number: [] for number in asked}
+    for number, request in requests.items():
+        for candidate in request.candidates:
+            together.setdefault((candidate, request.share, request.other_seeds), []).append(number)
+    answers: dict[int, list[ScoredCandidate]] = {number: [] for number in requests}
     for (candidate, share, others), numbers in together.items():
-        recipe = shortened(candidate, share)
-        seeds = settings.seeds[1:] if others else settings.seeds[:1]
-        owners = [number for _ in seeds for number in numbers for _ in parts[number].tests]
-        pieces = [
-            FoldJob(candidate.config, recipe, np.setdiff1d(parts[number].rows, test), test, copy)
-            for copy in range(len(seeds))
+        learner = NetworkLearner(settings.datasets, candidate.config, shortened(candidate, share))
+        folds = [
+            fold
+            for seed in (settings.seeds[1:] if others else settings.seeds[:1])
             for number in numbers
-            for test in parts[number].tests
+            for fold in folds_of(searches[number].tests, [seed], searches[number].rows, number)
         ]
-        called = settings.called(network_name(candidate.network))
         try:
-            trained = train_folds(settings.datasets, pieces, int(seeds[0]), called)
+            decisions = judge(
+                learner, folds, settings.recordings.labels, settings.called(network_name(candidate.network))
+            )
         except InputError:
             if candidate.config.recurrent:
                 raise
             continue  # its formats do not fit
         for number in numbers:
-            own = [network for owner, network in zip(owners, trained, strict=True) if owner == number]
-            runs, rows = [network.decided() for network in own], parts[number].rows
-            right = share_right(settings.recordings.labels, [network.job.test for network in own], runs)
-            disturbed = partial(_wrong, candidate, own, settings, rows) if settings.stress else None
-            answers[number].append(
-                ScoredCandidate(
-                    candidate, right[rows], runs=tuple(runs), stress=settings.stress, disturbed=disturbed
-                )
-            )
+            own = decisions.of_split(number)
+            answers[number].append(ScoredCandidate.of(candidate, own, searches[number].rows, settings.stress))
     return answers
-
-
-def _wrong(
-    candidate: Candidate, networks: Sequence[Trained], settings: CrossValidationSettings, rows: np.ndarray
-) -> np.ndarray:
-    """(cases, rows) the share of networks that were wrong under each disturbance, among those that had not
-    seen the recording."""
-    told = [settings.stress.wrong(candidate.config, one.integer, one.job.test) for one in networks]
-    total, judged = np.zeros((len(told[0]), len(settings.recordings))), np.zeros(len(settings.recordings))
-    for wrong, network in zip(told, networks, strict=True):
-        total[:, network.job.test] += wrong
-        judged[network.job.test] += 1
-    return (total / np.maximum(judged, 1))[:, rows]
 
 
 def shortened(candidate: Candidate, share: int) -> Recipe:

@@ -6,10 +6,10 @@ train`, `quantise` and `evaluate` with an archive of images.
 """
 
 import dataclasses
-import itertools
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +23,12 @@ from eskin.golden.model.image_network import image_seconds
 from eskin.jobs import Jobs
 from eskin.memo import Memo
 from eskin.requests import TrainRequest
-from eskin.training.crossval import FoldDecisions, named, split_record
 from eskin.training.fit import one_thread
 from eskin.training.image_formats import profile_images
+from eskin.training.judge import Decided, Rows, folds_of, judge, named
 from eskin.training.level import is_level
 from eskin.training.splits import split_folds
-from eskin.training.train_images import CODE, ImageFold, ImageRecipe, judge, train_network
+from eskin.training.train_images import CODE, ImageFold, ImageRecipe, judge_fold, train_network
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -130,11 +130,24 @@ def train_image_model(
     records: list[Record] = []
     if folds:
         jobs, groups = Jobs(workers=workers, progress=progress), list(request.groups or [])
-        judged = judged_folds(
-            recordings, candidates, groups, folds, range(seed, seed + seeds), judged_by, jobs, keep
-        )
-        records = [split_of(recordings, groups, of_network, "w8") for of_network in judged]
-        rows = _candidate_rows(candidates, records, [record.pop("correct") for record in records], seeds)
+        everything = np.arange(len(recordings))
+        every = [  # every seed deals its own folds
+            fold
+            for each in range(seed, seed + seeds)
+            for fold in folds_of(
+                split_folds(recordings, groups, folds, each if not groups else None), [each], everything
+            )
+        ]
+        decisions = [
+            judge(ImageLearner(recordings, config, judged_by, jobs, keep), every, recordings.labels)
+            for config in candidates
+        ]
+        records = [
+            of_network.record(recordings, groups, [image_seconds(config)])
+            for config, of_network in zip(candidates, decisions, strict=True)
+        ]
+        correct = [of_network.correct.to_numpy() for of_network in decisions]
+        rows = _candidate_rows(candidates, records, correct, seeds)
     chosen = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
     config = candidates[chosen]
     with one_thread():
@@ -163,66 +176,54 @@ def train_image_model(
     return record
 
 
-JudgedFold = tuple[ImageFold, Record]
-"""A fold, and its result (`eskin.training.train_images.judge`)."""
+@dataclass(frozen=True, eq=False)
+class ImageDecider:
+    """Decisions of one network on the images that it was trained without. result: as of
+    `eskin.training.train_images.judge`."""
+
+    fold: ImageFold
+    result: Record
+
+    def decide(self, rows: Rows) -> Decided:
+        """As `eskin.training.judge.Decider.decide`, for some of these images."""
+        places = np.searchsorted(self.fold.left_out, rows)
+        real, integer = (np.array(self.result[kind])[places] for kind in ("float", "integer"))
+        return Decided.at_once(real, integer)
 
 
-def judged_folds(
-    recordings: Recordings,
-    configs: Sequence[AcceleratorConfig],
-    groups: list[str],
-    folds: int,
-    seeds: Sequence[int],
-    recipe: ImageRecipe,
-    jobs: Jobs,
-    keep: Memo | None,
-) -> list[list[JudgedFold]]:
-    """For each network its folds, seed by seed. A result is kept under a name of everything that it depends on,
-    code included."""
-    pieces = [
-        [
-            ImageFold(config, tuple(map(int, part)), seed, recipe)
-            for seed in seeds  # every seed deals its own folds
-            for part in split_folds(recordings, groups, folds, seed if not groups else None)
+@dataclass(frozen=True, eq=False)
+class ImageLearner:
+    """A network for images. A result is kept under a name of everything that it depends on, code included."""
+
+    recordings: Recordings
+    config: AcceleratorConfig
+    recipe: ImageRecipe
+    jobs: Jobs
+    keep: Memo | None
+
+    def fit(
+        self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
+    ) -> list[ImageDecider]:
+        """As `eskin.training.judge.Learner.fit`, in one job for each part."""
+        everything, labels = np.arange(len(self.recordings)), self.recordings.labels
+        folds = [
+            ImageFold(self.config, tuple(map(int, np.setdiff1d(everything, part))), seed, self.recipe)
+            for part, seed in zip(parts, seeds, strict=True)
         ]
-        for config in configs
-    ]
-    images = images_of(recordings)
-    content = content_key(images, recordings.labels, CODE())
-
-    def key(piece: ImageFold) -> str:
-        options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe)]
-        return content_key(content, piece.config.to_dict(), *options)
-
-    # a fold of every network before the next fold: an interrupted sweep has results of all networks
-    keyed = {key(piece): piece for turn in zip(*pieces, strict=True) for piece in turn}
-    shared = images, recordings.labels
-    results = jobs.results(judge, keyed, shared, keep=keep, what="networks trained and judged")
-    return [[(piece, results[key(piece)]) for piece in of_network] for of_network in pieces]
-
-
-def split_of(
-    recordings: Recordings, groups: list[str], judged: Sequence[JudgedFold], integers: str
-) -> Record:
-    """The record of a cross-validation, as `eskin.training.crossval.cross_validate` gives it, of the folds of a
-    network, and ``correct``: the share of seeds whose integers were right, for each image. integers: the key of
-    the results that count."""
-    correct, records = np.zeros(len(recordings)), []
-    for seed, of_seed in itertools.groupby(judged, key=lambda one: one[0].seed):
-        tests, decided = [], []
-        for piece, result in of_seed:
-            test, ideal, whole = map(np.array, (piece.left_out, result["float"], result[integers]))
-            correct[test] += whole == recordings.labels[test]
-            tests.append(test)
-            decided.append([FoldDecisions.from_images(ideal, whole, piece.config)])
-        times = [image_seconds(piece.config)]
-        records.append(split_record(recordings, groups, tests, decided, [seed], times))
-    seeds = [seed for record in records for seed in record["seeds"]]
-    record = records[0] | {"seeds": seeds, "correct": correct / len(seeds)}
-    for kind in ("float", "integer"):
-        by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in records]
-        record |= {f"{kind}_accuracy": float(np.mean(by_seed)), f"{kind}_by_seed": by_seed}
-    return record | {"agreement": float(np.mean([of_seed["agreement"] for of_seed in records]))}
+        images = images_of(self.recordings)
+        content = content_key(images, labels, CODE())
+        keys = [
+            content_key(content, fold.config.to_dict(), list(fold.left_out), fold.seed, asdict(fold.recipe))
+            for fold in folds
+        ]
+        results = self.jobs.results(
+            judge_fold,
+            dict(zip(keys, folds, strict=True)),
+            (images, labels),
+            keep=self.keep,
+            what=f"networks {self.config.name} trained and judged",
+        )
+        return [ImageDecider(fold, results[key]) for key, fold in zip(keys, folds, strict=True)]
 
 
 def _candidate_rows(

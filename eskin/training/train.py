@@ -12,9 +12,9 @@ from eskin.data.fit import check_fit
 from eskin.golden.core import AcceleratorConfig, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import check_model_target, decide_touches
-from eskin.training.crossval import named
 from eskin.training.datasets import Datasets, touch_rows
 from eskin.training.fit import fit_networks
+from eskin.training.judge import named
 from eskin.training.losses import Callback, EpochReporter
 from eskin.training.quantise import profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe

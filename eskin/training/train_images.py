@@ -196,22 +196,17 @@ CODE = partial(
 """Code on which the result of an `ImageFold` depends beside its data."""
 
 
-def judge(shared: tuple[np.ndarray, np.ndarray], piece: ImageFold) -> Record:
-    """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (weights rounded after training to 8 and 4
-    bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared: images and labels."""
+def judge_fold(shared: tuple[np.ndarray, np.ndarray], fold: ImageFold) -> Record:
+    """Decisions on the images left out: ``float`` and ``integer`` (8-bit weights), each a list of classes in the
+    order of ``left_out``; ``wall_s``. shared: images and labels."""
     from eskin.training.fit import one_thread
 
     begin = time.perf_counter()
-    (images, labels), out = shared, np.array(piece.left_out)
+    (images, labels), out = shared, np.array(fold.left_out)
     train = np.setdiff1d(np.arange(len(images)), out)
     with one_thread():
-        model = train_network(
-            piece.config, images[train], labels[train], recipe=piece.recipe, seed=piece.seed
-        )
-        decided = {"float": float_images(model, images[out], maps=False)}
-        decided["w8"] = run_images(quantised(model, images[train]), images[out], maps=False)
-        coarse = quantised(equalised(model, images[train], 4), images[train], 4)
-        decided["w4"] = run_images(coarse, images[out], maps=False)
-    return {name: trace.decision.tolist() for name, trace in decided.items()} | {
-        "wall_s": round(time.perf_counter() - begin, 1)
-    }
+        model = train_network(fold.config, images[train], labels[train], recipe=fold.recipe, seed=fold.seed)
+        real = float_images(model, images[out], maps=False)
+        integer = run_images(quantised(model, images[train]), images[out], maps=False)
+    decided = {"float": real.decision.tolist(), "integer": integer.decision.tolist()}
+    return decided | {"wall_s": round(time.perf_counter() - begin, 1)}

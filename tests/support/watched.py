@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, NoReturn
 import torch
 from matplotlib.figure import Figure
 
-from eskin.choose.front_ends import FrontEndScorer
+from eskin.choose.front_ends import FrontEndSearch
 from eskin.cli import main as command_line
 from eskin.study.stability import core as stability
 
@@ -102,11 +102,11 @@ def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) 
             notes.append(f"unpickled: {arguments[0]}.{arguments[1]}")
 
     def judged(
-        judge: FrontEndScorer, config: Any, judge_it: Callable[..., Any] = FrontEndScorer.__call__
+        judge: FrontEndSearch, config: Any, judge_it: Callable[..., Any] = FrontEndSearch.judge
     ) -> Any:
-        return stop() if len(judge.judged) > JUDGED else judge_it(judge, config)
+        return stop() if len(judge.tried) > JUDGED else judge_it(judge, config)
 
-    FrontEndScorer.__call__ = judged  # type: ignore[method-assign]
+    FrontEndSearch.judge = judged  # type: ignore[method-assign]
     torch.Tensor.backward = torch.autograd.grad = ProcessPoolExecutor.submit = stability.judge = stop  # type: ignore
     if not draws:
         Figure.__init__ = stop  # type: ignore

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from eskin.choose import choice as choosing
-from eskin.choose.choice import choose_inside, configure, inner_folds, train_chosen, unseen
+from eskin.choose.choice import Searched, configure, inner_folds, train_chosen, unseen
 from eskin.choose.networks import SearchOptions
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
 from eskin.requests import TrainRequest
 from eskin.training import train
-from eskin.training.crossval import CrossValidationSettings, cross_validate
 from eskin.training.datasets import Datasets
 from eskin.training.integers import quantise
+from eskin.training.judge import CrossValidationSettings, cross_validate
 from eskin.training.splits import error_over_groups, split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings
@@ -134,7 +134,7 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, opt
         )
         tests = split_folds(recordings, ["person"], 5, None)
         parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-        return choose_inside(plan, settings, options, parts), tests
+        return Searched(plan, settings, options).choose(parts), tests
 
     before, tests = chosen(gripped)
     labels = gripped.labels.copy()
@@ -156,13 +156,14 @@ def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypa
     settings = CrossValidationSettings(
         recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1]
     )
-    played = Mock(wraps=choosing.train_folds)
-    monkeypatch.setattr(choosing, "train_folds", played)
+    judge = Mock(wraps=choosing.judge)
+    monkeypatch.setattr(choosing, "judge", judge)
     plan = configure(gripped, CONFIG, priced())
     record = unseen(plan, settings, SearchOptions(cell="linear"), ["person"])
-    tests, pieces = split_folds(gripped, ["person"], 5, None), played.call_args.args[1]
-    for piece, test in zip(pieces, 2 * tests, strict=True):
-        assert (piece.test == test).all() and (piece.train == np.setdiff1d(np.arange(24), test)).all()
+    learner, folds = judge.call_args.args[:2]
+    assert isinstance(learner, Searched)
+    for fold, test in zip(folds, 2 * split_folds(gripped, ["person"], 5, None), strict=True):
+        assert (fold.test == test).all() and (fold.part == np.setdiff1d(np.arange(24), test)).all()
     assert record["seeds"] == [0, 1] and [fold["recordings"] for fold in record["per_fold"]] == [6] * 4
 
 

@@ -15,7 +15,7 @@ from eskin.choose.first_touches import cut_windows, first_touches
 from eskin.choose.front_ends import (
     PENALTIES,
     FrontEnds,
-    FrontEndScorer,
+    FrontEndSearch,
     Screen,
     _fewer_scans,
     blocked_ridge,
@@ -197,7 +197,8 @@ def test_a_part_is_searched_as_if_it_were_all_there_is(at_random, found):
     folds, everything = inner_folds(at_random, ["day"]), np.arange(len(at_random))
     for config in (BASE, inside.taken):
         of_all = front_ends.screen.judged(config, folds)
-        of_part = FrontEndScorer(front_ends, front_ends.part(everything), folds)(config)
+        rows = front_ends.part(everything)
+        of_part = FrontEndSearch(prices=priced(), front_ends=front_ends, rows=rows, folds=folds).judge(config)
         assert (of_part.correct == of_all.correct).all() and of_part.missed == of_all.missed
 
 

@@ -1,25 +1,28 @@
 """Which networks are tried on which front ends, with how many seeds, and what the command line fixes."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 
 from eskin.choose.candidate import ScoredCandidate
 from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
+    AS_REQUESTED,
     AVERAGED,
     FITS,
     INSIDE,
+    MOVES,
     RIDGES,
     STURDY,
     Effort,
-    Part,
+    NetworkSearch,
     SearchOptions,
-    network_choice,
-    side_by_side,
+    choose_networks,
 )
-from eskin.training.crossval import CrossValidationSettings
+from eskin.choose.search import search
 from eskin.training.datasets import Datasets
+from eskin.training.judge import CrossValidationSettings, Decided, Decisions, folds_of
 from eskin.training.recipe import AS_RECORDED
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings
@@ -41,23 +44,46 @@ OPEN, WHOLE = SearchOptions(open=True), Effort(seeds=3)
 
 
 def played(front_ends, right, options=OPEN, effort=WHOLE, of=400, **prices):
-    """What a choice asks for, (cell or units, steps, recipe, share, other seeds), where a candidate is right
+    """What a search asks for, (cell or units, steps, recipe, share, other seeds), where a candidate is right
     on ``right(candidate)`` of 400 recordings; and the candidate taken."""
-    listed = Listed(front_ends[0], tuple(front_ends))
-    choice, asked = network_choice(listed, options, priced(**prices), effort), []
-    try:
-        wanted = next(choice)
-        while True:
-            answers = []
-            for one in wanted.candidates:
+    requested = []
+
+    def judged(requests):
+        for request in requests.values():
+            for one in request.candidates:
                 units = one.network["hidden"] or one.network["cell"]
                 steps, recipe = one.config.windows.steps, one.recipe.name
-                asked.append((units, steps, recipe, wanted.share, wanted.other_seeds))
-                correct = (np.arange(of) < right(one)).astype(float)
-                answers.append(ScoredCandidate(one, correct, runs=(None,)))  # type: ignore[arg-type]
-            wanted = choice.send(answers)
-    except StopIteration as end:
-        return asked, *end.value
+                requested.append((units, steps, recipe, request.share, request.other_seeds))
+        return {
+            number: [decided(one, np.arange(of) >= right(one), request) for one in request.candidates]
+            for number, request in requests.items()
+        }
+
+    state = started(front_ends[0], front_ends, options, effort, np.arange(of), [], **prices)
+    search([state], MOVES if options.open else AS_REQUESTED, judged)
+    return requested, state.taken, state.tried
+
+
+def decided(candidate, wrong, request):
+    """A candidate whose networks, one or two further ones, are wrong on some recordings of class 0."""
+    everything = np.arange(len(wrong))
+    decider = SimpleNamespace(decide=lambda rows: Decided.at_once(wrong[rows] + 0, wrong[rows] + 0))
+    seeds = [1, 2] if request.other_seeds else [0]
+    fitted = [(fold, decider) for fold in folds_of([everything], seeds, everything)]
+    decisions = Decisions.of(fitted, np.zeros(len(wrong), dtype=int))
+    return ScoredCandidate.of(candidate, decisions, everything, None)
+
+
+def started(on, front_ends, options, effort, rows, tests, **prices):
+    """A search of networks before its first move."""
+    return NetworkSearch(
+        prices=priced(**prices),
+        front_ends=Listed(on, tuple(front_ends)),
+        options=options,
+        effort=effort,
+        rows=rows,
+        tests=tests,
+    )
 
 
 def by_units(**right: int):
@@ -81,7 +107,7 @@ def test_what_cannot_be_taken_is_judged_with_one_seed(right, first, others):
     assert [units for units, *_, further in asked if units != "linear" and not further] == first
     assert {units for units, *_, further in asked if further} == others
     units = {one: one.candidate.network["hidden"] for one in tried}
-    assert all(len(one.runs) == 1 + (count in others) for one, count in units.items() if count)
+    assert all(len(one.seeds) == 1 + 2 * (count in others) for one, count in units.items() if count)
 
 
 def test_fits_are_tried_on_the_first_front_end_and_the_best_on_the_others():
@@ -155,17 +181,21 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
     recordings = gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
     persons = recordings.groups["person"]
     parts = [np.flatnonzero(persons != value) for value in (0, 1)]
-    held = [
-        Part(part, [part[persons[part] == value] for value in np.unique(persons[part])]) for part in parts
-    ]
+    folds = [[part[persons[part] == value] for value in np.unique(persons[part])] for part in parts]
     settings = CrossValidationSettings(
         recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0]
     )
-    start = lambda: network_choice(Listed(DEAR, (CONFIG, DEAR)), SearchOptions(open=True), priced(), INSIDE)
-    both = side_by_side([start(), start()], held, settings)
-    for part, (taken, tried) in zip(held, both, strict=True):
-        ((alone, tried_alone),) = side_by_side([start()], [part], settings)
-        assert alone == taken and [one.candidate for one in tried] == [one.candidate for one in tried_alone]
-        for one, other in zip(tried, tried_alone, strict=True):
-            assert len(one.correct) == len(part.rows)
+
+    def start(number):
+        return started(DEAR, [CONFIG, DEAR], OPEN, INSIDE, parts[number], folds[number])
+
+    both = [start(0), start(1)]
+    together = choose_networks(both, settings)
+    for number, state in enumerate(both):
+        alone = start(number)
+        assert choose_networks([alone], settings) == [together[number]]
+        assert [one.candidate for one in state.tried] == [one.candidate for one in alone.tried]
+        for one, other in zip(state.tried, alone.tried, strict=True):
+            assert len(one.correct) == len(parts[number])
             assert one.candidate.config.recurrent or (one.correct == other.correct).all()
+            assert one.seeds == [0] and set(one.decisions.table["recording"]) == set(parts[number])

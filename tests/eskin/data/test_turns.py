@@ -16,8 +16,8 @@ from eskin.data.turns import turn_recordings
 from eskin.golden.core import PRESETS
 from eskin.golden.data import Recordings
 from eskin.golden.model import Touches, find_touches
-from eskin.training.crossval import cross_validate
 from eskin.training.derive import derive_config, find_onsets
+from eskin.training.judge import cross_validate
 from tests.support.table import each_row, refused
 
 SETTLE = 13

@@ -12,11 +12,12 @@ from eskin.data import load_recordings
 from eskin.golden.core import FEATURE_KINDS, PRESETS
 from eskin.golden.model import FloatModel, IntegerModel, network_formats, normalise, real_features, run
 from eskin.training import batches as batching
-from eskin.training import crossval, datasets
+from eskin.training import datasets
 from eskin.training import fit as fitting
+from eskin.training import judge as judging
 from eskin.training import recipe as recipes
-from eskin.training.crossval import cross_validate
 from eskin.training.formats import with_network
+from eskin.training.judge import NetworkLearner, cross_validate, folds_of, judge
 from eskin.training.quantise import IntegerNetwork, profile
 from eskin.training.recipe import RECIPES
 from eskin.training.splits import default_splits, split_folds
@@ -167,13 +168,19 @@ def test_weights_trained_as_integers_stay_within_their_formats():
 def test_no_group_is_on_both_sides(monkeypatch):
     """What is trained on, profiled and judged, as cross_validate really uses them."""
     recordings, noted = scene(60, seed=5), {}
-    for name in ("fit_networks", "post_training", "_judge"):
-        noted[name] = Mock(wraps=getattr(crossval, name))
-        monkeypatch.setattr(crossval, name, noted[name])
+    for name in ("fit_networks", "post_training"):
+        noted[name] = Mock(wraps=getattr(judging, name))
+        monkeypatch.setattr(judging, name, noted[name])
+    judged = []
+
+    def decide(network, rows, decide=judging.FittedNetwork.decide):
+        judged.append(set(rows))
+        return decide(network, rows)
+
+    monkeypatch.setattr(judging.FittedNetwork, "decide", decide)
     results = cross_validate(recordings, SMALL, [["person"], []], (0, 1), recipe=few(1))
     data, _, _, parts, *_ = noted["fit_networks"].call_args.args
     profiled = [call.args[2] for call in noted["post_training"].call_args_list]
-    judged = [set(call.args[3]) for call in noted["_judge"].call_args_list]
     assert noted["fit_networks"].call_count == 1 and [r["folds"] for r in results] == [5, 5]
     assert len(parts) == len(profiled) == len(judged) == 2 * (5 + 5)
     person, everyone = recordings.groups["person"], set(range(60))
@@ -267,15 +274,16 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
     recordings."""
     recordings = scene(40, seed=3)
     folds = split_folds(recordings, ["person"], 5, None)
-    pieces = crossval.fold_jobs(DETECTING, few(15), len(recordings), folds, (0,))
-    trained = crossval.train_folds(datasets.Datasets(recordings), pieces, 0)
-    faults = trained[0].data.touches.faults
+    learner = NetworkLearner(datasets.Datasets(recordings), DETECTING, few(15))
+    every = folds_of(folds, [0], np.arange(len(recordings)))
+    trained = [network for _, network in judge(learner, every, recordings.labels).fitted]
+    faults = learner.data.touches.faults
     assert faults.any() and not faults.all()
     for network, test in zip(trained, folds, strict=True):
-        judged = network.decided()
+        judged = network.decide(test)
         for trace, decision, local in (
-            (run(network.integer, recordings), judged.integer_global, judged.integer_local),
-            (run(network.real, recordings), judged.float_global, judged.float_local),
+            (run(network.integer, recordings), judged.integer, judged.local_integer),
+            (run(network.real, recordings), judged.real, judged.local_real),
         ):
             np.testing.assert_array_equal(decision, trace.decision[test])
             np.testing.assert_array_equal(local, trace.first_local()[test])

@@ -1,0 +1,358 @@
+"""The evaluation of all learners: fitted on a part of the recordings, judged on the rest, in float and in the
+integers of the hardware.
+
+A `Learner` makes a `Decider` of each part. `judge` asks the deciders about recordings that they have not seen.
+Its result is one table, `Decisions`, from which every figure comes. A search is a learner, too
+(`eskin.choose.choice.Searched`): the figure of a choice is judged like that of a network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+
+from eskin.golden.core import AcceleratorConfig, Progress, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches
+from eskin.golden.model.pipeline import by_recording
+from eskin.training.datasets import Dataset, Datasets, touch_rows
+from eskin.training.fit import fit_networks, post_training
+from eskin.training.recipe import Recipe, choose_recipe
+from eskin.training.splits import held_out, split_folds
+from eskin.training.times import step_rows, step_times
+
+Rows = np.ndarray
+"""Numbers of recordings in an archive."""
+
+
+# ---------------------------------------------------------------------- learners
+@dataclass(frozen=True, eq=False)
+class Decided:
+    """Decisions on r recordings; -1: none.
+
+    real, integer: global decision (r) of the float and of the integer classifier. step: (r) after which the
+    integer one was given. local_real, local_integer: (r, K) local decisions.
+    """
+
+    real: np.ndarray
+    integer: np.ndarray
+    step: np.ndarray
+    local_real: np.ndarray
+    local_integer: np.ndarray
+
+    @classmethod
+    def at_once(cls, real: np.ndarray, integer: np.ndarray) -> Decided:
+        """Decisions that are made in one step."""
+        return cls(real, integer, np.zeros_like(integer), real[:, None], integer[:, None])
+
+
+class Decider(Protocol):
+    """A fitted classifier."""
+
+    def decide(self, rows: Rows) -> Decided:
+        """Its decisions on recordings."""
+
+
+class Learner(Protocol):
+    """A way to fit classifiers to recordings of one archive."""
+
+    def fit(
+        self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
+    ) -> Sequence[Decider]:
+        """A decider for each part. It sees the labels of this part alone. seeds: one for each part; equal parts
+        with different seeds start from different weights."""
+
+
+@dataclass(frozen=True, eq=False)
+class FittedNetwork:
+    """A network, float and integer, and the learner that made it."""
+
+    real: FloatModel
+    integer: IntegerModel
+    learner: NetworkLearner
+
+    @property
+    def data(self) -> Dataset:
+        """Touches of the archive under the network's front end."""
+        return self.learner.data
+
+    def decide(self, rows: Rows) -> Decided:
+        """As `Decider.decide`."""
+        of_touch = self.data.index[rows]
+        touches = self.data.touches.take(of_touch[of_touch >= 0])
+        placed = np.where(of_touch >= 0, np.cumsum(of_touch >= 0) - 1, -1)
+        real = decide_touches(self.real, touches, config=self.integer.config)
+        exact = decide_touches(self.integer, touches)
+        columns = real.decision, exact.decision, exact.step, real.local, exact.local
+        return Decided(*(by_recording(column, placed) for column in columns))
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkLearner:
+    """The network of a configuration, trained by a recipe and quantised with ranges of its own part; all parts
+    train at once. widths: bits, as ``eskin.training.quantise.choose_formats`` takes them."""
+
+    datasets: Datasets
+    config: AcceleratorConfig
+    recipe: Recipe
+    widths: Record | None = None
+
+    @property
+    def data(self) -> Dataset:
+        """Touches of the archive under this front end."""
+        return self.datasets.of(self.config, self.recipe)
+
+    def fit(
+        self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
+    ) -> list[FittedNetwork]:
+        """As `Learner.fit`. The first seed alone is used: further networks continue its random numbers."""
+        data = self.data
+        rows = [touch_rows(data, part) for part in parts]
+        report = named(progress, "cross-validation")
+        models = fit_networks(data, self.config, self.recipe, rows, int(seeds[0]), report)
+        return [
+            FittedNetwork(model, post_training(model, data, part, self.widths or {}), self)
+            for model, part in zip(models, rows, strict=True)
+        ]
+
+
+def named(progress: Progress | None, activity: str) -> Callable[[int, int], None]:
+    """``progress`` without its first parameter, which is ``activity`` from then on."""
+    return (lambda done, total: progress(activity, done, total)) if progress else (lambda done, total: None)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CrossValidationSettings:
+    """Shared settings of cross-validation.
+
+    groups: arrays whose values are left out. seeds: one for each network of a fold. stress: disturbances for
+    a second score.
+    """
+
+    recordings: Recordings
+    groups: Sequence[str]
+    datasets: Datasets
+    seeds: Sequence[int] = (0, 1, 2)
+    folds: int = 5
+    progress: Progress | None = None
+    stress: Any = None
+
+    def called(self, name: str) -> Progress | None:
+        """A progress callback that adds ``name`` to the names of tasks."""
+        progress = self.progress
+        return progress and (lambda task, done, total: progress(f"{task}, {name}", done, total))
+
+
+# ---------------------------------------------------------------------- folds
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """Recordings to learn from (part) and to judge on (test). split, number: its place among the splits and among
+    their folds."""
+
+    part: Rows
+    test: Rows
+    seed: int
+    number: int = 0
+    split: int = 0
+
+
+def folds_of(tests: Sequence[Rows], seeds: Sequence[int], rows: Rows, split: int = 0) -> list[Fold]:
+    """A fold for each of ``tests``, left out of ``rows``, and for each seed: seed by seed."""
+    return [
+        Fold(np.setdiff1d(rows, test), test, int(seed), number, split)
+        for seed in seeds
+        for number, test in enumerate(tests)
+    ]
+
+
+# ---------------------------------------------------------------------- the table
+SHARES = ("float_accuracy", "integer_accuracy", "agreement")
+KEYS = ["split", "fold", "seed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Decisions:
+    """What deciders decided on recordings that they have not seen.
+
+    table: a row for each recording and decider: split, fold, seed, recording, label, float, integer (classes),
+    step, and SHARES (bool). local: (2, rows, K) local decisions, float and integer; K: most
+    steps of a decider. fitted: each fold with its
+    decider.
+    """
+
+    table: pd.DataFrame
+    local: np.ndarray
+    fitted: tuple[tuple[Fold, Any], ...]
+
+    @classmethod
+    def of(cls, fitted: Sequence[tuple[Fold, Decider]], labels: np.ndarray) -> Decisions:
+        """The table of these deciders, each on the test of its fold. labels: of all recordings."""
+        decided = [decider.decide(fold.test) for fold, decider in fitted]
+        counts = [len(fold.test) for fold, _ in fitted]
+        recording = np.concatenate([fold.test for fold, _ in fitted])
+        keys = np.repeat([(fold.split, fold.number, fold.seed) for fold, _ in fitted], counts, axis=0)
+        table = pd.DataFrame(keys, columns=KEYS).assign(
+            recording=recording,
+            label=labels[recording],
+            float=np.concatenate([each.real for each in decided]),
+            integer=np.concatenate([each.integer for each in decided]),
+            step=np.concatenate([each.step for each in decided]),
+        )
+        table["float_accuracy"] = table["float"] == table["label"]
+        table["integer_accuracy"] = table["integer"] == table["label"]
+        table["agreement"] = table["float"] == table["integer"]
+        local = np.full((2, len(table), max(each.local_integer.shape[1] for each in decided)), -1)
+        for each, end, count in zip(decided, np.cumsum(counts), counts, strict=True):
+            local[:, end - count : end, : each.local_integer.shape[1]] = each.local_real, each.local_integer
+        return cls(table, local, tuple(fitted))
+
+    @property
+    def seeds(self) -> list[int]:
+        """Seeds of the deciders."""
+        return self.table["seed"].unique().tolist()
+
+    def joined(self, other: Decisions) -> Decisions:
+        """These decisions and those of ``other``."""
+        table = pd.concat([self.table, other.table], ignore_index=True)
+        local = np.concatenate([self.local, other.local], axis=1)
+        return Decisions(table, local, self.fitted + other.fitted)
+
+    def of_split(self, split: int) -> Decisions:
+        """The rows of one split."""
+        rows = (self.table["split"] == split).to_numpy()
+        fitted = tuple(pair for pair in self.fitted if pair[0].split == split)
+        return Decisions(self.table[rows], self.local[:, rows], fitted)
+
+    @cached_property
+    def correct(self) -> pd.Series:
+        """By recording: the share of integer deciders that decided it correctly."""
+        return self.table.groupby("recording")["integer_accuracy"].mean()
+
+    def accuracy(self, by: list[str]) -> pd.DataFrame:
+        """SHARES by columns of the table."""
+        return self.table.groupby(by)[[*SHARES]].mean()
+
+    def shares(self) -> dict[str, float]:
+        """SHARES over all rows."""
+        return {name: float(self.table[name].mean()) for name in SHARES}
+
+    def per_fold(self, recordings: Recordings, groups: Sequence[str]) -> list[Record]:
+        """For each fold: held_out (its groups in words), recordings, SHARES as means over seeds, and by_seed."""
+        records = []
+        tests = {fold.number: fold.test for fold, _ in reversed(self.fitted)}
+        for number, shares in self.accuracy(["fold", "seed"]).groupby("fold"):
+            test = tests[int(number)]
+            records.append(
+                {
+                    "held_out": held_out(recordings, groups, test),
+                    "recordings": len(test),
+                    "by_seed": {name: shares[name].tolist() for name in SHARES},
+                    **{name: float(shares[name].mean()) for name in SHARES},
+                }
+            )
+        return records
+
+    def record(
+        self, recordings: Recordings, groups: Sequence[str], times: Sequence[float] | np.ndarray
+    ) -> Record:
+        """The figures of one split, as `cross_validate` returns them. times: seconds of each step."""
+        table, classes = self.table, len(recordings.class_names)
+        confusion = np.zeros((classes, classes + 1), dtype=np.int64)
+        np.add.at(confusion, (table["label"], table["integer"]), 1)  # -1, no decision, is the last column
+        steps = (self.local == table["label"].to_numpy()[:, None]).mean(axis=1)
+        decided = table["step"][table["step"] >= 0]
+        by_seed = self.accuracy(["seed"])["integer_accuracy"]
+        per_fold = self.per_fold(recordings, groups)
+        return {
+            "groups": list(groups),
+            "folds": len(per_fold),
+            "seeds": self.seeds,
+            **self.shares(),
+            "integer_spread": float(self.accuracy(["fold", "seed"])["integer_accuracy"].std(ddof=0)),
+            "integer_by_seed": by_seed[self.seeds].tolist(),
+            "per_step": step_rows(zip(times, *steps, strict=True)),
+            "per_fold": per_fold,
+            "decision_time_s": float(np.asarray(times)[decided].mean()) if len(decided) else None,
+            "confusion": confusion.tolist(),
+        }
+
+
+# ---------------------------------------------------------------------- judging
+def judge(
+    learner: Learner, folds: Sequence[Fold], labels: np.ndarray, progress: Progress | None = None
+) -> Decisions:
+    """Fit ``learner`` to the part of each fold and judge it on the fold's test. Folds with the same part and
+    seed share one decider. labels: of all recordings.
+
+    Raises
+    ------
+    InputError
+        As the learner.
+    """
+    numbers: dict[tuple[int, bytes], int] = {}
+    places = [numbers.setdefault((fold.seed, fold.part.tobytes()), len(numbers)) for fold in folds]
+    unique = [folds[places.index(number)] for number in range(len(numbers))]
+    deciders = learner.fit([fold.part for fold in unique], [fold.seed for fold in unique], progress)
+    return Decisions.of([(fold, deciders[place]) for fold, place in zip(folds, places, strict=True)], labels)
+
+
+def cross_validate(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    seeds: Sequence[int] = (0, 1, 2),
+    *,
+    folds: int = 5,
+    recipe: Recipe | None = None,
+    widths: Record | None = None,
+    datasets: Datasets | None = None,
+    progress: Progress | None = None,
+) -> list[Record]:
+    """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and
+    seeds train at once.
+
+    Every fold's network is quantised after training, with ranges profiled on its own training part. A
+    recording without a touch, or without the step in question, counts as wrong.
+
+    Parameters
+    ----------
+    splits:
+        Group names for each split (``label`` is the class); empty: stratified by class.
+    seeds:
+        A network for each fold and seed; figures are means over seeds of the share of recordings.
+    widths:
+        Bits, as ``eskin.training.quantise.choose_formats`` takes them.
+    datasets:
+        Touches that were found before.
+
+    Returns
+    -------
+    A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, integer_spread
+    (standard deviation over folds x seeds), integer_by_seed (accuracy over all folds), per_step (step, time_s since
+    the onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean,
+    integer; None: no decision), per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer
+    model, summed over seeds: rows = true class, columns = decided, last column = none).
+    """
+    if not splits:
+        return []
+    recipe, datasets = recipe or choose_recipe(config), datasets or Datasets(recordings)
+    everything = np.arange(len(recordings))
+    tests = [split_folds(recordings, groups, folds, None) for groups in splits]
+    # seed by seed over all splits: the order in which networks draw their random numbers
+    every = [
+        fold
+        for seed in seeds
+        for split, of_split in enumerate(tests)
+        for fold in folds_of(of_split, [seed], everything, split)
+    ]
+    learner = NetworkLearner(datasets, config, recipe, widths)
+    decisions = judge(learner, every, recordings.labels, progress)
+    times = step_times(config, learner.data.touches)
+    return [
+        decisions.of_split(split).record(recordings, groups, times) for split, groups in enumerate(splits)
+    ]
