@@ -27,7 +27,8 @@ from eskin.choose.front_ends import (
     FrontEnds,
     FrontEndSearch,
     Listed,
-    blocked_ridge,
+    RidgeLearner,
+    correct_without,
     listed,
     search_front_ends,
 )
@@ -275,8 +276,8 @@ def _level_alone(recordings: Recordings, folds: Sequence[np.ndarray]) -> tuple[f
     frames = settling_frames(recordings.sample_rate_hz)
     levels = np.array([recordings.recording(i)[:frames].mean(axis=0) for i in range(len(recordings))])
     levels = (levels - levels.mean(axis=0)) / (levels.std(axis=0) + 1e-9)
-    decided = blocked_ridge(levels, recordings.labels, folds, len(recordings.class_names))
-    return float((decided == recordings.labels).mean()), frames
+    learner = RidgeLearner.on(levels, recordings.labels, len(recordings.class_names))
+    return float(correct_without(folds, learner, recordings.labels).mean()), frames
 
 
 # ---------------------------------------------------------------------- the choice again inside folds

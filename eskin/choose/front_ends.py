@@ -49,6 +49,7 @@ from eskin.training.derive import (
     settling_frames,
 )
 from eskin.training.formats import normaliser_constants
+from eskin.training.judge import Decided, Learner, Rows, folds_of, judge
 from eskin.training.level import is_level
 from eskin.training.linear_fit import PENALTIES, cut_short, discriminants
 
@@ -82,10 +83,6 @@ LENGTH_TELLS = 0.1
 KEPT_BYTES = 3 << 28
 """Bytes of touches that are kept to cut other windows from them."""
 
-Decide = Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int, np.ndarray], np.ndarray]
-"""A classifier: from features (n, features), labels (n), folds (rows each), the number of classes and the
-recording (n) of each row to the class (n) of each row when the recordings of its fold are left out."""
-
 
 # ---------------------------------------------------------------------- the classifier
 def gram_of(x: np.ndarray) -> np.ndarray:
@@ -95,66 +92,95 @@ def gram_of(x: np.ndarray) -> np.ndarray:
     return x @ x.T + 9.0
 
 
-def others(owner: np.ndarray, fold: np.ndarray) -> np.ndarray:
-    """Rows whose ``owner`` has none of the rows ``fold``."""
-    return np.flatnonzero(~np.isin(owner, owner[fold]))
+@dataclass(frozen=True, eq=False)
+class KnownDecider:
+    """Decisions that are made already: class (recordings), -1 none."""
+
+    classes: np.ndarray
+
+    def decide(self, rows: Rows) -> Decided:
+        """As `eskin.training.judge.Decider.decide`."""
+        return Decided.at_once(self.classes[rows], self.classes[rows])
 
 
-def ridge_decisions(
-    gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int, owner: np.ndarray
-) -> np.ndarray:
-    """The class (n) that ridge regression gives each row of ``gram`` (n, n, from ``gram_of``) when the row's
-    fold is left out, as the module describes it. Rows outside ``folds`` serve for learning only and get no
-    class (-1)."""
-    n, judged = len(labels), np.concatenate(folds)
-    targets = np.eye(classes)[labels]
-    unit = float(np.trace(gram)) / n
-    decided = np.full((len(PENALTIES), n), -1, dtype=np.int64)
-    for fold in folds:
-        train = others(owner, fold)
-        within, across = gram[np.ix_(train, train)], gram[np.ix_(fold, train)]
-        for row, penalty in enumerate(PENALTIES if len(train) else ()):
-            penalised = within + penalty * unit * np.eye(len(train))
-            weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
-            turn, bias = discriminants(within @ weights, targets[train])
-            decided[row, fold] = (across @ weights @ turn + bias).argmax(axis=1)
-    right = (decided == labels) & np.isin(np.arange(n), judged)
-    chosen = np.full_like(labels, -1)
-    for fold in folds:
-        # the other folds alone choose the penalty of a fold: its own rows must not
-        chosen[fold] = decided[(right.sum(axis=1) - right[:, fold].sum(axis=1)).argmax(), fold]
-    return chosen
+@dataclass(frozen=True, eq=False)
+class RidgeLearner:
+    """Kernel ridge regression, as the module describes it, in float.
+
+    gram: (n, n) of ``gram_of``, of n rows of features. owner: (n) recording of each row; the first row of a recording
+    is its touch, further ones are copies of it, cut short, and serve for learning only. labels: of all recordings.
+    """
+
+    gram: np.ndarray
+    owner: np.ndarray
+    labels: np.ndarray
+    classes: int
+
+    @classmethod
+    def on(cls, x: np.ndarray, labels: np.ndarray, classes: int) -> RidgeLearner:
+        """On one row of features for each recording."""
+        return cls(gram_of(x), np.arange(len(x)), labels, classes)
+
+    def fit(
+        self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
+    ) -> list[KnownDecider]:
+        """As `eskin.training.judge.Learner.fit`. The penalty for a part is the one that does best on what the other
+        parts leave out."""
+        recordings, touch = np.unique(self.owner, return_index=True)
+        labels, count = self.labels[self.owner], len(self.labels)
+        targets = np.eye(self.classes)[labels]
+        unit = float(np.trace(self.gram)) / max(len(labels), 1)
+        decided = np.full((len(parts), len(PENALTIES), count), -1)
+        for number, part in enumerate(parts):
+            train = np.flatnonzero(np.isin(self.owner, part))
+            left_out = ~np.isin(recordings, part)
+            rest = touch[left_out]
+            if not len(train):
+                continue
+            within, across = self.gram[np.ix_(train, train)], self.gram[np.ix_(rest, train)]
+            for row, penalty in enumerate(PENALTIES):
+                penalised = within + penalty * unit * np.eye(len(train))
+                weights = solve(penalised, targets[train], assume_a="pos", check_finite=False)
+                turn, bias = discriminants(within @ weights, targets[train])
+                decided[number, row, recordings[left_out]] = (across @ weights @ turn + bias).argmax(axis=1)
+        right = (decided == self.labels).sum(axis=2)
+        best = (right.sum(axis=0) - right).argmax(axis=1)
+        return [KnownDecider(decided[number, row]) for number, row in enumerate(best)]
 
 
-def blocked_ridge(
-    x: np.ndarray,
-    labels: np.ndarray,
-    folds: Sequence[np.ndarray],
-    classes: int,
-    owner: np.ndarray | None = None,
-) -> np.ndarray:
-    """``ridge_decisions`` on features: a `Decide`. owner: None: every row is a recording."""
-    return ridge_decisions(gram_of(x), labels, folds, classes, np.arange(len(x)) if owner is None else owner)
+@dataclass(frozen=True, eq=False)
+class EstimatorLearner:
+    """A classifier of scikit-learn, made by ``make`` for each part. x: (n, features); owner, labels: as of
+    `RidgeLearner`."""
+
+    make: Callable[[], Any]
+    x: np.ndarray
+    owner: np.ndarray
+    labels: np.ndarray
+
+    def fit(
+        self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
+    ) -> list[KnownDecider]:
+        """As `eskin.training.judge.Learner.fit`."""
+        recordings, touch = np.unique(self.owner, return_index=True)
+        labels, deciders = self.labels[self.owner], []
+        for part in parts:
+            train, left_out = np.isin(self.owner, part), ~np.isin(recordings, part)
+            decided = np.full(len(self.labels), -1)
+            if train.any() and left_out.any():
+                decided[recordings[left_out]] = labels[train][0]
+            if len(np.unique(labels[train])) > 1 and left_out.any():
+                model = self.make().fit(self.x[train], labels[train])
+                decided[recordings[left_out]] = model.predict(self.x[touch[left_out]])
+            deciders.append(KnownDecider(decided))
+        return deciders
 
 
-def scored(
-    config: AcceleratorConfig,
-    owner: np.ndarray,
-    labels: np.ndarray,
-    folds: Sequence[np.ndarray],
-    decide: Callable[[np.ndarray, list[np.ndarray]], np.ndarray],
-) -> ScoredCandidate:
-    """A front end, judged by ``decide(labels of the rows, their folds)`` of its rows; ``owner``: the recording of
-    each. A recording without a row counts as wrong. The first row of a recording is its touch; further ones are
-    copies of it, cut short."""
-    recordings, first = np.unique(owner, return_index=True)
-    place = np.full(len(labels), -1)
-    place[recordings] = first
-    correct = np.zeros(len(labels), dtype=bool)
-    if len(recordings) >= 2:
-        parts = [part for part in (place[fold][place[fold] >= 0] for fold in folds) if len(part)]
-        correct[recordings] = decide(labels[owner], parts)[first] == labels[recordings]
-    return ScoredCandidate(Candidate.screened(config), correct, len(labels) - len(recordings))
+def correct_without(tests: Sequence[Rows], learner: Learner, labels: np.ndarray) -> np.ndarray:
+    """(recordings) 1 where ``learner`` decides correctly when each of ``tests`` is left out in turn."""
+    everything = np.arange(len(labels))
+    decisions = judge(learner, folds_of(tests, [0], everything), labels)
+    return decisions.correct.reindex(everything, fill_value=0.0).to_numpy()
 
 
 def integer_features(config: AcceleratorConfig, touches: Any) -> np.ndarray:
@@ -184,6 +210,14 @@ def integer_features(config: AcceleratorConfig, touches: Any) -> np.ndarray:
             )
     codes = normalise(filled, touches.sums, touches.completed, mean, scale)
     return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
+
+
+def screened(config: AcceleratorConfig, learner: RidgeLearner, tests: Sequence[Rows]) -> ScoredCandidate:
+    """A front end, judged by ridge regression; a recording without a row counts as wrong."""
+    missed = len(learner.labels) - len(np.unique(learner.owner))
+    return ScoredCandidate(
+        Candidate.screened(config), correct_without(tests, learner, learner.labels), missed
+    )
 
 
 class Screen:
@@ -253,13 +287,11 @@ class Screen:
                 pass
         return np.zeros(0, dtype=np.int64), np.zeros((0, 1))
 
-    def judged(
-        self, config: AcceleratorConfig, folds: Sequence[np.ndarray], decide: Decide = blocked_ridge
-    ) -> ScoredCandidate:
-        """Judge one front end, leaving out ``folds`` in turn."""
-        (owner, x), classes = self.features(config), len(self.recordings.class_names)
-        by_features = lambda labels, parts: decide(x, labels, parts, classes, owner)
-        return scored(config, owner, self.recordings.labels, folds, by_features)
+    def judged(self, config: AcceleratorConfig, tests: Sequence[Rows]) -> ScoredCandidate:
+        """Judge one front end, leaving out ``tests`` in turn."""
+        owner, x = self.features(config)
+        labels, classes = self.recordings.labels, len(self.recordings.class_names)
+        return screened(config, RidgeLearner(gram_of(x), owner, labels, classes), tests)
 
     def gates(self, base: Record, progress: Callable[[int, int], None]) -> list[list[AcceleratorConfig]]:
         """Candidates with means alone. For each gate: all windows, first those of the longest touch that
@@ -384,9 +416,8 @@ class FrontEndSearch(Search):
         """Cross-validate a front end."""
         owner, gram = self.front_ends.gram(config, self.rows)
         recordings = self.front_ends.recordings
-        classes = len(recordings.class_names)
-        by_gram = lambda labels, parts: ridge_decisions(gram, labels, parts, classes, owner)
-        return scored(config, owner, recordings.labels[self.rows], self.folds, by_gram)
+        labels, classes = recordings.labels[self.rows], len(recordings.class_names)
+        return screened(config, RidgeLearner(gram, owner, labels, classes), self.folds)
 
     def ranked(self, configs: Iterable[AcceleratorConfig] | None = None) -> list[ScoredCandidate]:
         """Front ends that were judged, best first. configs: None: all."""

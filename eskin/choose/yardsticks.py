@@ -11,12 +11,12 @@
 """
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from eskin.choose.front_ends import Decide, Screen, blocked_ridge, others
+from eskin.choose.front_ends import EstimatorLearner, RidgeLearner, Screen, correct_without
 from eskin.golden.core import AcceleratorConfig, Progress, Record
 from eskin.golden.data import Recordings
 from eskin.training.fit import one_thread
@@ -82,28 +82,6 @@ def raw_features(recordings: Recordings) -> np.ndarray:
     return scaled(np.concatenate([tables[name][:, :own] for name in STATISTICS[:3]], axis=1))
 
 
-def by_folds(model: Callable[[], Any]) -> Decide:
-    """A `Decide` that fits ``model`` without each fold in turn, in place of ``blocked_ridge``."""
-
-    def decide(
-        x: np.ndarray,
-        labels: np.ndarray,
-        folds: Sequence[np.ndarray],
-        classes: int,
-        owner: np.ndarray | None = None,
-    ) -> np.ndarray:
-        decided = np.full(len(x), -1)
-        for fold in folds:
-            train = others(np.arange(len(x)) if owner is None else owner, fold)
-            if len(np.unique(labels[train])) > 1:
-                decided[fold] = model().fit(x[train], labels[train]).predict(x[fold])
-            elif len(train):
-                decided[fold] = labels[train][0]
-        return decided
-
-    return decide
-
-
 def support_vectors() -> Any:
     """Support vectors with a radial basis function, one against one."""
     from sklearn.svm import SVC
@@ -149,12 +127,15 @@ def yardsticks(
     (False), whole (it sees whole recordings)} each.
     """
     parts, classes = split_folds(recordings, groups, folds, None), len(recordings.class_names)
+    labels = recordings.labels
     name = "RBF-SVM on the same features"
-    rows = [_row(name, groups, Screen(recordings).judged(config, parts, by_folds(support_vectors)).correct)]
+    owner, x = Screen(recordings).features(config)
+    vectors = EstimatorLearner(support_vectors, x, owner, labels)
+    rows = [_row(name, groups, correct_without(parts, vectors, labels))]
     progress(name, 1, 4)
     x, parts = raw_features(recordings), [part for part in parts if len(part)]
     name = "linear classifier on whole recordings"
-    correct = blocked_ridge(x, recordings.labels, parts, classes) == recordings.labels
+    correct = correct_without(parts, RidgeLearner.on(x, labels, classes), labels)
     rows.append(_row(name, groups, correct) | {"multiplies": x.shape[1] * classes, "whole": True})
     progress(name, 2, 4)
 
@@ -162,10 +143,11 @@ def yardsticks(
     parts = [part for part in split_folds(few, groups, folds, None) if len(part)]
 
     x = scaled(np.concatenate(list(statistics(few).values()), axis=1))
-    kinds = {"RBF-SVM": by_folds(support_vectors), "random forest": by_folds(forest)}
-    for number, (name, decide) in enumerate(kinds.items()):
+    kinds = {"RBF-SVM": support_vectors, "random forest": forest}
+    for number, (name, make) in enumerate(kinds.items()):
         name = f"{name} on statistics of whole recordings"
-        correct = decide(x, few.labels, parts, classes, np.arange(len(x))) == few.labels
+        learner = EstimatorLearner(make, x, np.arange(len(x)), few.labels)
+        correct = correct_without(parts, learner, few.labels)
         rows.append(_row(name, groups, correct) | {"whole": True})
         progress(name, 3 + number, 4)
     return rows
@@ -194,7 +176,8 @@ def neighbours_alike(recordings: Recordings, folds: int) -> tuple[float, float, 
         members = np.flatnonzero(labels == label)
         blocks[members] = np.arange(len(members)) * folds // len(members)
     neighbours = [part for part in (np.flatnonzero(blocks == k) for k in range(folds)) if len(part)]
-    single = blocked_ridge(x, labels, split_folds(recordings, [], folds, 0), classes) == labels
-    blocked = blocked_ridge(x, labels, neighbours, classes) == labels
-    difference = single.astype(float) - blocked
+    learner = RidgeLearner.on(x, labels, classes)
+    single = correct_without(split_folds(recordings, [], folds, 0), learner, labels)
+    blocked = correct_without(neighbours, learner, labels)
+    difference = single - blocked
     return float(single.mean()), float(blocked.mean()), float(difference.std(ddof=1) / np.sqrt(len(labels)))

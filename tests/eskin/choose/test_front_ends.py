@@ -16,15 +16,16 @@ from eskin.choose.front_ends import (
     PENALTIES,
     FrontEnds,
     FrontEndSearch,
+    RidgeLearner,
     Screen,
     _fewer_scans,
-    blocked_ridge,
     listed,
 )
 from eskin.choose.sturdy import Hardening
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
+from eskin.training.judge import folds_of, judge
 from eskin.training.linear_fit import discriminants
 from eskin.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
@@ -92,7 +93,7 @@ BASE = AcceleratorConfig.of(
 
 # ---------------------------------------------------------------------- the judge
 @each_row("width", [8, 70])  # few features: normal equations; more than recordings: the inverse for all folds
-def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
+def test_ridge_regression_is_fitted_again_for_every_fold(width):
     rng = np.random.default_rng(0)
     labels = np.arange(60) % 3
     x = rng.normal(0, 1, (60, width)) + (0.8 if width == 8 else 2.0) * np.eye(width)[labels]
@@ -112,8 +113,9 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     for fold in folds:
         elsewhere = np.setdiff1d(np.arange(60), fold)
         expected[fold] = decided[np.argmax((decided == labels)[:, elsewhere].sum(axis=1)), fold]
-    decisions = blocked_ridge(x, labels, folds, 3)
-    assert (decisions == expected).all() and 0.35 < (decisions == labels).mean() < 1
+    decisions = judge(RidgeLearner.on(x, labels, 3), folds_of(folds, [0], np.arange(60)), labels).table
+    assert (decisions["integer"] == expected[decisions["recording"]]).all()
+    assert 0.35 < decisions["integer_accuracy"].mean() < 1
 
 
 @each_row(

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from eskin.choose.front_ends import EstimatorLearner, correct_without
 from eskin.choose.yardsticks import (
     BANDS,
     PARTS,
     STATISTICS,
-    by_folds,
     forest,
     raw_features,
     statistics,
@@ -33,11 +33,11 @@ def test_nothing_of_the_fold_is_learnt():
     labels = rng.integers(0, 2, 40)
     x = rng.normal(size=(40, 200))  # says nothing of the label
     folds = np.array_split(np.arange(40), 2)
-    for model in (support_vectors, forest):
-        decide = by_folds(model)
-        assert (decide(x + 4 * labels[:, None], labels, folds, 2) == labels).mean() > 0.95
-        copied = decide(np.r_[x, x], np.r_[labels, labels], folds, 2, np.tile(np.arange(40), 2))
-        assert 0.2 < np.mean(copied[:40] == labels) < 0.8  # copies of a fold are left out with it
+    for make in (support_vectors, forest):
+        learner = EstimatorLearner(make, x + 4 * labels[:, None], np.arange(40), labels)
+        assert correct_without(folds, learner, labels).mean() > 0.95
+        copies = EstimatorLearner(make, np.r_[x, x], np.tile(np.arange(40), 2), labels)
+        assert 0.2 < correct_without(folds, copies, labels).mean() < 0.8  # left out with their recording
 
 
 def test_statistics_of_the_whole_stand_behind_those_of_the_parts():
