@@ -309,12 +309,14 @@ class Searched:
     """The whole choice, as a learner: front end and network are searched inside each part, and the network taken is
     trained on the whole part.
 
-    settings: their groups are left out inside the parts, too.
+    settings: their groups are left out inside the parts, too. chosen: the candidate of each part that was fitted, in
+    their order.
     """
 
     plan: Plan
     settings: CrossValidationSettings
     search_options: SearchOptions
+    chosen: list[Candidate] = dataclasses.field(default_factory=list)
 
     def choose(self, parts: Sequence[Rows]) -> list[Candidate]:
         """Choices that each see only one of ``parts``."""
@@ -344,10 +346,11 @@ class Searched:
         """As `eskin.training.judge.Learner.fit`. Networks of one candidate train at once."""
         numbers: dict[bytes, int] = {}
         places = [numbers.setdefault(part.tobytes(), len(numbers)) for part in parts]
-        chosen = self.choose([parts[places.index(number)] for number in range(len(numbers))])
+        of_part = self.choose([parts[places.index(number)] for number in range(len(numbers))])
+        self.chosen[:] = [of_part[place] for place in places]
         fitted: dict[int, FittedNetwork] = {}
-        for candidate in dict.fromkeys(chosen):
-            own = [number for number, place in enumerate(places) if chosen[place] == candidate]
+        for candidate in dict.fromkeys(self.chosen):
+            own = [number for number, taken in enumerate(self.chosen) if taken == candidate]
             learner = NetworkLearner(self.settings.datasets, candidate.config, candidate.recipe)
             networks = learner.fit([parts[n] for n in own], [seeds[0] for _ in own], progress)
             fitted |= dict(zip(own, networks, strict=True))
@@ -372,12 +375,11 @@ def unseen(
     learner = Searched(plan, brief, search_options)
     decisions = judge(learner, folds, recordings.labels, settings.progress)
     per_fold = decisions.per_fold(recordings, split)
-    for fold, (_, network) in zip(per_fold, decisions.fitted, strict=False):  # of the first seed
-        config, recipe = network.learner.config, network.learner.recipe
+    for fold, candidate in zip(per_fold, learner.chosen, strict=False):  # of the first seed
         del fold["by_seed"]
-        fields = front_end_fields(config)
+        fields = front_end_fields(candidate.config)
         fold |= {"front_end": fields, "front_end_words": front_end_words(fields)}
-        fold["network"] = network_name(Candidate(config, config, recipe).network)
+        fold["network"] = network_name(candidate.network)
     return {
         "groups": list(split),
         "folds": len(tests),

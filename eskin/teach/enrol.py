@@ -32,18 +32,17 @@ from eskin.golden.model import (
     FloatModel,
     IntegerModel,
     check_model_target,
-    decide_touches,
     load_config,
     load_training,
     network_formats,
     network_shapes,
     run,
 )
-from eskin.golden.model.pipeline import by_recording
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.training.batches import Batches, drawn_rows
-from eskin.training.datasets import Dataset, find_dataset, touch_rows
-from eskin.training.fit import Loss, fit_networks, post_training, train_integers
+from eskin.training.datasets import Dataset, Datasets, find_dataset, touch_rows
+from eskin.training.fit import Loss, train_integers
+from eskin.training.judge import FittedNetwork, NetworkLearner, Rows
 from eskin.training.losses import Progress, class_loss
 from eskin.training.prototypes import by_last_step, teach_recordings, teach_touches, with_prototypes
 from eskin.training.quantise import IntegerNetwork, profile, range_records
@@ -74,14 +73,6 @@ the first training's rate. The penalty without them was chosen on seeds 0 to 2 o
 the smallest tried (0.01, 0.03, 0.1) that costs the other sequences less than half a point."""
 
 
-@dataclass(frozen=True)
-class Pair:
-    """A network in its two forms, of one configuration: masters and the codes that the hardware holds."""
-
-    real: FloatModel
-    integer: IntegerModel
-
-
 def _of_weights(before: FloatModel, weights: Arrays) -> FloatModel:
     """The float network of other ``weights`` (by the integer network's names) that is else as ``before``."""
     # a second bias row that the hardware adds to the first is 0: the first holds the sum
@@ -90,8 +81,8 @@ def _of_weights(before: FloatModel, weights: Arrays) -> FloatModel:
     return FloatModel(before.config, {**before.arrays, **real})
 
 
-def load_pair(folder: str | Path) -> Pair:
-    """Both forms of the model in a folder. If the integers were trained themselves
+def load_network(folder: str | Path, data: Dataset) -> FittedNetwork:
+    """Both forms of the model in a folder, for the touches of ``data``. If the integers were trained themselves
     (quantisation-aware), training continues from them, otherwise from the float weights.
 
     Raises
@@ -104,18 +95,17 @@ def load_pair(folder: str | Path) -> Pair:
         formats = network_formats(integer.config)
         weights = {name: formats[name].to_real(integer.arrays[name]) for name in formats}
         real = _of_weights(real, weights)
-    return Pair(real, integer)
+    return FittedNetwork(real, integer, data)
 
 
 def fit(
-    pairs: Sequence[Pair],
-    data: Dataset,
+    networks: Sequence[FittedNetwork],
     recipe: Recipe,
     new: Sequence[np.ndarray],
     old: Sequence[np.ndarray] | None,
     seed: int,
     progress: Progress = lambda done, total: None,
-) -> list[Pair]:
+) -> list[FittedNetwork]:
     """Train each network on with its new touches, in integer arithmetic; those of the same formats at once;
     deterministic by ``seed``.
 
@@ -124,7 +114,7 @@ def fit(
     recipe:
         Loss and augmentation, as in their first training.
     new, old:
-        For each network the rows of ``data`` to enrol, and those of the old recordings; None: there are none.
+        For each network the rows of its touches to enrol, and those of the old recordings; None: there are none.
     """
     setting = SETTINGS[old is not None]
 
@@ -139,7 +129,7 @@ def fit(
             rows = drawn_rows(fresh, count, generator), drawn_rows(before, batch - count, generator)
             return torch.cat(rows, dim=-1)
 
-        real = [pairs[number].real.arrays for number in members]
+        real = [networks[number].real.arrays for number in members]
         scales = [(arrays["mu"].tolist(), arrays["sigma"].tolist()) for arrays in real]
         return Batches(data, config, recipe, fresh, generator, scales=scales, draw=draw)
 
@@ -156,12 +146,13 @@ def fit(
 
         return loss
 
-    models, integers = [pair.real for pair in pairs], [pair.integer for pair in pairs]
+    data = networks[0].data
+    models, integers = [each.real for each in networks], [each.integer for each in networks]
     trained = train_integers(
         models, integers, batches_of, loss_of, setting.updates, setting.learning_rate, progress
     )
     return [
-        Pair(_of_weights(model, weights), integer)
+        FittedNetwork(_of_weights(model, weights), integer, data)
         for model, (integer, weights) in zip(models, trained, strict=True)
     ]
 
@@ -238,8 +229,7 @@ def enrol(
             f"model '{model_dir}', field readout: is 'prototypes', which would not fit the new weights; "
             "give --teach in place of --data, or quantise it without --readout first"
         )
-    pair, record = load_pair(model_dir), load_training(model_dir)
-    config = pair.integer.config
+    record, config = load_training(model_dir), IntegerModel.load(model_dir).config
     few = for_model(few, config)
     old = None if old is None else for_model(old, config)
     recipe = noted_recipe(record, config)
@@ -259,10 +249,11 @@ def enrol(
         raise InputError(
             f"recordings '{old.source}': have no touch; leave --with out, or check their onsets with 'eskin inspect'"
         )
-    (enrolled,) = fit([pair], data, recipe, [new], None if old is None else [former], seed, progress)
+    network = load_network(model_dir, data)
+    (enrolled,) = fit([network], recipe, [new], None if old is None else [former], seed, progress)
 
-    def share(of: Pair, part: np.ndarray) -> float | None:
-        return float(right(of.integer, data)[part].mean()) if part.any() else None
+    def share(of: FittedNetwork, part: np.ndarray) -> float | None:
+        return share_right(of, everything.labels, np.flatnonzero(part))
 
     result: Record = {
         "data": str(few.source),
@@ -270,9 +261,9 @@ def enrol(
         "seed": seed,
         "touches": touches,
         "setting": dataclasses.asdict(SETTINGS[old is not None]),
-        "before": share(pair, is_new),
+        "before": share(network, is_new),
         "after": share(enrolled, is_new),
-        "old_before": share(pair, ~is_new),
+        "old_before": share(network, ~is_new),
         "old_after": share(enrolled, ~is_new),
         "wall_s": time.perf_counter() - begin,
     }
@@ -289,9 +280,9 @@ def enrol(
     return result
 
 
-def right(model: IntegerModel, data: Dataset) -> np.ndarray:
-    """(R) bool: which recordings are decided as labelled; no decision is wrong."""
-    return by_recording(decide_touches(model, data.touches).decision, data.index) == data.labels
+def share_right(network: FittedNetwork, labels: np.ndarray, rows: Rows) -> float | None:
+    """The share of ``rows`` that the integers decide as labelled; no decision is wrong. None: no rows."""
+    return float((network.decide(rows).integer == labels[rows]).mean()) if len(rows) else None
 
 
 def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Record:
@@ -451,17 +442,12 @@ def _judge_values(
     aside: np.ndarray,
     trial: EnrolmentTrial,
 ) -> list[Record]:
-    recipe = choose_recipe(config)
-    data, everything = find_dataset(recordings, config, recipe), np.arange(len(recordings))
-    parts = {
-        value: touch_rows(data, np.setdiff1d(everything[~aside], members))
-        for value, members in values.items()
-    }
-    models = fit_networks(data, config, recipe, [*parts.values()], trial.seed, lambda done, total: None)
-    before = {
-        value: Pair(model, post_training(model, data, rows, {}))
-        for (value, rows), model in zip(parts.items(), models, strict=True)
-    }
+    learner = NetworkLearner(Datasets(recordings), config, choose_recipe(config))
+    data, everything = learner.data, np.arange(len(recordings))
+    parts = {value: np.setdiff1d(everything[~aside], members) for value, members in values.items()}
+    networks = learner.fit([*parts.values()], [trial.seed] * len(parts))
+    before = dict(zip(parts, networks, strict=True))
+    trained_on = {value: touch_rows(data, part) for value, part in parts.items()}
     ks = sorted({*trial.ks} | ({0} if trial.readout == "prototypes" else set()))
     lessons = []
     for value, members in values.items():
@@ -473,20 +459,24 @@ def _judge_values(
                 rows = touch_rows(data, np.concatenate([of_class[:k] for of_class in drawn]))
                 lessons.append(Lesson(value, k, rows, judged))
     if trial.readout == "prototypes":
-        after = _taught(recordings, trial, data, parts, before, lessons)
+        models = _taught(recordings, trial, data, trained_on, before, lessons)
+        after = [
+            dataclasses.replace(before[lesson.value], integer=m)
+            for lesson, m in zip(lessons, models, strict=True)
+        ]
     else:
-        old, new = [parts[lesson.value] for lesson in lessons], [lesson.rows for lesson in lessons]
-        pairs = [before[lesson.value] for lesson in lessons]
-        after = [pair.integer for pair in fit(pairs, data, recipe, new, old, trial.seed)]
-    at_first = {value: right(pair.integer, data) for value, pair in before.items()}
+        old, new = [trained_on[lesson.value] for lesson in lessons], [lesson.rows for lesson in lessons]
+        after = fit([before[lesson.value] for lesson in lessons], learner.recipe, new, old, trial.seed)
+    others = [np.setdiff1d(everything[aside], values[lesson.value]) for lesson in lessons]
     found: list[Record] = []
-    for lesson, model in zip(lessons, after, strict=True):
-        members, decided = values[lesson.value], (at_first[lesson.value], right(model, data))
-        judging = lesson.judged, np.setdiff1d(everything[aside], members)
-        shares = [float(of[where].mean()) if len(where) else None for where in judging for of in decided]
-        row: Record = {"value": lesson.value, "k": lesson.k, "lacking": lacking(recordings, members)}
-        row |= dict(zip(("recordings", "others"), map(len, judging), strict=True))
-        found.append(row | dict(zip(FIGURES, shares, strict=True)))
+    for number, (lesson, aside_of_others) in enumerate(zip(lessons, others, strict=True)):
+        row: Record = {"value": lesson.value, "k": lesson.k}
+        row["lacking"] = lacking(recordings, values[lesson.value])
+        row |= {"recordings": len(lesson.judged), "others": len(aside_of_others)}
+        for name, rows in (("", lesson.judged), ("others_", aside_of_others)):
+            for when, network in (("before", before[lesson.value]), ("after", after[number])):
+                row[f"{name}{when}"] = share_right(network, recordings.labels, rows)
+        found.append(row)
     return found
 
 
@@ -495,7 +485,7 @@ def _taught(
     trial: EnrolmentTrial,
     data: Dataset,
     parts: Arrays,
-    networks: Mapping[str, Pair],
+    networks: Mapping[str, FittedNetwork],
     lessons: Sequence[Lesson],
 ) -> list[IntegerModel]:
     """For each lesson the network with prototypes of what it was trained on, taught the lesson's touches."""

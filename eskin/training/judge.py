@@ -70,16 +70,11 @@ class Learner(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FittedNetwork:
-    """A network, float and integer, and the learner that made it."""
+    """A network, float and integer, and the touches that it decides."""
 
     real: FloatModel
     integer: IntegerModel
-    learner: NetworkLearner
-
-    @property
-    def data(self) -> Dataset:
-        """Touches of the archive under the network's front end."""
-        return self.learner.data
+    data: Dataset
 
     def decide(self, rows: Rows) -> Decided:
         """As `Decider.decide`."""
@@ -116,7 +111,7 @@ class NetworkLearner:
         report = named(progress, "cross-validation")
         models = fit_networks(data, self.config, self.recipe, rows, int(seeds[0]), report)
         return [
-            FittedNetwork(model, post_training(model, data, part, self.widths or {}), self)
+            FittedNetwork(model, post_training(model, data, part, self.widths or {}), data)
             for model, part in zip(models, rows, strict=True)
         ]
 

@@ -9,12 +9,14 @@ import pytest
 
 from eskin.cli.common import show
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, load_config, run
+from eskin.golden.model import FloatModel, IntegerModel, load_config, run
 from eskin.teach import enrol as enrolling
 from eskin.teach.enrol import EnrolmentTrial, enrol, judge, summary, teach_folder
+from eskin.training import judge as judging
 from eskin.training import prototypes as prototypes_of
 from eskin.training.evaluate import evaluate
 from eskin.training.integers import quantise
+from eskin.training.judge import FittedNetwork
 from eskin.training.train import train
 from tests.support.folder import exchanges
 from tests.support.prices import priced
@@ -98,16 +100,14 @@ def test_a_new_mounting_is_learnt_and_only_weights_change(model, tmp_path, old):
 def test_an_enrolment_that_loses_does_not_pass(model, tmp_path, monkeypatch, new, known, passed):
     """By the accuracies (before, after) on the new recordings and on the known ones; at most a hundredth of
     these may be lost."""
-    pair = enrolling.load_pair(model)
-    trained = replace(pair, integer=replace(pair.integer, source="trained on"))
+    trained = FittedNetwork(FloatModel.load(model), IntegerModel.load(model), None)
 
-    def measure(integer, data):
-        which = int(integer is trained.integer)
-        is_new = np.arange(len(data.index)) < len(FEW)
-        return np.where(is_new, new[which], known[which] if known else 0)
+    def measure(network, labels, rows):
+        shares = new if 0 in rows else known
+        return shares[int(network is trained)] if len(rows) else None
 
     monkeypatch.setattr(enrolling, "fit", lambda *_: [trained])
-    monkeypatch.setattr(enrolling, "right", measure)
+    monkeypatch.setattr(enrolling, "share_right", measure)
     result = enrol(model, FEW, tmp_path / "m", old=OLD if known else None)
     assert result["passed"] is passed and (result["before"], result["after"]) == pytest.approx(new)
 
@@ -157,17 +157,17 @@ def test_enrolment_is_judged_on_what_no_training_saw(monkeypatch):
 def test_nothing_of_the_left_out_value_is_learnt_before_it_is_enrolled(monkeypatch):
     """What both trainings are given; the second changes nothing."""
     seen: dict = {}
-    fit_first = enrolling.fit_networks
+    fit_first = judging.fit_networks
 
     def first(data, config, recipe, parts, *rest):
         seen.update(first=parts)
         return fit_first(data, config, recipe, parts, *rest)
 
-    def more(pairs, data, recipe, new, old, *rest):
-        seen.update(recording=data.touches.recording, new=new, old=old)
-        return list(pairs)
+    def more(networks, recipe, new, old, *rest):
+        seen.update(recording=networks[0].data.touches.recording, new=new, old=old)
+        return list(networks)
 
-    monkeypatch.setattr(enrolling, "fit_networks", first)
+    monkeypatch.setattr(judging, "fit_networks", first)
     monkeypatch.setattr(enrolling, "fit", more)
     judge(BOTH, trial(ks=(2,)))
     recording, mounting = seen["recording"], BOTH.groups["mounting"]
