@@ -5,7 +5,7 @@
 # make mutants    break the code in 154 small ways and see which of them the tests miss: build/mutants/mutants.md
 # make fuzz       10 000 damaged inputs, command lines and calls, new ones in every run; what failed before comes first
 # make designs    300 random designs against the golden model, the same way
-# make wheel-test  the wheel in an empty environment, without extras; needs a package index
+# make wheel-test  the wheel of a zip in an empty environment, and a checkout, both without links; needs a package index
 # make where NAME=classifier   module, test, proof and golden model of a block, a stage or a verb
 # make budget     tokens by folder, options, configuration fields beside their caps of budget.toml; fails above one
 # make docs       the documents as a site with an API reference: build/docs/index.html
@@ -28,11 +28,12 @@ tools:
 tools-test:
 	@sh scripts/check_tools.sh $(PYTHON) test
 
-# setuptools comes with the lock, so the project is built with it and nothing else is fetched.
+# setuptools comes with the lock, so the project is built with it and nothing else is fetched. "compat" puts this
+# folder on the path, where static tools of other projects find it; the default is an import hook, which they cannot read.
 $(INSTALLED): requirements.lock pyproject.toml | tools
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install $(PIP_ARGS) -r requirements.lock
-	$(BIN)/python -m pip install --no-deps --no-build-isolation -e .
+	$(BIN)/python -m pip install --no-deps --no-build-isolation --config-settings editable_mode=compat -e .
 	@touch $@
 
 run: $(INSTALLED)

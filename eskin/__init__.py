@@ -10,10 +10,14 @@ In Python::
 
 The names of this module are public (docs/python.md). Each is loaded on first use, so ``import eskin`` is
 quick and does not need torch. ``eskin.golden`` (models), ``eskin.rtl`` (hardware) and ``eskin.cosim``
-(benches) stand at the top of the checkout; links in this folder make them parts of the package.
+(benches) stand at the top of a checkout, where `Beside` finds them. Links in this folder lead editors and mypy
+there; nothing else needs them.
 """
 
+import os
 import pkgutil
+import sys
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +29,23 @@ if TYPE_CHECKING:
     from eskin.golden.data import Recordings
     from eskin.golden.model import Stream, Trace
     from eskin.golden.model.stream import Decision
+
+PARTS = ("eskin.golden", "eskin.rtl", "eskin.cosim")
+"""Parts of the package that a checkout has beside this folder, and an installation in it."""
+
+
+class Beside:
+    """Finds the `PARTS` of a checkout."""
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        """A part, by the name under which it is imported."""
+        return PathFinder.find_spec(name, [os.path.dirname(__path__[0])]) if name in PARTS else None
+
+
+_inside = f"{__path__[0]}/golden"
+if os.path.islink(_inside) or not os.path.isdir(_inside):
+    sys.meta_path.insert(0, Beside)  # before the links: a module has one file, the one that git knows
 
 __version__ = version("eskin")
 

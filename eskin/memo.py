@@ -18,7 +18,7 @@ from typing import Any
 from eskin.golden.core.files import locked, write_json
 
 PACKAGE = Path(__file__).absolute().parent
-"""The folder of the installed package, with ``golden``, ``rtl`` and ``cosim`` in it."""
+"""The folder of the package; ``golden``, ``rtl`` and ``cosim`` are in it, or beside it in a checkout."""
 
 TOOLS = (
     "torch",
@@ -41,9 +41,12 @@ def code_version(*folders: str) -> str:
     """
     digest = hashlib.sha256()
     for folder in folders:
-        top = PACKAGE / folder
+        roof = next(  # where links are not to be had, a file of the link's name holds its text
+            roof for roof in (PACKAGE, PACKAGE.parent) if (roof / folder).is_dir() or Path(folder).suffix
+        )
+        top = roof / folder
         for path in sorted(top.rglob("*")) if top.is_dir() else [top]:
-            way = path.relative_to(PACKAGE)
+            way = path.relative_to(roof)
             if path.is_file() and not any(
                 part == "__pycache__" or part.startswith(".") for part in way.parts
             ):

@@ -2,8 +2,10 @@
 
 import os
 import re
+import shutil
 import stat
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -69,21 +71,49 @@ def tools(tmp_path) -> Path:
 
 
 def test_every_folder_of_code_is_a_package_of_the_wheel():
-    from setuptools import find_packages
-
+    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    tops = {
+        name: ROOT / name.removeprefix("eskin.")
+        for name in ("eskin", "eskin.golden", "eskin.rtl", "eskin.cosim")
+    }
+    mapped = {name: ROOT / folder for name, folder in options["package-dir"].items()}
+    assert {"eskin": ROOT / "eskin"} | mapped == tops
     folders = {
-        path.parent
-        for top in ("eskin", "golden", "rtl", "cosim")
-        for path in (ROOT / top).rglob("*.py")
+        ".".join((top, *path.parent.relative_to(folder).parts))
+        for top, folder in tops.items()
+        for path in folder.rglob("*.py")  # rglob follows no links
         if path.parent.name != "templates"  # a text that eskin generate writes
     }
-    names = {
-        ".".join(("eskin", *(part for part in folder.relative_to(ROOT).parts if part != "eskin")))
-        for folder in folders
-    }
-    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]
-    # a folder without __init__.py would be left out
-    assert sorted(find_packages(str(ROOT), include=options["include"])) == sorted(names)
+    assert sorted(options["packages"]) == sorted(folders)
+
+
+@pytest.mark.parametrize("beside", ["link", "text", "nothing", "installed"])
+def test_the_parts_are_found_beside_the_package_with_links_and_without(beside, tmp_path):
+    golden = "golden" if beside != "installed" else "eskin/golden"
+    for folder in ("eskin", golden):
+        (tmp_path / folder).mkdir()
+    shutil.copy(ROOT / "eskin" / "__init__.py", tmp_path / "eskin")
+    shutil.copy(ROOT / "golden" / "__init__.py", tmp_path / golden)
+    for part in ("golden", "rtl", "cosim"):
+        place = tmp_path / "eskin" / part
+        if beside == "link":
+            place.symlink_to(f"../{part}")
+        elif beside == "text":
+            place.write_text(f"../{part}")
+        elif beside == "installed":
+            place.mkdir(exist_ok=True)
+            (tmp_path / part).mkdir()  # of somebody else
+            (tmp_path / part / "__init__.py").touch()
+    code = "import eskin.golden; print(eskin.golden.__file__)"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        env={"PYTHONPATH": str(tmp_path)},
+    )
+    assert done.stdout.strip() == str(tmp_path / golden / "__init__.py"), done.stderr
 
 
 @pytest.mark.parametrize(

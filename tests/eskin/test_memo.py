@@ -48,12 +48,20 @@ def test_recordings_and_models_have_their_content():
     assert first == again != third
 
 
+@pytest.mark.parametrize("links", [True, False])
 @each_row("changed", ["rtl/a.py", "rtl/cells.v", "rtl/new/part.py"])
-def test_every_source_is_in_the_code_version(changed, monkeypatch, tmp_path):
+def test_every_source_is_in_the_code_version(changed, links, monkeypatch, tmp_path):
+    package = tmp_path / "eskin"
+    package.mkdir()
+    for part in ("rtl", "golden"):
+        if links:
+            (package / part).symlink_to(f"../{part}")
+        else:
+            (package / part).write_text(f"../{part}")
     for name in ("rtl/a.py", "rtl/cells.v", "golden/a.py", "rtl/__pycache__/a.pyc"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("1")
-    monkeypatch.setattr(memo, "PACKAGE", tmp_path)
+    monkeypatch.setattr(memo, "PACKAGE", package)
     golden, both, one_file = code_version("golden"), code_version("golden", "rtl"), code_version("rtl/a.py")
     (tmp_path / "rtl/__pycache__/a.pyc").write_text("2")
     assert code_version("golden", "rtl") == both
