@@ -351,13 +351,6 @@ class ExportRequest(ModelOptions):
 
 # ---------------------------------------------------------------------- studies
 @request
-class SweepRequest(EvaluationOptions, FrontEndOptions, ClusterOptions):
-    out: Path = option("Folder of sweep.json and the chart.", Path("build/sweep"))
-    accuracy_floor: float | None = option("Required accuracy on new recordings.", min=0, max=1)
-    latency_budget: float | None = option("Maximum time from features to decision, in seconds.", min=0)
-
-
-@request
 class BaselinesRequest(EvaluationOptions, ClusterOptions):
     out: Path = option("Folder for baselines.json.", Path("build/baselines"))
 

@@ -32,7 +32,7 @@ from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
 from eskin.study import baselines
-from eskin.verbs import energy_job, sweep_job
+from eskin.verbs import energy_job
 from tests.support.link_device import Device, golden_decisions
 from tests.support.recipes import few_updates
 from tests.support.small_designs import TRACKED
@@ -130,7 +130,6 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
         ("chosen-kinds", "image"),
     ),
-    "sweep": ("sweep --data {data} {sweep} --group person --out {out}", ("linear",)),
     "baselines": ("baselines --data {data} --group person --out {out}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
@@ -380,9 +379,6 @@ class Case:
     def scale(self) -> str:
         return "--mean 0 --std 255" if self.kind == "image" else f"--data {self.data()}"
 
-    def sweep(self) -> str:
-        return "" if self.kind == "image" else f"--config {self.config()}"
-
     def lanes(self) -> str:
         return "4" if self.kind == "image" else "1"
 
@@ -409,8 +405,6 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
     monkeypatch.chdir(shop)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # workers would begin by importing torch
-    for name, value in {"FOLDS": 2, "CELLS": [("gru", "before", 4)], "NETWORKS": ("tactnet-half",)}.items():
-        monkeypatch.setattr(sweep_job, name, value)
     monkeypatch.setattr(baselines, "run", partial(baselines.run, folds=2, seeds=1))
     few_updates(monkeypatch, 60)
     return lambda kind: Case(shop, kind, tmp_path)

@@ -1,6 +1,5 @@
 """Verbs that study a model or many of them."""
 
-from eskin.choose.choice_table import left_out
 from eskin.cli.common import (
     app,
     fitting_config,
@@ -12,32 +11,9 @@ from eskin.cli.common import (
     show,
     show_text,
 )
-from eskin.golden.core import InputError, Record
+from eskin.golden.core import Record
 from eskin.golden.model import load_config
-from eskin.requests import BaselinesRequest, ReportRequest, RunRequest, StabilityRequest, SweepRequest
-
-
-@app.command(
-    epilog="Example: eskin sweep --data recordings.npz --accuracy-floor 0.95 --latency-budget 100e-6"
-)
-def sweep(request: SweepRequest) -> None:
-    """Train and quantise 90 networks, plot accuracy against cost, and name the smallest that is enough."""
-    from eskin.verbs import sweep_job
-
-    recordings, user_config = load_data(request.data, request.config)
-    images = recordings.image_shape is not None
-    if images and request.config is not None:
-        raise InputError("--config: a sweep over images has its own networks; leave it out")
-    config = None if images else fitting_config(recordings, user_config, request.groups).config
-    with progress_bars() as report:
-        result = sweep_job.run(request, recordings, config, progress=report)
-    point = result["points"][result["recommended"]]
-    bits = {name: point["config"].get(name) for name in ("weight_bits", "state_bits")}
-    options = "".join(f" --{name.replace('_', '-')} {width}" for name, width in bits.items() if width)
-    train = f"eskin train --data {request.data} --config {request.out / sweep_job.CONFIG} --out MODEL"
-    names = [f"unseen {left_out(split['groups'])} (%)" for split in point["splits"]]
-    command = f"{train}, then eskin quantise MODEL{options}"
-    show("sweep", **result, names=names, command=command, out=request.out)
+from eskin.requests import BaselinesRequest, ReportRequest, RunRequest, StabilityRequest
 
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")

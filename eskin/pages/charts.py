@@ -1,4 +1,4 @@
-"""Common parts of the charts, and the chart of a sweep."""
+"""Common parts of the charts."""
 
 import base64
 import io
@@ -14,7 +14,6 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, PercentFormatter
 
-from eskin.choose.choice_table import left_out
 from eskin.choose.cost import pareto
 from eskin.golden.core import Record
 from eskin.pages.views import count
@@ -58,14 +57,22 @@ def svg(figure: Figure) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str) -> None:
-    """Accuracy of ``rows`` against a cost in millionths of its unit, with the front of those that none beats in both; the chosen one is named.
+def log_axis(axes: Axes) -> None:
+    """A logarithmic axis along x whose ticks are plain figures."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(lambda value, _: count(value) if value >= 10 else f"{value:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor: float = 1e6) -> None:
+    """Accuracy of ``rows`` against ``factor`` times a cost, with the front of those that none beats in both; the chosen one is named.
 
     rows: accuracy, standard_error, the cost, chosen, fits (its mark is filled), name; of those judged under
     disturbance also stress and stressed_accuracy, to which a line leads down.
     """
     # rounded, so that costs that are equal but for their last bits are one
-    shown = [row | {cost: float(f"{1e6 * row[cost]:.6g}")} for row in rows]
+    shown = [row | {cost: float(f"{factor * row[cost]:.6g}")} for row in rows]
     line = [(shown[index][cost], shown[index]["accuracy"]) for index in pareto(shown, cost)]
     axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
     for row in shown:
@@ -96,42 +103,7 @@ def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str) -> Non
         # a gate that always opens lies below the drawing
         lowest = min(*stressed, *(row["accuracy"] for row in rows))
         axes.set_ylim(lowest - 0.05, min(axes.get_ylim()[1], 1.03))
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.xaxis.set_major_formatter(lambda value, _: count(value) if value >= 10 else f"{value:g}")
-    axes.xaxis.set_minor_formatter(NullFormatter())
+    log_axis(axes)
     axes.set(xlabel=label, ylabel="accuracy, integer, cross-validated")
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-
-
-# ---------------------------------------------------------------------- a sweep
-COSTS = {
-    "latency_s": "last features or pixel to decision (µs)",
-    "energy_j": "energy of a touch or an image (µJ, estimate, iCE40UP5K)",
-}
-"""Costs that accuracy is set against: key of a point, label."""
-
-
-def accuracy_chart(result: Record) -> Figure:
-    """A row a split: accuracy, with its deviation over seeds, against latency and energy."""
-    splits = result["points"][0]["splits"]
-    with rc_context(STYLE | {"axes.grid": True}):
-        figure = Figure(figsize=(14, 1 + 3.8 * len(splits)), layout="constrained")
-        figure.suptitle(f"{result['data']}: {result['sentence']}; grey: the best at each cost", fontsize=10)
-        panels = figure.subplots(len(splits), len(COSTS), squeeze=False)
-        for number, split in enumerate(splits):
-            rows = [
-                point
-                | {
-                    "accuracy": point["splits"][number]["integer_accuracy"],
-                    "standard_error": float(np.std(point["splits"][number]["integer_by_seed"])),
-                    "chosen": place == result["recommended"],
-                    "fits": True,
-                }
-                for place, point in enumerate(result["points"])
-            ]
-            for axes, (cost, label) in zip(panels[number], COSTS.items(), strict=True):
-                draw_costs(axes, rows, cost, label)
-                axes.set_title(f"left out: {left_out(split['groups'])}")
-    return figure

@@ -35,7 +35,7 @@ from eskin.choose.choice_table import (
     windows_brief,
 )
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.pages.charts import SCANS, STYLE, draw_costs, svg
+from eskin.pages.charts import CHOSEN, SCANS, STYLE, draw_costs, log_axis, svg
 from eskin.pages.views import page, short_name, tables, words, write_text
 from eskin.training.formats import describe_formats
 
@@ -131,15 +131,26 @@ def fewer_scans(front_end: Record) -> list[Record]:
     return found
 
 
-def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> Figure:
-    """Accuracy of every candidate against energy of a touch (`eskin.pages.charts.draw_costs`). Crosses show what
+AXES = {
+    "energy_touch_j": ("energy of a touch", " (µJ)", 1e6),
+    "latency_s": ("last sample to decision", " (µs)", 1e6),
+    "cells": ("logic cells", "", 1),
+}
+"""Costs that accuracy is drawn against: name, unit, and what a row's figure is multiplied with for it."""
+
+
+def draw_candidates(
+    rows: Sequence[Record], front_end: Record | None = None, cost: str = "energy_touch_j"
+) -> Figure:
+    """Accuracy of every candidate against a cost of AXES (`eskin.pages.charts.draw_costs`). Crosses, of energy alone, show what
     `fewer_scans` buy: front ends alone, by the linear classifier that chose among them."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     axes = figure.subplots()
     named = [row | {"name": network_name(row)} for row in rows]
-    draw_costs(axes, named, "energy_touch_j", "energy of a touch (µJ)")
-    scans = fewer_scans(front_end) if front_end else []
+    name, symbol, factor = AXES[cost]
+    draw_costs(axes, named, cost, name + symbol, factor)
+    scans = fewer_scans(front_end) if front_end and cost == "energy_touch_j" else []
     if len(scans) > 1:
         places = [(1e6 * row["energy_touch_j"], row["accuracy"]) for row in scans]
         axes.plot(*zip(*places, strict=True), ":x", color=SCANS, linewidth=0.8, zorder=1)
@@ -150,6 +161,23 @@ def draw_candidates(rows: Sequence[Record], front_end: Record | None = None) -> 
     lines = "; lines down: under disturbance" * any(row.get("stress") for row in rows)
     crosses = "\ncrosses: front ends alone, one frame in k scanned" * (len(scans) > 1)
     axes.set_title(f"grey: the best at each cost; {filled}{lines}{crosses}")
+    return figure
+
+
+def draw_lanes(rows: Sequence[Record], lanes: int) -> Figure:
+    """Logic cells against the time to a decision of one network, a point for each number of lanes; the point of
+    ``lanes`` is filled. rows: lanes, latency_s, cells."""
+    figure = Figure(figsize=(10.4, 3.6), layout="constrained")
+    axes = figure.subplots()
+    places = [(1e6 * row["latency_s"], row["cells"]) for row in rows]
+    axes.plot(*zip(*places, strict=True), "o-", color=CHOSEN, linewidth=0.8, markerfacecolor="white")
+    for row, place in zip(rows, places, strict=True):
+        axes.annotate(str(row["lanes"]), place, (4, 5), textcoords="offset points", fontsize=8)
+        if row["lanes"] == lanes:
+            axes.plot(*place, "o", color=CHOSEN)
+    log_axis(axes)
+    axes.set(xlabel="last sample or pixel to decision (µs)", ylabel="logic cells")
+    axes.set_title(f"number: lanes; filled: the {lanes} of this result")
     return figure
 
 
@@ -216,15 +244,21 @@ def _render(values: Record) -> str:
         "candidates": candidates,
         "confusions": lambda split: confusions(split, config.network.class_names),
     }
+    with rc_context(STYLE):
+        charts = {
+            AXES[cost][0]: svg(draw_candidates(candidates, front_end, cost))
+            for cost in AXES
+            if values["candidates"]
+        }
+        if run.get("lanes"):
+            charts["lanes"] = svg(draw_lanes(run["lanes"], config.hardware.lanes))
+    values["charts"] = charts
     if config.is_image:
         errors = {row["stage"]: row for row in values["evaluate"]["stages"]}
         return page("images.html.j2", **values, errors=errors, formats=describe_formats(config))
-    with rc_context(STYLE):
-        chart = svg(draw_candidates(candidates, front_end)) if candidates else None
     return page(
         "report.html.j2",
         **values,
-        chart=chart,
         runs=[played for played in (values["cosim"], values["declared"], values["lowest"]) if played],
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],

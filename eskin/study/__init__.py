@@ -1,1 +1,1 @@
-"""Studies of a model: sweep, stability, energy, other methods."""
+"""Studies of a model: stability, energy, other methods."""

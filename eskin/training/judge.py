@@ -90,12 +90,11 @@ class FittedNetwork:
 @dataclass(frozen=True, eq=False)
 class NetworkLearner:
     """The network of a configuration, trained by a recipe and quantised with ranges of its own part; all parts
-    train at once. widths: bits, as ``eskin.training.quantise.choose_formats`` takes them."""
+    train at once."""
 
     datasets: Datasets
     config: AcceleratorConfig
     recipe: Recipe
-    widths: Record | None = None
 
     @property
     def data(self) -> Dataset:
@@ -111,7 +110,7 @@ class NetworkLearner:
         report = named(progress, "cross-validation")
         models = fit_networks(data, self.config, self.recipe, rows, int(seeds[0]), report)
         return [
-            FittedNetwork(model, post_training(model, data, part, self.widths or {}), data)
+            FittedNetwork(model, post_training(model, data, part, {}), data)
             for model, part in zip(models, rows, strict=True)
         ]
 
@@ -304,7 +303,6 @@ def cross_validate(
     *,
     folds: int = 5,
     recipe: Recipe | None = None,
-    widths: Record | None = None,
     datasets: Datasets | None = None,
     progress: Progress | None = None,
 ) -> list[Record]:
@@ -320,8 +318,6 @@ def cross_validate(
         Group names for each split (``label`` is the class); empty: stratified by class.
     seeds:
         A network for each fold and seed; figures are means over seeds of the share of recordings.
-    widths:
-        Bits, as ``eskin.training.quantise.choose_formats`` takes them.
     datasets:
         Touches that were found before.
 
@@ -345,7 +341,7 @@ def cross_validate(
         for split, of_split in enumerate(tests)
         for fold in folds_of(of_split, [seed], everything, split)
     ]
-    learner = NetworkLearner(datasets, config, recipe, widths)
+    learner = NetworkLearner(datasets, config, recipe)
     decisions = judge(learner, every, recordings.labels, progress)
     times = step_times(config, learner.data.touches)
     return [

@@ -1,4 +1,4 @@
-"""Cost of a design before it is made: the one model that the choice of `train` and `run` and the sweep use.
+"""Cost of a design before it is made: the one model that the choice of `train` and `run` uses.
 
     E(touch) = frames * cycles of a frame * (e_clock + (FRAME_TOGGLES + ONSET_TOGGLES) * e_toggle)
              + steps * (cycles of a step * (e_clock + STEP_TOGGLES * e_toggle) + multiplies * e_multiply)
@@ -15,6 +15,7 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.rtl.fpga.block_memories import block_memories
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target
+from eskin.rtl.image.image_engine import LANES as IMAGE_LANES
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
 from eskin.study.energy import estimate, scheduled_activity
 from eskin.verbs.build_job import suited
@@ -33,6 +34,8 @@ CELLS = {
     "few taxels": 322.6,
 }
 """Logic cells of each part of a design, fitted to synthesised ones."""
+IMAGE_CELLS = {"always": 1210.2, "lanes": 25.7}
+"""The same of a network for images, within 9 % of three networks counted on 1 to 8 lanes."""
 DEFENCE_CELLS = {"hits": 11, "detector": 58}
 """Logic cells of an onset rule that asks several times and of the fault detector, as docs/robustness.md counts
 them."""
@@ -88,10 +91,26 @@ def parts_of(config: AcceleratorConfig) -> dict[str, float]:
 
 
 def cells_of(config: AcceleratorConfig) -> int:
-    """Logic cells, onset to decision, by CELLS and DEFENCE_CELLS."""
+    """Logic cells, onset to decision, by CELLS and DEFENCE_CELLS; of a network for images by IMAGE_CELLS."""
+    if config.is_image:
+        return round(IMAGE_CELLS["always"] + IMAGE_CELLS["lanes"] * config.hardware.lanes)
     defences = DEFENCE_CELLS["hits"] * (config.onset_rule.onset_span > 1)
     defences += DEFENCE_CELLS["detector"] * (config.faults.fault_frames > 0)
     return defences + round(sum(CELLS[name] * count for name, count in parts_of(config).items()))
+
+
+def by_lanes(config: AcceleratorConfig) -> list[Record]:
+    """{lanes, latency_s (last sample or pixel to decision), cells} of a network on every number of lanes that BOARD has multipliers for;
+    one of them stays for element-wise operations, which images have none of."""
+    target = find_target(BOARD)
+    most = target.room.multipliers if target.room else 1
+    rows = []
+    for lanes in IMAGE_LANES if config.is_image else range(1, most):
+        if lanes <= most:
+            on = suited(config, target, lanes)
+            latency_s = decision_cycles(on) / target.clock_hz
+            rows.append({"lanes": lanes, "latency_s": latency_s, "cells": cells_of(on)})
+    return rows
 
 
 @lru_cache(maxsize=1024)

@@ -54,7 +54,7 @@ from eskin.training import LEARNING, evaluate, integers
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs.cost import CODE as COST
-from eskin.verbs.cost import cost_model
+from eskin.verbs.cost import by_lanes, cost_model
 from eskin.verbs.flow import cosimulate, one_of_each
 from eskin.verbs.generate_job import generate_design
 from eskin.verbs.milestones import shown
@@ -234,6 +234,7 @@ class _Steps:
             "data": self._data(),
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
             "candidates": training.get("candidates"),
+            "lanes": by_lanes(config),
             "baselines": baselines,
             "doubts": found,
             "warnings": doubts.sentences(found),

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from eskin.golden.core import AcceleratorConfig, QFormat
+from eskin.golden.core.images import network
 from eskin.rtl.fpga.targets import target
-from eskin.rtl.program.schedule import mean_frame_cycles
+from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles
 from eskin.study.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
-from eskin.verbs.cost import CELLS, blocks_of, cost_of, fits, on_board
+from eskin.verbs.cost import CELLS, blocks_of, by_lanes, cost_of, fits, on_board
 from scripts import ROOT
 from scripts.cost_model import DESIGNS, errors, fit, read_rows, without_it
 
@@ -46,3 +48,40 @@ def test_lanes_are_at_most_those_that_the_board_has_multipliers_for():
     assert [(of.lanes, of.lane_type) for of in made.values()] == [(7, "dsp"), (8, "plain"), (8, "plain")]
     assert cost_of(config) == cost_of(config.with_lanes(7)) != cost_of(config.with_lanes(6))
     assert fits(config, "ulx3s") and not fits(config, "tangnano9k")
+
+
+def test_a_network_is_priced_on_every_number_of_lanes():
+    config = DESIGNS["16 taxels, mean, GRU 8, P = 4"]
+    rows = by_lanes(config)
+    assert [row["lanes"] for row in rows] == list(range(1, 8))
+    cost = cost_of(config)
+    assert [rows[3]["latency_s"], rows[3]["cells"]] == [cost.latency_s, cost.cells]
+    cells, times = ([row[key] for row in rows] for key in ("cells", "latency_s"))
+    assert cells == sorted(set(cells)) and times == sorted(times, reverse=True)
+
+
+COUNTED = {
+    "tactnet": (1253, 1286, 1361, 1551),
+    "four": (1291, None, 1414, 1352),
+    "tactnet-half": (1186, 1198, 1240, 1360),
+}
+"""LUT4 of networks for images of 28 x 50 pixels and 22 classes, 8 bits, on 1, 2, 4 and 8 lanes, synthesised."""
+
+
+def test_cells_of_networks_for_images_are_within_9_percent_of_the_counted():
+    for name, counted_cells in COUNTED.items():
+        classes = [f"class{number}" for number in range(22)]
+        config = AcceleratorConfig.of_image(28, 50, network(name, 22), classes, name=name)
+        weights = len(config.weighted_stages)
+        config = config.replace(
+            weight_formats=(QFormat(1, 7),) * weights,
+            map_formats=(QFormat(3, 5, signed=False),) * (weights - 1),
+            logit_format=QFormat(8, 8),
+        )
+        rows = by_lanes(config)
+        assert [row["lanes"] for row in rows] == [1, 2, 4, 8]
+        assert (
+            rows[-1]["latency_s"] == decision_cycles(config.with_lanes(8)) / 12e6 < rows[0]["latency_s"] / 6
+        )
+        for row, cells in zip(rows, counted_cells, strict=True):
+            assert cells is None or row["cells"] == pytest.approx(cells, rel=0.09)

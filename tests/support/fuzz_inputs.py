@@ -404,7 +404,6 @@ train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @
 cosim ../in/model --data @
-sweep --data @
 baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
@@ -453,7 +452,6 @@ quantise model --data ../in/recordings.npz
 quantise model --weight-bits #
 """
 CONFIGURED = """train --data ../in/recordings.npz --out made --config @
-sweep --data ../in/recordings.npz --config @
 import ../in/network.pt --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
 train --data synthetic --out made --config @
@@ -462,7 +460,6 @@ IMAGES = """inspect @ --json look.json
 convert @ --out small.npz
 train --data @ --out made
 train --data @ --out made --cell tactnet
-sweep --data @ --out swept
 evaluate ../in/image_model --data @ --json e.json
 compare ../in/image_model --data @
 stability ../in/image_model --data @ --out stable

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import pytest
 
 from eskin.choose.candidate import front_end_fields
-from eskin.pages.report import draw_candidates, fewer_scans, summary, write_report
+from eskin.pages.report import AXES, draw_candidates, draw_lanes, fewer_scans, summary, write_report
 from eskin.pages.views import count, hertz, percent, seconds
 from tests.support.result_case import CONFIG, STAGE_COUNTS, edit, make_result
 from tests.support.table import each_row, refused
@@ -131,6 +131,24 @@ def test_the_chart_shows_the_cheapest_tied_front_end_of_each_scan_every():
     assert {"1/1", "1/8"} <= {text.get_text() for text in axes.texts} and axes.get_ylim()[0] < 0.4
 
 
+LANES = [dict(lanes=lanes, latency_s=1e-4 / lanes, cells=600 + 35 * lanes) for lanes in (1, 2, 4)]
+
+
+def test_accuracy_is_drawn_against_each_cost_and_cells_against_the_time_of_each_number_of_lanes():
+    rows = under_stress(True)
+    for cost, place in (("energy_touch_j", 1.0), ("latency_s", 4.0), ("cells", 900)):
+        (axes,) = draw_candidates(rows, cost=cost).axes
+        (name,) = (text for text in axes.texts if text.get_text().startswith("chosen: GRU 4"))
+        assert name.xy == (place, 0.97) and axes.get_xlabel().startswith(AXES[cost][0])
+    (axes,) = draw_lanes(LANES, 2).axes
+    line, filled = axes.lines
+    assert line.get_xydata().tolist() == [
+        [pytest.approx(1e6 * row["latency_s"]), row["cells"]] for row in LANES
+    ]
+    assert filled.get_xydata().tolist() == [[pytest.approx(50.0), 670]]
+    assert [text.get_text() for text in axes.texts] == ["1", "2", "4"]
+
+
 @pytest.mark.parametrize("held", [True, False])
 def test_the_verdict_counts_the_disturbances_that_it_held(result, held):
     edit(result / "run.json", candidates=under_stress(held))
@@ -207,12 +225,12 @@ def test_a_changed_file_changes_the_page(words_before, result, file, change, exp
 
 
 def test_the_page_stands_alone_and_is_the_same_when_made_again(result):
-    edit(result / "run.json", candidates=under_stress(True))
+    edit(result / "run.json", candidates=under_stress(True), lanes=LANES)
     path = write_report(result)
     first = path.read_bytes()
     assert write_report(result).read_bytes() == first
     page = Page(path)
-    assert len([a for a in page.addresses if a.startswith("data:image/svg+xml;base64,")]) == 1
+    assert len([a for a in page.addresses if a.startswith("data:image/svg+xml;base64,")]) == 4
     assert not [a for a in page.addresses if not a.startswith(("data:", "#"))]
     assert "script" not in page.tags and "link" not in page.tags
     assert not re.search(r"url\(|@import", path.read_text())

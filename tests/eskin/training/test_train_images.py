@@ -10,8 +10,10 @@ import torch
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
+from eskin.jobs import Jobs
 from eskin.memo import Memo
 from eskin.requests import TrainRequest
+from eskin.training import image_models
 from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import _scale, equalised, quantised
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
@@ -111,6 +113,25 @@ def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     assert written == ["model"]
     assert coarse.config.weight_bits == 4
     assert evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
+
+
+def test_a_fold_of_every_network_comes_before_the_next_fold(monkeypatch, tmp_path):
+    scene, begun = shapes(6, 0, (8, 10)), []
+
+    def judge(shared, piece):
+        """The float network knows all, integers the first two classes."""
+        begun.append(piece.config.name)
+        truth = shared[1][np.array(piece.left_out)]
+        return {"float": truth.tolist(), "integer": np.minimum(truth, 1).tolist()}
+
+    monkeypatch.setattr(image_models, "judge", judge)
+    networks = [image_config(scene, name) for name in ("four", "tactnet-half")]
+    judged = image_models.judged_folds(scene, networks, [], 3, [0], QUICK, Jobs(workers=1), Memo(tmp_path))
+    assert begun == 3 * ["four", "tactnet-half"]
+    splits = [image_models.split_of(scene, [], of_network) for of_network in judged]
+    assert [(split["float_accuracy"], split["integer_accuracy"]) for split in splits] == 2 * [
+        (1, pytest.approx(2 / 3))
+    ]
 
 
 def test_auto_takes_the_smallest_that_is_level():
