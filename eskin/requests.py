@@ -124,13 +124,6 @@ class FrontEndOptions(DataOptions):
 
 
 @request
-class EvaluationOptions(GroupOptions, DataOptions):
-    """Recordings to judge networks on, by what is left out."""
-
-    group: str | None = option("Groups A[,B..] to leave out together. Default: the configuration's splits.")
-
-
-@request
 class ChoiceOptions(GroupOptions, FrontEndOptions):
     """Recordings to choose, judge and train a network on; what is not asked for is chosen."""
 
@@ -350,11 +343,6 @@ class ExportRequest(ModelOptions):
 
 
 # ---------------------------------------------------------------------- studies
-@request
-class BaselinesRequest(EvaluationOptions, ClusterOptions):
-    out: Path = option("Folder for baselines.json.", Path("build/baselines"))
-
-
 @request
 class StabilityRequest(ModelDataOptions, ClusterOptions):
     out: Path = option(

@@ -16,7 +16,6 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from string import Formatter
 from typing import Any
@@ -31,7 +30,6 @@ from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
-from eskin.study import baselines
 from eskin.verbs import energy_job
 from tests.support.link_device import Device, golden_decisions
 from tests.support.recipes import few_updates
@@ -130,7 +128,6 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
         ("chosen-kinds", "image"),
     ),
-    "baselines": ("baselines --data {data} --group person --out {out}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
         (),
@@ -196,7 +193,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "is a network for images, which this verb does not take",
     ),
     (
-        ("baselines", "enrol --evaluate", "enrol --evaluate --readout"),
+        ("enrol --evaluate", "enrol --evaluate --readout"),
         ("image",),
         "array images: holds images, which this verb does not take",
     ),
@@ -405,7 +402,6 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
     monkeypatch.chdir(shop)
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # workers would begin by importing torch
-    monkeypatch.setattr(baselines, "run", partial(baselines.run, folds=2, seeds=1))
     few_updates(monkeypatch, 60)
     return lambda kind: Case(shop, kind, tmp_path)
 

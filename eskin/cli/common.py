@@ -45,7 +45,7 @@ again."""
 PANELS = {
     "The whole job": ("run", "report"),
     "Recordings": ("inspect", "convert", "watch"),
-    "Networks": ("train", "import_", "enrol", "quantise", "evaluate", "compare", "baselines"),
+    "Networks": ("train", "import_", "enrol", "quantise", "evaluate", "compare"),
     "Hardware": ("generate", "export", "cosim", "build", "replay", "asic", "schedule", "energy", "stability"),
 }
 """Verbs as the help groups them."""

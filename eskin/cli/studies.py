@@ -1,19 +1,9 @@
 """Verbs that study a model or many of them."""
 
-from eskin.cli.common import (
-    app,
-    fitting_config,
-    load_data,
-    messages,
-    progress_bars,
-    recordings_for,
-    say,
-    show,
-    show_text,
-)
+from eskin.cli.common import app, messages, progress_bars, recordings_for, say, show, show_text
 from eskin.golden.core import Record
 from eskin.golden.model import load_config
-from eskin.requests import BaselinesRequest, ReportRequest, RunRequest, StabilityRequest
+from eskin.requests import ReportRequest, RunRequest, StabilityRequest
 
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
@@ -28,19 +18,6 @@ def stability(request: StabilityRequest) -> Record:
         result = stability_job.run(request, recordings, progress=report)
     show("stability", **result, figure=figure_in_words, page=request.out / PAGE)
     return result
-
-
-@app.command(epilog="Example: eskin baselines --data recordings.npz --group person")
-def baselines(request: BaselinesRequest) -> None:
-    """Compare scikit-learn's classifiers and a float GRU on the same folds: accuracy and cost."""
-    from eskin.study.baselines import run
-
-    recordings, _ = load_data(request.data)
-    front_end = fitting_config(recordings, None, request.groups)
-    with progress_bars() as report:
-        result = run(request, recordings, front_end.config, progress=report)
-    show("baselines", **result)
-    say(f"files: {request.out}")
 
 
 @app.command(epilog="Example: eskin run --data recordings.npz --recordings 40 --out result")

@@ -1,28 +1,20 @@
-"""Other methods on the touches and folds of our networks: scikit-learn's classifiers, and a GRU in float;
-their accuracy on unseen recordings, and their cost.
+"""Other methods on the touches and folds of our networks, examples/thesis for one: their accuracy on unseen
+recordings, and their cost.
 
 A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
 touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
-touch at a time, are those of the processor, in one thread. Whoever has another method gives `run` a
-`Method` of his own (examples/thesis does).
+touch at a time, are those of the processor, in one thread.
 """
 
-import itertools
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from sklearn.base import clone
-from sklearn.ensemble import RandomForestClassifier
-from sklearn.linear_model import LogisticRegression
-from sklearn.model_selection import GridSearchCV, StratifiedKFold
-from sklearn.neighbors import KNeighborsClassifier
-from sklearn.svm import SVC
 
 from eskin.golden.core import (
     AcceleratorConfig,
@@ -37,14 +29,12 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, Touches, decide_touches, real_by_input, real_features
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
-from eskin.requests import BaselinesRequest
 from eskin.study.touch_ends import touches_and_ends
 from eskin.training import LEARNING
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
-from eskin.training.formats import with_network
-from eskin.training.recipe import Recipe, choose_recipe
-from eskin.training.splits import check_split, default_splits, split_folds
+from eskin.training.recipe import Recipe
+from eskin.training.splits import check_split, split_folds
 
 FLOAT_BYTES = 4
 """Bytes of a parameter."""
@@ -137,59 +127,6 @@ class Method:
         raise NotImplementedError
 
 
-# ---------------------------------------------------------------------- the methods
-def cost_of(model: Any, x: np.ndarray, classes: int) -> tuple[int, int]:
-    """Parameters and multiplies of an estimator that was fitted to ``x``: of a logistic regression, a support vector
-    machine, k neighbours; of trees feature and threshold of every fork, shares of the classes of every leaf."""
-    if hasattr(model, "coef_"):
-        return model.coef_.size + model.intercept_.size, model.coef_.size
-    if hasattr(model, "support_"):
-        vectors, pairs = len(model.support_), classes * (classes - 1) // 2
-        return vectors * (x.shape[1] + classes - 1) + pairs, vectors * (x.shape[1] + classes)
-    if not hasattr(model, "estimators_"):
-        return x.size + len(x), x.size
-    leaves = sum(int(tree.get_n_leaves()) for tree in model.estimators_)
-    forks = sum(int(tree.tree_.node_count) for tree in model.estimators_) - leaves
-    return 2 * forks + classes * leaves, 0
-
-
-@dataclass(frozen=True)
-class Classifier(Method):
-    """A classifier of scikit-learn on all windows of a touch.
-
-    model: the classifier; its ``random_state`` becomes the seed. grid: the values of which three stratified inner
-    folds choose, fewer where a class is small, none where a class has a single touch; whole numbers there count
-    touches.
-    """
-
-    model: Any
-    grid: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-
-    def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
-        return [self._fit(scene, part, seed) for part in parts]
-
-    def _fit(self, scene: Scene, part: np.ndarray, seed: int) -> Fitted:
-        labels = scene.labels[part]
-        counts = np.unique(labels, return_counts=True)[1]
-        if len(counts) < 2:  # the one class that the part has
-            return Fitted(lambda rows: np.full(len(rows), labels[0]), 1, 0)
-        x = scene.windows(part).reshape(len(scene.labels), -1)
-        model = clone(self.model)
-        if "random_state" in model.get_params():
-            model.set_params(random_state=seed)
-        # whole numbers count touches: no more than an inner fold leaves
-        grid = {
-            name: [value for value in values if not isinstance(value, int) or value <= max(1, len(part) // 3)]
-            for name, values in self.grid.items()
-        }
-        if grid and counts.min() > 1:
-            inner = StratifiedKFold(min(3, int(counts.min())), shuffle=True, random_state=seed)
-            model = GridSearchCV(model, grid, cv=inner).fit(x[part], labels).best_estimator_
-        else:
-            model.fit(x[part], labels)
-        return Fitted(lambda rows: model.predict(x[rows]), *cost_of(model, x[part], scene.classes))
-
-
 @dataclass(frozen=True)
 class Network(Method):
     """A recurrent network in float, trained by our recipe or another; all parts at once.
@@ -214,24 +151,6 @@ class Network(Method):
             return decided
 
         return [Fitted(partial(decide, model), model.config.parameter_count, multiplies) for model in models]
-
-
-def _gru(config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:
-    changed = with_network(config, cell="gru", hidden=12)
-    return changed, choose_recipe(changed)
-
-
-_METHODS: tuple[Method, ...] = (
-    Classifier(
-        "logistic", "logistic regression", LogisticRegression(max_iter=2000), {"C": (0.1, 1.0, 10.0, 100.0)}
-    ),
-    Classifier("svm", "RBF-SVM", SVC(), {"C": (1.0, 10.0, 100.0), "gamma": ("auto", "scale")}),
-    Classifier("forest", "random forest", RandomForestClassifier(200)),
-    Classifier("neighbours", "k nearest neighbours", KNeighborsClassifier(), {"n_neighbors": (1, 3, 5, 9)}),
-    Network("gru", "GRU 12, float", _gru),
-)
-METHODS = {method.name: method for method in _METHODS}
-"""Methods of `eskin baselines`, by name."""
 
 
 # ---------------------------------------------------------------------- judging
@@ -299,8 +218,6 @@ def timed(model: Fitted, rows: np.ndarray) -> list[float]:
     return microseconds
 
 
-# ---------------------------------------------------------------------- the verb
-
 CACHE = Path("build/baseline_runs")
 """Finished runs by content, safe to delete."""
 CODE = partial(code_version, *LEARNING)
@@ -308,23 +225,24 @@ RESULT = "baselines.json"
 
 
 def run(
-    request: BaselinesRequest,
     recordings: Recordings,
     config: AcceleratorConfig,
+    methods: Sequence[Method],
+    groups: Sequence[str],
+    out: Path,
     *,
-    methods: Sequence[Method] = _METHODS,
     folds: int = 5,
     seeds: int = 3,
     progress: Progress | None = None,
 ) -> Record:
-    """Judge the methods on every split, ``folds`` each and ``seeds`` runs of a fold, one job each, and write
-    baselines.json.
+    """Judge the methods with ``groups`` left out (none: random folds), ``folds`` and ``seeds`` runs of a fold, one
+    job each, and write baselines.json into the folder ``out``.
 
-    ``config``: the front end that finds the touches. Without groups every split that it names is judged.
+    ``config``: the front end that finds the touches.
 
     Returns
     -------
-    rows (`judge`, best first within a split), left_out (method, split, reason), recordings, classes, config,
+    rows (`judge`, best first), left_out (method, split, reason), recordings, classes, config,
     seeds, folds, data, wall_s.
 
     Raises
@@ -333,30 +251,27 @@ def run(
         A folder or a group that cannot be used, before anything is trained; or no method can be judged.
     """
     begin = time.perf_counter()
-    check_target(request.out / RESULT)
-    splits = default_splits(recordings, config) if request.groups is None else [request.groups]
-    for groups in splits:
-        check_split(recordings, groups, folds)
-    content = [recordings.content, CODE(), config.to_dict(), seeds, folds]
+    check_target(out / RESULT)
+    check_split(recordings, groups, folds)
+    content = [recordings.content, CODE(), config.to_dict(), seeds, folds, list(groups)]
     pieces = {
-        content_key("baseline", *content, method.name, list(groups)): (method, groups, range(seeds), folds)
-        for method, groups in itertools.product(methods, splits)
+        content_key("baseline", *content, method.name): (method, groups, range(seeds), folds)
+        for method in methods
     }
-    jobs, scene = Jobs(dask=request.dask, progress=progress, version=CODE), Scene.of(recordings, config)
-    outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged")
-    rows = [row for row in outcomes.values() if "refused" not in row]
+    jobs, scene = Jobs(progress=progress, version=CODE), Scene.of(recordings, config)
+    outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged").values()
     left_out = [
         {"method": row["method"], "split": row["split"], "reason": row["refused"]}
-        for row in outcomes.values()
+        for row in outcomes
         if "refused" in row
     ]
+    rows = [row for row in outcomes if "refused" not in row]
     if not rows:
         raise InputError(
             f"baselines: no method works on these recordings; the first one reports: {left_out[0]['reason']}"
         )
-    order = [list(groups) for groups in splits]
     result = {
-        "rows": sorted(rows, key=lambda row: (order.index(row["groups"]), -row["accuracy"])),
+        "rows": sorted(rows, key=lambda row: -row["accuracy"]),
         "left_out": left_out,
         "data": str(recordings.source),
         "recordings": len(recordings),
@@ -366,5 +281,5 @@ def run(
         "folds": folds,
         "wall_s": time.perf_counter() - begin,
     }
-    write_json(request.out / RESULT, result)
+    write_json(out / RESULT, result)
     return result

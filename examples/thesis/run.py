@@ -1,5 +1,5 @@
-"""The methods of the thesis this project starts from (M. Alameh, table 3.1) on recordings of yours, judged as
-``eskin baselines`` judges: the table, and baselines.json.
+"""The methods of the thesis this project starts from (M. Alameh, table 3.1) on recordings of yours, judged on
+the folds of our networks: the table, and baselines.json.
 
     python examples/thesis/run.py --data recordings.npz --group person --out build/thesis
 
@@ -28,11 +28,10 @@ from tensor import TENSOR
 
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.requests import BaselinesRequest
-from eskin.study.baselines import METHODS, Network, run
+from eskin.study.baselines import Network, run
 from eskin.training.derive import derive_config, for_recordings
 from eskin.training.formats import with_network
-from eskin.training.recipe import Recipe
+from eskin.training.recipe import Recipe, choose_recipe
 
 STEPS = (20, 50, 100, 200, 256)
 """Windows of a touch that the thesis tries."""
@@ -73,6 +72,12 @@ RECURRENT = tuple(
 )
 
 
+def our_network(config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:
+    """A GRU of 12 on all features of ``config``; the recipe of `eskin train`."""
+    changed = with_network(config, cell="gru", hidden=12)
+    return changed, choose_recipe(changed)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", required=True, help="recordings, as every verb of eskin takes them")
@@ -93,10 +98,11 @@ def main() -> None:
         recordings = load_recordings(asked.data)
         config = for_recordings(AcceleratorConfig.load(asked.config), recordings) if asked.config else None
         result = run(
-            BaselinesRequest(data=asked.data, group=asked.group, out=asked.out),
             recordings,
             config or derive_config(recordings)[0],
-            methods=[*map(methods.__getitem__, names), METHODS["gru"]],
+            [*map(methods.__getitem__, names), Network("gru", "GRU 12, our recipe", our_network)],
+            asked.group.split(",") if asked.group else [],
+            asked.out,
             folds=asked.folds,
             seeds=asked.seeds,
             progress=lambda what, done, total: print(f"{what}: {done} of {total}", file=sys.stderr),

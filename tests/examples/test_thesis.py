@@ -1,4 +1,4 @@
-"""examples/thesis: every method of it learns the scene, and one run writes the rows that eskin baselines has."""
+"""examples/thesis: every method of it learns the scene, and one run writes a row for each."""
 
 import importlib
 import json

@@ -404,7 +404,6 @@ train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @
 cosim ../in/model --data @
-baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
 enrol ../in/model --data @ --out taught
