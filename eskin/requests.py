@@ -345,12 +345,10 @@ class ExportRequest(ModelOptions):
 # ---------------------------------------------------------------------- studies
 @request
 class StabilityRequest(ModelDataOptions, ClusterOptions):
-    out: Path = option(
-        "Folder for stability.html, stability.json and recommended.json.", Path("build/stability")
-    )
+    out: Path = option("Folder for stability.html and stability.json.", Path("build/stability"))
     mode: list[str] | None = option("Only this mode; may be repeated.")
     cosim: bool = option("Confirm the weakest cases in co-simulation.", True)
-    defences: bool | None = option("Compare training with and without defences. Default: without --mode.")
+    no_defences: bool = option("Without effect: defences are not compared any more.", False, "--no-defences")
     few: int = option("Recordings per point of a curve.", 100, min=1)
 
 

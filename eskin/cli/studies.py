@@ -8,8 +8,7 @@ from eskin.requests import ReportRequest, RunRequest, StabilityRequest
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
 def stability(request: StabilityRequest) -> Record:
-    """Show where a model fails: every failure mode with a figure, a bound and a curve; benefit and cost of
-    defences."""
+    """Show where a model fails: every failure mode with a figure, a bound and a curve."""
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs import stability_job
 

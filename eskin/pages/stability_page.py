@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from eskin.golden.core import Record
 from eskin.pages.charts import STYLE, svg
-from eskin.pages.views import page, percent, tables, words, write_text
+from eskin.pages.views import page, percent, write_text
 from eskin.study.stability.core import GROUPS, weakest
 
 PAGE = "stability.html"
@@ -103,7 +103,6 @@ def write_page(folder: str | Path, result: Record) -> Path:
         failed=[record for record in result["modes"] if not record["passed"]],
         wrong=[record for record in result["modes"] if record["rtl"] and not record["rtl"]["bit_exact"]],
         confirmed=[record for record in result["modes"] if record["rtl"]],
-        defences=next(tables(words("defences", **result)), None),
     )
     write_text(path := Path(folder) / PAGE, text)
     return path

@@ -8,7 +8,7 @@ interrupted run goes on where it stopped.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,16 +17,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.device import FOREVER, Accelerator, Design
-from eskin.golden.core import (
-    PRESETS,
-    AcceleratorConfig,
-    InputError,
-    Progress,
-    Record,
-    check_target,
-    content_key,
-    write_json,
-)
+from eskin.golden.core import InputError, Progress, Record, check_target, content_key, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, find_touches
 from eskin.golden.model import run as run_golden
@@ -36,25 +27,19 @@ from eskin.pages.stability_page import PAGE, write_page
 from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
-from eskin.study import defences
 from eskin.study.stability import core as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Outcome
 from eskin.study.stability.table import MODES
 from eskin.training import LEARNING
-from eskin.training.recipe import choose_recipe
-from eskin.training.splits import default_splits
 from eskin.verbs import flow
 
 CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
-RESULT, RECOMMENDED = "stability.json", "recommended.json"
+RESULT = "stability.json"
 CONFIRMED = 3
 """Golden cases of each group, the weakest modes first, that are played into the hardware."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
-
-SEEDS = 3
-"""Of the comparison of defences."""
 
 CODE = partial(code_version, *LEARNING, "rtl", "cosim")
 """Code on which records depend beside their data and model."""
@@ -66,16 +51,15 @@ AROUND = range(-9, 3)
 
 
 def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress | None = None) -> Record:
-    """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the
-    recommended defences).
+    """Run the suite and write stability.json and stability.html.
 
     With ``request.cosim`` the weakest golden cases are confirmed in co-simulation, and modes that need the
-    hardware run. Defences are compared by cross-validation, where no mode was named.
+    hardware run.
 
     Returns
     -------
     The result, as in stability.json: model, data, recordings, clean_accuracy, modes, not_run, weakest
-    (names), defences, wall_s, passed.
+    (names), wall_s, passed.
 
     Raises
     ------
@@ -83,9 +67,8 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
         A folder that is not a quantised model, an unknown mode, recordings without a touch.
     """
     out, model_dir, few = request.out, request.model, request.few
-    compare = not request.mode if request.defences is None else request.defences
     begin = time.perf_counter()
-    for name in (RESULT, RECOMMENDED, PAGE):
+    for name in (RESULT, PAGE):
         check_target(out / name)
     for name in request.mode or ():
         if name not in MODES:
@@ -111,8 +94,6 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
         played = results(confirm, pieces, hardware, "weakest cases co-simulated")
         for record, rtl in zip(weakest, played, strict=True):
             record["rtl"] = rtl
-    compared, chosen = _defences(bench, results, compare)
-    write_json(out / RECOMMENDED, chosen.to_dict())
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in records)
     result = {
         "model": str(model_dir),
@@ -124,41 +105,12 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
             {"name": mode.name, "group": mode.group, "why": why} for mode, why in reasons.items() if why
         ],
         "weakest": [record["name"] for record in stability.weakest(records)],
-        "defences": compared,
         "passed": passed,
         "wall_s": round(time.perf_counter() - begin, 3),
     }
     write_json(out / RESULT, result)
     write_page(out, result)
     return result
-
-
-def _defences(
-    bench: Bench, results: Callable[..., list], compare: bool
-) -> tuple[list[Record], AcceleratorConfig]:
-    """Accuracy (cross-validated, if ``compare``) without and with defences, and the configuration with the recommended
-    ones."""
-    recordings, base = bench.recordings, undefended(bench.config)
-    groups, full = default_splits(recordings, bench.config)[0], defences.recommended(recordings, base)
-    rows = [("none", base, choose_recipe(base)), ("recommended", full, choose_recipe(full, robust=True))]
-    pieces = {f"defences {row[0]}": row for row in rows if compare}
-    shared = recordings, groups, SEEDS
-    compared = results(defences.judge_defences, pieces, shared, "defences cross-validated")
-    chosen = full.replace(checksum=True, watchdog=True)
-    if compared:  # an unsure decision offers its class all the same, so the threshold changes no accuracy
-        chosen = chosen.replace(margin_threshold=compared[-1]["margin"]["threshold"])
-    return compared, chosen
-
-
-def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` without its defences, from which the comparison starts. A defended configuration with a
-    preset's name gets back the preset's onset threshold and hidden units."""
-    off = dict.fromkeys(("fault_frames", "fault_activity", "margin_threshold"), 0)
-    plain = config.replace(**off, onset_hits=1, onset_span=1, checksum=False, watchdog=False)
-    preset = PRESETS.get(config.name)
-    if config.faults.fault_frames and preset:
-        plain = plain.replace(onset_threshold=preset.onset_rule.onset_threshold, hidden=preset.network.hidden)
-    return plain
 
 
 # ---------------------------------------------------------------------- what workers do

@@ -102,7 +102,7 @@ class _OnFrontEnd:
 class Panel:
     """The panel on one set of recordings.
 
-    rows: those that are disturbed. weights: of the modes in a mean. modes: by name.
+    rows: those that are disturbed. weights: of the modes in a mean.
 
     Raises
     ------
@@ -116,19 +116,18 @@ class Panel:
         weights: Mapping[str, float] | None = None,
         count: int = RECORDINGS,
         turns: int = TURNS,
-        modes: Mapping[str, Mode] = MODES,
     ) -> None:
         weights = dict.fromkeys(PANEL, 1.0) if weights is None else weights
         for name, weight in weights.items():
-            if name not in modes or not isinstance(modes[name].run, Experiment):
-                known = ", ".join(name for name, mode in modes.items() if isinstance(mode.run, Experiment))
+            if name not in MODES or not isinstance(MODES[name].run, Experiment):
+                known = ", ".join(name for name, mode in MODES.items() if isinstance(mode.run, Experiment))
                 raise InputError(f"--stress, mode '{name}': is unknown here; the modes are {known}")
             if weight < 0:
                 raise InputError(f"--stress, mode '{name}': has the weight {weight}; give 0 or more")
         self.weights = {name: weight for name, weight in weights.items() if weight > 0}
         if not self.weights:
             raise InputError("--stress: gives no mode a weight above 0; give one, or --stress off")
-        self._turns, self._all, self._by_name = turns, recordings, modes
+        self._turns, self._all = turns, recordings
         self.rows = recordings.evenly(min(count, len(recordings)))
         self._recordings = recordings.subset(self.rows)
         self._known: dict[str, _OnFrontEnd] = {}
@@ -137,7 +136,7 @@ class Panel:
     def _modes(self, config: AcceleratorConfig) -> Iterator[tuple[Mode, Experiment]]:
         """The modes that apply to a front end."""
         for name in self.weights:
-            mode = self._by_name[name]
+            mode = MODES[name]
             if not why_not(mode, config) and isinstance(mode.run, Experiment):
                 yield mode, mode.run
 
