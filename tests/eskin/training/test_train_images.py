@@ -18,6 +18,7 @@ from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import _scale, equalised, quantised
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.training.integers import quantise
+from eskin.training.judge import folds_of, judge
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
@@ -115,23 +116,27 @@ def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     assert evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
 
 
-def test_a_fold_of_every_network_comes_before_the_next_fold(monkeypatch, tmp_path):
+def test_images_are_judged_by_networks_that_have_not_seen_them(monkeypatch, tmp_path):
     scene, begun = shapes(6, 0, (8, 10)), []
 
-    def judge(shared, piece):
+    def judge_fold(shared, fold):
         """The float network knows all, integers the first two classes."""
-        begun.append(piece.config.name)
-        truth = shared[1][np.array(piece.left_out)]
+        begun.append((fold.seed, fold.left_out))
+        truth = shared[1][np.array(fold.left_out)]
         return {"float": truth.tolist(), "integer": np.minimum(truth, 1).tolist()}
 
-    monkeypatch.setattr(image_models, "judge", judge)
-    networks = [image_config(scene, name) for name in ("four", "tactnet-half")]
-    judged = image_models.judged_folds(scene, networks, [], 3, [0], QUICK, Jobs(workers=1), Memo(tmp_path))
-    assert begun == 3 * ["four", "tactnet-half"]
-    splits = [image_models.split_of(scene, [], of_network) for of_network in judged]
-    assert [(split["float_accuracy"], split["integer_accuracy"]) for split in splits] == 2 * [
-        (1, pytest.approx(2 / 3))
-    ]
+    monkeypatch.setattr(image_models, "judge_fold", judge_fold)
+    config, labels, everything = image_config(scene, "four"), scene.labels, np.arange(len(scene))
+    learner = image_models.ImageLearner(scene, config, QUICK, Jobs(workers=1), Memo(tmp_path))
+    tests = [everything[start::3] for start in range(3)]
+    for _ in range(2):  # the second time nothing is trained
+        decisions = judge(learner, folds_of(tests, [4, 5], everything), labels)
+    assert begun == [(seed, tuple(test)) for seed in (4, 5) for test in tests]
+    assert decisions.shares() == {
+        "float_accuracy": 1.0,
+        "integer_accuracy": pytest.approx(2 / 3),
+        "agreement": pytest.approx(2 / 3),
+    }
 
 
 def test_auto_takes_the_smallest_that_is_level():
