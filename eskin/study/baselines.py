@@ -7,6 +7,7 @@ touch at a time, are those of the processor, in one thread. Whoever has another 
 `Method` of his own (examples/thesis does).
 """
 
+import inspect
 import itertools
 import math
 import time
@@ -337,11 +338,13 @@ def run(
     splits = default_splits(recordings, config) if request.groups is None else [request.groups]
     for groups in splits:
         check_split(recordings, groups, folds)
-    content = [recordings.content, CODE(), config.to_dict(), seeds, folds]
-    pieces = {
-        content_key("baseline", *content, method.name, list(groups)): (method, groups, range(seeds), folds)
-        for method, groups in itertools.product(methods, splits)
-    }
+    content = [recordings, CODE(), config, seeds, folds]
+    pieces = {}
+    for method, groups in itertools.product(methods, splits):
+        own: list[Any] = [code_version(str(Path(inspect.getfile(type(method))).parent))]  # it may be another's
+        own += [field for field in vars(method).values() if isinstance(field, str | int | Path)]
+        key = content_key("baseline", *content, *own, list(groups))
+        pieces[key] = method, groups, range(seeds), folds
     jobs, scene = Jobs(dask=request.dask, progress=progress, version=CODE), Scene.of(recordings, config)
     outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged")
     rows = [row for row in outcomes.values() if "refused" not in row]

@@ -75,10 +75,9 @@ def netlist_of(
 ) -> Netlist:
     """The netlist of one design; an unchanged one is taken from the build folder."""
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    macros = [macro.name for macro in process.macros]
-    key = content_key(
-        config.to_dict(), repr(images), probes, process.library.path, macros, code_version("rtl", "golden")
-    )
+    cells = process.pdk, process.library.path, repr(process.macros)  # of the file its content
+    code = code_version("rtl", "golden", "verbs/asic_job.py")
+    key = content_key(config, repr(images), probes, *cells, code)
 
     def make(folder: Path) -> None:
         design = accelerator.Accelerator(config, images)
@@ -187,7 +186,7 @@ def _slowest(
     for corner in ("typ", "slow"):
         logic = [library for library in libraries[corner] if library.holds_logic]
         macros, foreign = macros_of(corner), [] if macros_of(corner) else macros_of("typ")
-        files = [*logic, *macros], foreign, load, netlist.folder
+        files = [*logic, *macros], foreign, load
         paths[corner] = timing.slowest(netlist.verilog, TOP, *files) if logic else None
     return paths
 

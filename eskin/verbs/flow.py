@@ -4,7 +4,7 @@ they are only called."""
 import contextlib
 import dataclasses
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from eskin.golden.model import (
 )
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
+from eskin.rtl.asic.liberty import text_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.memory_map import memory_images
@@ -41,8 +42,8 @@ def cosimulate(
     model: IntegerModel,
     recordings: Recordings,
     *,
+    work: Path,
     numbers: Sequence[int] | None = None,
-    work: Path = BUILD / "cosim",
     design: Path | None = None,
     level: str = "rtl",
     target: str | None = None,
@@ -120,6 +121,15 @@ def cosimulate(
         result["without_probes"] = {name: second[name] for name in names} | {"cells": placed[1]}
         result["passed"] = result["passed"] and second["bit_exact"]
     return result
+
+
+@contextlib.contextmanager
+def work_folder() -> Iterator[Path]:
+    """A folder for this call alone, gone afterwards; two calls at a time do not meet."""
+    parent = BUILD / "cosim"
+    parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=parent) as work:
+        yield Path(work)
 
 
 def _check_target(level: str, target: str | None, chip: Record | None) -> None:
@@ -222,7 +232,7 @@ part loads the design anew. Small enough that no worker waits long for the last 
 starting a simulator."""
 IN_BULK = 400
 """The same where recordings are played in bulk: one process does that on all cores (`eskin.cosim.bulk`)."""
-CODE = partial(code_version, "golden", "rtl", "cosim")
+CODE = partial(code_version, "golden", "rtl", "cosim", "study", "verbs")
 """Code on which a co-simulation depends beside data and model."""
 
 Piece = tuple[int, int]
@@ -274,7 +284,8 @@ def cosimulate_parts(
     alone = bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
     alone = alone or bool(options.get("stalls") or (options.get("target") and not chip))
     size = PART[simulator] if alone or simulator != "verilator" else IN_BULK
-    content = content_key(CODE(), model, recordings, numbers, len(shown), options)
+    liberty = [text_of(Path(path)) for path in (options.get("chip") or {}).get("liberty", ())]
+    content = content_key(CODE(), model, recordings, numbers, len(shown), options, liberty)
     parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     pieces = {content_key(content, part): part for part in parts}
     keep, folder = Memo(CACHE), work.resolve() / content[:16]

@@ -56,7 +56,7 @@ STREAMED = 3
 SEEDS = 3
 """Of the comparison of defences."""
 
-CODE = partial(code_version, *LEARNING, "rtl", "cosim")
+CODE = partial(code_version, *LEARNING, "rtl", "cosim", "verbs")
 """Code on which records depend beside their data and model."""
 
 LEFT = 150
@@ -112,7 +112,6 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
         for record, rtl in zip(weakest, played, strict=True):
             record["rtl"] = rtl
     compared, chosen = _defences(bench, results, compare)
-    write_json(out / RECOMMENDED, chosen.to_dict())
     passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in records)
     result = {
         "model": str(model_dir),
@@ -128,6 +127,7 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
         "passed": passed,
         "wall_s": round(time.perf_counter() - begin, 3),
     }
+    write_json(out / RECOMMENDED, chosen.to_dict())
     write_json(out / RESULT, result)
     write_page(out, result)
     return result
@@ -188,13 +188,17 @@ class Hardware:
     """Co-simulation for the suite."""
 
     bench: Bench
-    work: Path = flow.BUILD / "stability"
     simulator: str = "verilator"
 
     def play_case(self, case: Case, name: str, **options: Any) -> Record:
-        """Record of a co-simulation for the mode ``name``."""
-        work, model = self.work / content_key(name), case.model or self.bench.model
-        result = flow.cosimulate(model, case.recordings, work=work, simulator=self.simulator, **options)
+        """Record of a co-simulation for the mode ``name``, which the path in a simulator's error tells."""
+        model, options = (
+            case.model or self.bench.model,
+            {"simulator": self.simulator, "waves": False, **options},
+        )
+        with flow.work_folder() as folder:
+            work = folder / name.replace(" ", "-")
+            result = flow.cosimulate(model, case.recordings, work=work, **options)
         keys = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list"
         return {key: result[key] for key in keys.split()}
 

@@ -298,7 +298,7 @@ def recommend(records: Sequence[Record], floor: float | None, budget: float | No
 # ---------------------------------------------------------------------- the verb
 CACHE = Path("build/sweep_points")
 """Finished trainings by content; shared by all sweeps, safe to delete."""
-CODE = partial(code_version, *LEARNING)
+CODE = partial(code_version, *LEARNING, "verbs/sweep_job.py")
 """Code on which a training depends beside its data."""
 PART = "iCE40UP5K"
 """Whose energy is estimated: the only part with published measurements."""

@@ -52,9 +52,9 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name, monkeypatch
         assert {len(line) for line in drawn["lines"].values()} == {len(drawn["x"])}
 
 
-def in_hardware(case: Bench, folder) -> stability_job.Hardware:
+def in_hardware(case: Bench) -> stability_job.Hardware:
     """Icarus: it builds fastest."""
-    return stability_job.Hardware(case, folder / "work", "icarus")
+    return stability_job.Hardware(case, "icarus")
 
 
 @pytest.mark.slow
@@ -64,7 +64,7 @@ def in_hardware(case: Bench, folder) -> stability_job.Hardware:
 def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)
     bench = stability_case.bench()
-    hardware, design = in_hardware(bench, tmp_path), broken_design(bench.model, mode.run, tmp_path / "broken")
+    hardware, design = in_hardware(bench), broken_design(bench.model, mode.run, tmp_path / "broken")
     sound, broken = hardware.measure(mode.run), hardware.measure(mode.run, hardware=design)
     assert sound.value <= mode.bound(bench) < broken.value, (
         sound.rtl["mismatch_list"],
@@ -76,7 +76,7 @@ def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypat
 @pytest.mark.slow
 def test_a_recording_that_is_left_leaves_nothing_behind_but_without_arm_or_reset_it_does(tmp_path):
     case = replace(stability_case.bench(), flips=200)
-    hardware = in_hardware(case, tmp_path)
+    hardware = in_hardware(case)
     assert hardware.measure("reset").value == 0 < hardware.measure("reset", ways=("neither",)).value
 
 
