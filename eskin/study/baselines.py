@@ -341,7 +341,9 @@ def run(
     content = [recordings, CODE(), config, seeds, folds]
     pieces = {}
     for method, groups in itertools.product(methods, splits):
-        own: list[Any] = [code_version(str(Path(inspect.getfile(type(method))).parent))]  # it may be another's
+        own: list[Any] = [
+            code_version(str(Path(inspect.getfile(type(method))).parent))
+        ]  # it may be another's
         own += [field for field in vars(method).values() if isinstance(field, str | int | Path)]
         key = content_key("baseline", *content, *own, list(groups))
         pieces[key] = method, groups, range(seeds), folds

@@ -266,7 +266,7 @@ class _Steps:
 
         def simulate(name: str, numbers: np.ndarray, played: Recordings, **options: Any) -> Path:
             given = (model, design, numbers, played, options)
-            return self.stage(name, ("golden", "rtl", "cosim"), self._simulate, *given)
+            return self.stage(name, ("golden", "rtl", "cosim", "study"), self._simulate, *given)
 
         full = simulate("co-simulation", numbers, self.recordings.subset(numbers))
         if self.config.is_image:

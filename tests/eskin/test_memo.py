@@ -11,9 +11,13 @@ import pytest
 from eskin import memo
 from eskin.golden.core import PRESETS, content_key
 from eskin.memo import Memo, code_version
+from eskin.study import baselines
+from eskin.training import train_images
+from eskin.verbs import enrol_job, flow, stability_job, sweep_job
 from tests.support import result_case
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
+from tests.test_imports import beyond
 
 
 def test_a_key_tells_parts_apart(tmp_path):
@@ -38,6 +42,13 @@ def test_a_key_tells_parts_apart(tmp_path):
     assert len(set(keys)) == len(keys) and content_key(file) == content_key(b"ab")
     file.write_bytes(b"ac")
     assert content_key(file) == content_key(b"ac")
+    whole = [content_key(tmp_path)]
+    for name, content in (("file", b"ad"), ("sub/file", b"ad"), ("sub/other", b"ad")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+        whole.append(content_key(tmp_path))
+    (tmp_path / "sub/file").rename(tmp_path / "sub/first")
+    assert len({*whole, content_key(tmp_path)}) == 5
 
 
 def test_recordings_and_models_have_their_content():
@@ -46,6 +57,24 @@ def test_recordings_and_models_have_their_content():
     assert content_key(same) == content_key(other) != content_key(renamed)
     first, again, third = (content_key(random_integer_model(PRESETS["pvdf"], seed)) for seed in (1, 1, 2))
     assert first == again != third
+
+
+WORKERS = {
+    "training.train_images": train_images.CODE.args,
+    "verbs.flow": flow.CODE.args,
+    "verbs.stability_job": stability_job.CODE.args,
+    "teach.enrol": enrol_job.CODE.args,
+    "choose.choice": enrol_job.CODE.args,
+    "verbs.cost": enrol_job.CODE.args,
+    "study.baselines": baselines.CODE.args,
+    "training.crossval": sweep_job.CODE.args,
+}
+
+
+@each_row("worker", WORKERS)
+def test_the_code_of_a_key_is_all_that_makes_the_result(worker):
+    assert not beyond(f"eskin.{worker}", WORKERS[worker])
+    assert beyond(f"eskin.{worker}", WORKERS[worker][1:])
 
 
 @each_row("changed", ["rtl/a.py", "rtl/cells.v", "rtl/new/part.py"])

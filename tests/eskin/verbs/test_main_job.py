@@ -22,6 +22,7 @@ from tests.support.folder import contents
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
 from tests.support.table import each_row, refused
+from tests.test_imports import beyond
 
 QUIET = main_job.Console(quiet=True)
 
@@ -182,23 +183,80 @@ def change(chain, name: str) -> None:
             arrays.labels[0] += 1
         case "groups":
             arrays.groups["person"][0] += 1
+        case "source":
+            chain.recordings = replace(arrays, source="another file")
         case "configuration":
             chain.config = CONFIG.replace(rearm_frames=17)
 
 
-@each_row("name", ["samples", "labels", "groups", "configuration", "code", "hidden"])
-def test_a_stage_of_other_inputs_is_not_taken_over(monkeypatch, tmp_path, name):
-    chain = Chain(monkeypatch)
-    chain.stop_at = "cosim"
+def cut_at(chain, out: Path, stage: str) -> Path:
+    """The work folder of a run that was cut before this stage."""
+    chain.stop_at = stage
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "run")
-    change(chain, name)
-    if name == "code":
-        monkeypatch.setattr(main_job, "code_version", lambda *packages: "other code")
+        run(out)
     chain.calls.clear()
     chain.stop_at = ""
-    run(tmp_path / "run", hidden=3 if name == "hidden" else None)
+    return out.with_name(f".{out.name}.work")
+
+
+OPTIONS = {"hidden": 3, "cell": "gru", "seeds": 2, "group": "person", "prefer": "cells", "fits": "ulx3s"}
+OPTIONS |= {"stress": "off", "config": "pvdf"}
+
+
+@each_row("name", ["samples", "labels", "groups", "source", "configuration", *OPTIONS])
+def test_a_run_that_is_asked_for_anything_else_takes_nothing_over(monkeypatch, tmp_path, name):
+    chain = Chain(monkeypatch)
+    cut_at(chain, tmp_path / "run", "cosim")
+    change(chain, name)
+    run(tmp_path / "run", **{name: OPTIONS[name]} if name in OPTIONS else {})
     assert chain.calls == ORDER
+
+
+def changed_file(folder: Path) -> None:
+    folder.write_text(folder.read_text().replace("}", " }"))
+
+
+def other_weights(model: Path) -> None:
+    random_integer_model(CONFIG, seed=3).save(model)
+
+
+READ = {  # what a later stage reads -> how it is changed, the first that is made anew
+    "training.*/model/training.json": (changed_file, "quantise"),
+    "training.*/model": (other_weights, "quantise"),
+    "quantisation.*/model": (other_weights, "evaluate"),
+    f"Verilog.*/rtl/{MARK}": (changed_file, "cosim"),
+    "pace-of-the-sensor.*/result.json": (
+        lambda file: file.write_text(file.read_text().replace(": 73", ": 74")),
+        "lowest",
+    ),
+}
+
+
+@each_row("pattern", READ)
+def test_a_stage_that_reads_another_content_is_made_anew_and_all_behind_it(monkeypatch, tmp_path, pattern):
+    chain, (alter, first) = Chain(monkeypatch), READ[pattern]
+    (path,) = cut_at(chain, tmp_path / "run", "report").glob(pattern)
+    alter(path)
+    run(tmp_path / "run")
+    assert chain.calls == ORDER[ORDER.index(first) :]
+
+
+WORKERS = "choose.choice training.integers training.evaluate choose.yardsticks verbs.generate_job".split()
+UNUSED = ("eskin.exchange", "eskin.training.made_up")  # by this job, of what `generate_job` imports
+
+
+@each_row("number", range(len(ORDER) - 1))
+def test_a_stage_of_other_code_is_made_anew_and_all_behind_it(monkeypatch, tmp_path, number):
+    chain = Chain(monkeypatch)
+    code = Mock(return_value="this code")
+    monkeypatch.setattr(main_job, "code_version", code)
+    cut_at(chain, tmp_path / "run", "report")
+    worker = f"eskin.{[*WORKERS, *['verbs.flow'] * 3][number]}"
+    outside = beyond(worker, code.call_args_list[number].args)
+    assert not {name for name in outside if not name.startswith(UNUSED)}
+    code.side_effect = [*["this code"] * number, "other code", *["this code"] * 9]
+    run(tmp_path / "run")
+    assert chain.calls == ORDER[number:]
 
 
 def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
