@@ -157,6 +157,7 @@ def train_folds(
         data = datasets.of(config, recipe)
         parts = [touch_rows(data, sharing[0].train) for sharing in alike.values()]
         models = fit_networks(data, config, recipe, parts, seed, named(progress, "cross-validation"))
+        named(progress, "rounding and judging what was trained")(0, 0)
         for model, rows, sharing in zip(models, parts, alike.values(), strict=True):
             trained |= dict.fromkeys(sharing, (model, post_training(model, data, rows, widths or {})))
     return [Trained(job, *trained[job], datasets.of(job.config, job.recipe)) for job in jobs]

@@ -13,7 +13,7 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, content_key
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, content_key
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
@@ -50,6 +50,7 @@ def cosimulate(
     converter: str | None = None,
     chip: Record | None = None,
     play: Callable[..., Record] | None = None,
+    progress: Progress = lambda what, done, total: None,
     **options: Any,
 ) -> Record:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
@@ -111,8 +112,9 @@ def cosimulate(
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
+    progress(f"computing what is expected of {len(recordings)} in torch", 0, 0)
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, codes)
-    options = {"builds": BUILD / "simulators", **options}
+    options = {"builds": BUILD / "simulators", "progress": progress, **options}
     result = (play or flow.cosim)(design, vectors, work=work / "run", **options)
     if placed:
         options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
@@ -292,10 +294,12 @@ def cosimulate_parts(
     if work.is_dir():
         folder.mkdir(exist_ok=True)
     shared = (model, recordings, numbers, len(shown), options, folder)
-    results = jobs.results(play, pieces, shared, keep=keep, what="parts co-simulated")
+    results = jobs.results(play, pieces, shared, keep=keep, what=f"parts of up to {size} compiled and played")
     result = flow.joined(model.config, list(results.values()))
     differing = next((pieces[key] for key, part in results.items() if part["mismatches"]), None)
     if differing:  # once more, for its waves: those of a worker are not on this machine
+        if jobs.progress:
+            jobs.progress("playing what differs once more, with waves", 0, 0)
         result["waves"] = play(shared, differing, waves=True)["waves"]
     keep.forget(pieces)
     return result

@@ -401,8 +401,8 @@ class _Steps:
         played: Recordings,
         options: Record,
     ) -> None:
-        notify("compiling the simulator and playing", 0, len(played))
         options |= {"cocotb": one_of_each(played.labels), "design": design, "work": folder / "work"}
+        options["progress"] = notify
         options |= {"play": _lowest_clock} if "cycles" in options else {}
         # frames as they were recorded, whatever converter there is
         outcome = cosimulate(model, played, numbers=numbers.tolist(), converter="none", **options)

@@ -102,7 +102,7 @@ class Chain:
         with np.load(vectors) as archive:
             self.played[name] = archive["numbers"].tolist(), int(archive["offsets"][-1])
 
-    def cosim(self, design, vectors, *, cocotb, work, builds, pace="full"):
+    def cosim(self, design, vectors, *, cocotb, work, builds, progress, pace="full"):
         name, changes = ("cosim", self.full) if pace == "full" else ("declared", self.declared)
         self.play(name, design, vectors)
         outcome = cosimulation(len(self.played[name][0]), pace=pace, **changes)
@@ -112,7 +112,7 @@ class Chain:
             Path(outcome["waves"]).mkdir()
         return outcome
 
-    def lowest_clock(self, design, vectors, *, cocotb, work, builds, cycles):
+    def lowest_clock(self, design, vectors, *, cocotb, work, builds, progress, cycles):
         self.play("lowest", design, vectors)
         assert cycles["step_max"] == 97
         if self.no_clock:
