@@ -108,11 +108,10 @@ def reached(name: str) -> set[str]:
 
 def beyond(worker: str, code: tuple[str, ...]) -> set[str]:
     """Modules on which the result of ``worker`` may depend that are not in ``code``, as `code_version` takes it."""
-    seen, todo = {worker}, [worker]
-    while todo:
-        new = (imports(todo.pop()) & set(modules())) - seen
+    seen, new = set[str](), {worker}
+    while new:
         seen |= new
-        todo += new
+        new = {other for name in new for other in imports(name)} & {*modules()} - seen
     files = {name: modules()[name].relative_to(ROOT).as_posix().removeprefix("eskin/") for name in seen}
     within = lambda file: any(file == part or file.startswith(f"{part}/") for part in code)
     return {name for name, file in files.items() if not within(file) and part(name) not in PLUMBING}

@@ -133,6 +133,15 @@ class Method:
     hardware: ClassVar[bool] = False
     one_seed: ClassVar[bool] = False
 
+    @property
+    def content(self) -> str:
+        """Key of all that its results depend on beside `LEARNING`: the code in its folder, which may be of another
+        project, its fields and the files that they name."""
+        code = code_version(str(Path(inspect.getfile(type(self))).parent))
+        return content_key(
+            code, *(each for each in vars(self).values() if isinstance(each, str | int | Path))
+        )
+
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         """A classifier for each of ``parts``, rows of the scene: it sees windows and labels of these alone."""
         raise NotImplementedError
@@ -339,14 +348,10 @@ def run(
     for groups in splits:
         check_split(recordings, groups, folds)
     content = [recordings, CODE(), config, seeds, folds]
-    pieces = {}
-    for method, groups in itertools.product(methods, splits):
-        own: list[Any] = [
-            code_version(str(Path(inspect.getfile(type(method))).parent))
-        ]  # it may be another's
-        own += [field for field in vars(method).values() if isinstance(field, str | int | Path)]
-        key = content_key("baseline", *content, *own, list(groups))
-        pieces[key] = method, groups, range(seeds), folds
+    pieces = {
+        content_key("baseline", *content, method, list(groups)): (method, groups, range(seeds), folds)
+        for method, groups in itertools.product(methods, splits)
+    }
     jobs, scene = Jobs(dask=request.dask, progress=progress, version=CODE), Scene.of(recordings, config)
     outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged")
     rows = [row for row in outcomes.values() if "refused" not in row]

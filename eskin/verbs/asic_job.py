@@ -75,15 +75,19 @@ def netlist_of(
 ) -> Netlist:
     """The netlist of one design; an unchanged one is taken from the build folder."""
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    cells = process.pdk, process.library.path, repr(process.macros)  # of the file its content
-    code = code_version("rtl", "golden", "verbs/asic_job.py")
-    key = content_key(config, repr(images), probes, *cells, code)
 
     def make(folder: Path) -> None:
         design = accelerator.Accelerator(config, images)
         synthesise(design, process, folder, top=TOP, hidden=() if probes else ("probe",))
 
+    key = content_key(config, repr(images), probes, content_of(process))
     return Netlist.of(Memo(CACHE).folder(key, make), TOP)
+
+
+def content_of(process: Process) -> str:
+    """Key of what makes a netlist of a design: the code, the process and its Liberty files."""
+    code = code_version("rtl", "golden", "verbs/asic_job.py")
+    return content_key(code, process.pdk, process.library.path, repr(process.macros))
 
 
 def hardware_of(netlist: Netlist, process: Process, *, probes: bool) -> Hardware:

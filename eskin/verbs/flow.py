@@ -286,8 +286,7 @@ def cosimulate_parts(
     alone = bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
     alone = alone or bool(options.get("stalls") or (options.get("target") and not chip))
     size = PART[simulator] if alone or simulator != "verilator" else IN_BULK
-    liberty = [text_of(Path(path)) for path in (options.get("chip") or {}).get("liberty", ())]
-    content = content_key(CODE(), model, recordings, numbers, len(shown), options, liberty)
+    content = content_key(CODE(), model, recordings, numbers, len(shown), *contents(options))
     parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     pieces = {content_key(content, part): part for part in parts}
     keep, folder = Memo(CACHE), work.resolve() / content[:16]
@@ -303,6 +302,11 @@ def cosimulate_parts(
         result["waves"] = play(shared, differing, waves=True)["waves"]
     keep.forget(pieces)
     return result
+
+
+def contents(options: Record) -> list[Any]:
+    """Options, and the text of the Liberty files that they name."""
+    return [options, *(text_of(Path(path)) for path in (options.get("chip") or {}).get("liberty", ()))]
 
 
 def play(shared: Shared, piece: Piece, *, waves: bool = False) -> Record:

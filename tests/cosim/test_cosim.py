@@ -67,7 +67,10 @@ SAME = "stages cycles steps decisions overruns probe budgets mismatch_list compa
 @pytest.mark.parametrize("options", [{}, DECLARED, {"probe": True}, {"stalls": True, "probe": True}])
 def test_every_way_to_play_is_exact_and_counts_the_same(play, vectors, options):
     others = {"icarus"} if options == DECLARED else {*IN_BULK} if options else {}  # slow there; not in bulk
-    results = {way: play(seed=5, **options | WAYS[way]) for way in WAYS if way not in others}
+    moves: list[tuple] = []
+    note = {"progress": lambda *move: moves.append(move)}
+    results = {way: play(seed=5, **options | WAYS[way] | note) for way in WAYS if way not in others}
+    assert moves[0][0].startswith("compiling") and (moves[-1][1:] == (3, 3)) == ("both" in results)
     first, cycles = results["cocotb"], results["cocotb"]["cycles"]
     for way, result in results.items():
         here = IN_BULK.get(way, 0)

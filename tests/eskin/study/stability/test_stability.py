@@ -5,7 +5,7 @@ import json
 import os
 from dataclasses import replace
 from functools import partial
-from unittest.mock import Mock
+from unittest.mock import MagicMock, Mock
 
 import numpy as np
 import pytest
@@ -71,6 +71,16 @@ def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypat
         broken.rtl["mismatch_list"],
     )
     assert sound.rtl["compared_values"] > 100
+
+
+def test_each_case_is_played_in_a_folder_of_its_own(monkeypatch):
+    """Even the same mode, at the same time."""
+    played = MagicMock()
+    monkeypatch.setattr(stability_job.flow, "cosimulate", played)
+    for _ in range(2):
+        in_hardware(Mock()).play_case(Mock(), "spikes")
+    first, second = (call.kwargs["work"] for call in played.call_args_list)
+    assert first != second and not first.parent.exists()
 
 
 @pytest.mark.slow
