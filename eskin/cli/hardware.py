@@ -239,7 +239,9 @@ def asic(request: AsicRequest) -> None:
         integer, config=asic_job.chip_config(integer.config, request.lanes, request.rom)
     )
     try:
-        result, netlist = asic_job.asic(integer, request.pdk, request.liberty, recordings=played)
+        with progress_bars() as report:
+            report(f"netlist in the cells of {request.pdk}, its clock and energy", 0, 0)
+            result, netlist = asic_job.asic(integer, request.pdk, request.liberty, recordings=played)
     except ToolError as error:
         stop(str(error), 1)
         return

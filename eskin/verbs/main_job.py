@@ -284,7 +284,8 @@ class _Steps:
         groups = training["cross_validation"][0]["groups"]
 
         def measure(folder: Path, notify: Progress, config: AcceleratorConfig, groups: list[str]) -> None:
-            rows = yardsticks.yardsticks(self.recordings, config, groups, 5, notify)
+            report = lambda _, done, total: notify("judged", done, total)  # it names the one that is done
+            rows = yardsticks.yardsticks(self.recordings, config, groups, 5, report)
             write_json(folder / "yardsticks.json", rows)
 
         measured = self.stage("other classifiers", LEARNING, measure, self.config, groups)

@@ -132,6 +132,18 @@ def run(out: Path, **options):
 ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
 
 
+def cut_at(chain, out: Path, stage: str, stop: type[BaseException] = KeyboardInterrupt, **options) -> Path:
+    """The work folder of a run that was cut in this stage and took nothing over."""
+    chain.calls.clear()
+    chain.stop_at, chain.stop = stage, stop
+    with pytest.raises(stop):
+        run(out, **options)
+    assert chain.calls == ORDER[: ORDER.index(stage) + 1]
+    chain.calls.clear()
+    chain.stop_at = ""
+    return out.with_name(f".{out.name}.work")
+
+
 def test_everything_is_there_and_nothing_else(chain, tmp_path):
     out = tmp_path / "run"
     assert not all(row["met"] for row in cosimulation(1)["budgets"]), "a reference row never decides"
@@ -157,14 +169,8 @@ def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(c
     run(out)
     before = contents(out)
     chain.recordings = result_case.recordings(10)  # other data: nothing of the old run can be used
-    chain.calls.clear()
-    chain.stop_at, chain.stop = stage, stop
-    with pytest.raises(stop):
-        run(out)
+    cut_at(chain, out, stage, stop)
     assert contents(out) == before
-    assert chain.calls == ORDER[: ORDER.index(stage) + 1]
-    chain.calls.clear()
-    chain.stop_at = ""
     record = run(out)
     assert chain.calls == ORDER[ORDER.index(stage) :]
     assert [timing["cached"] for timing in record["timings"]] == [
@@ -187,16 +193,6 @@ def change(chain, name: str) -> None:
             chain.recordings = replace(arrays, source="another file")
         case "configuration":
             chain.config = CONFIG.replace(rearm_frames=17)
-
-
-def cut_at(chain, out: Path, stage: str) -> Path:
-    """The work folder of a run that was cut before this stage."""
-    chain.stop_at = stage
-    with pytest.raises(KeyboardInterrupt):
-        run(out)
-    chain.calls.clear()
-    chain.stop_at = ""
-    return out.with_name(f".{out.name}.work")
 
 
 OPTIONS = {"hidden": 3, "cell": "gru", "seeds": 2, "group": "person", "prefer": "cells", "fits": "ulx3s"}
@@ -337,7 +333,5 @@ def test_a_run_stopped_between_the_two_renames_is_put_right(chain, tmp_path):
     before = contents(out)
     (tmp_path / ".run.work").mkdir()
     shutil.move(out, tmp_path / ".run.work/old")
-    chain.stop_at = "train"
-    with pytest.raises(KeyboardInterrupt):
-        run(out, hidden=3)
+    cut_at(chain, out, "train", hidden=3)
     assert contents(out) == before and [path.name for path in tmp_path.iterdir()] == ["run"]
