@@ -13,7 +13,7 @@ import numpy as np
 
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, SimulationError
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, SimulationError
 from eskin.golden.core.converters import converter_plan
 
 SLOWEST_CYCLES_PER_S = {
@@ -156,6 +156,7 @@ def cosim(
     waves: bool = True,
     cocotb: Sequence[int] | None = None,
     threads: int | None = None,
+    progress: Progress = lambda what, done, total: None,
     work: Path,
     **options: Any,
 ) -> Record:
@@ -217,14 +218,16 @@ def cosim(
             continue
         settings["positions"] = positions
         if way == "bulk":
-            said = bulk.play(run, positions, seed=seed, threads=threads or os.cpu_count() or 1)
+            said = bulk.play(run, positions, progress, seed=seed, threads=threads or os.cpu_count() or 1)
         else:
+            progress(f"compiling the simulator and playing {len(positions)} under cocotb", 0, 0)
             said = run.play(work, settings)
         if probe and not (said["probe"] or said["mismatch"]):
             raise InputError(
                 "the weight write during a touch needs one that stays open; take other recordings"
             )
         if waves and said["mismatch"]:
+            progress("playing what differs once more, with waves", 0, 0)
             said["waves"] = _keep_waves(run, said["mismatch"], settings, work)
         results.append({**given, **said, f"{way}_recordings": len(positions)})
     return joined(run.config, results)

@@ -116,7 +116,8 @@ def build(
     paths = [*([wrapper] if wrapper else []), *map(Path, design)]
     sources = sorted(paths, key=lambda path: path.suffix != ".svh")  # the others in their order
     set_to = [f"{name}={value}" for name, value in parameters.items()]
-    libraries, tool = cocotb_tools.config.libs_dir, verilator_command()[0] if verilator else None
+    libraries = cocotb_tools.config.libs_dir
+    tool = verilator_command()[0] if verilator else Path(str(shutil.which("iverilog")))
     trace = waves and verilator
 
     def make(folder: Path) -> None:
@@ -133,7 +134,7 @@ def build(
             step([*words, *(_linked(source, folder) for source in sources)], folder)
 
     described = [top, set_to, *options, trace, QUICKLY_COMPILED, COMMON_OPTIONS, sys.executable]
-    described += [importlib.metadata.version("cocotb"), tool and tool.stat().st_mtime_ns, *sources]
+    described += [importlib.metadata.version("cocotb"), tool.stat().st_mtime_ns, *sources]
     return Build(simulator, kept(root, simulator, described, make), top)
 
 

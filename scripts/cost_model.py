@@ -135,7 +135,7 @@ def rows() -> pd.DataFrame:
     """The rows of `DESIGNS`, printed; from the memo where they are in it."""
     keep, made = Memo(BUILD / "cost_rows"), {}
     for name, config in DESIGNS.items():
-        key = content_key(config.to_dict(), code_version("golden", "rtl", "cosim"))
+        key = content_key(config, code_version("golden", "rtl", "cosim", "study", "verbs"))
         made[name] = keep.remembered(key, partial(counted, name, config))
         print(f"counted: {name}", file=sys.stderr)
     shown = ((name, *map("{:.4g}".format, row)) for name, row in made.items())

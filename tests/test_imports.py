@@ -37,6 +37,9 @@ WAY = (
 """Models and hardware, each in the order in which a folder may import from those before it, and from none
 beside it."""
 
+PLUMBING = {"", "jobs", "memo", "requests", "pages"}
+"""Parts that change no result."""
+
 TORCH_MODULES = {"eskin.golden.model.straight_through", "eskin.golden.model.torch_model"}
 """Modules of the golden model that import torch."""
 TORCH_FOLDERS = ("training", "choose", "teach", "exchange", "study")
@@ -101,6 +104,17 @@ def reached(name: str) -> set[str]:
                 if other in modules():
                     todo.append(other)
     return seen
+
+
+def beyond(worker: str, code: tuple[str, ...]) -> set[str]:
+    """Modules on which the result of ``worker`` may depend that are not in ``code``, as `code_version` takes it."""
+    seen, new = set[str](), {worker}
+    while new:
+        seen |= new
+        new = {other for name in new for other in imports(name)} & {*modules()} - seen
+    files = {name: modules()[name].relative_to(ROOT).as_posix().removeprefix("eskin/") for name in seen}
+    within = lambda file: any(file == part or file.startswith(f"{part}/") for part in code)
+    return {name for name, file in files.items() if not within(file) and part(name) not in PLUMBING}
 
 
 def part(name: str) -> str:

@@ -3,9 +3,7 @@
 import contextlib
 import dataclasses
 import math
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +97,7 @@ def cosim(request: CosimRequest) -> Record:
     integer = integer_model(request.model).with_lanes(*parse_lanes(request.lanes))
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
-    with _work_folder() as work, progress_bars() as report:
+    with flow.work_folder() as work, progress_bars() as report:
         where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=flow.CODE)
         played = loaded.subset(numbers)
         result = flow.cosimulate_parts(integer, played, numbers, work=work, jobs=where, **options)
@@ -107,15 +105,6 @@ def cosim(request: CosimRequest) -> Record:
             result["waves"] = str(Path(result["waves"]).rename(work.with_name(f"waves_{work.name}")))
     show("cosim", played=result, **result)
     return result
-
-
-@contextmanager
-def _work_folder() -> Iterator[Path]:
-    """A folder for this call alone, gone afterwards; two calls at a time do not meet."""
-    parent = Path("build/cosim")
-    parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=parent) as work:
-        yield Path(work)
 
 
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
@@ -222,12 +211,13 @@ def schedule(request: ScheduleRequest) -> None:
 )
 def energy(request: EnergyRequest) -> Record:
     """Estimate the energy of a touch and the idle power from a simulated netlist. Takes minutes."""
+    from eskin.verbs import flow
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(request.out / RESULT)
     integer = IntegerModel.load(request.model)
     loaded = recordings_for(request.data, integer.config)
-    with _work_folder() as work, progress_bars() as report:
+    with flow.work_folder() as work, progress_bars() as report:
         result = job(request, integer, loaded, work, report)
     show("energy", **result, in_words=in_words, file=request.out / RESULT)
     return result
@@ -249,7 +239,9 @@ def asic(request: AsicRequest) -> None:
         integer, config=asic_job.chip_config(integer.config, request.lanes, request.rom)
     )
     try:
-        result, netlist = asic_job.asic(integer, request.pdk, request.liberty, recordings=played)
+        with progress_bars() as report:
+            report(f"netlist in the cells of {request.pdk}, its clock and energy", 0, 0)
+            result, netlist = asic_job.asic(integer, request.pdk, request.liberty, recordings=played)
     except ToolError as error:
         stop(str(error), 1)
         return

@@ -6,6 +6,7 @@ touch, or without a completed window, counts as wrong. Seconds of training and m
 touch at a time, are those of the processor, in one thread.
 """
 
+import inspect
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -121,6 +122,15 @@ class Method:
     label: str
     hardware: ClassVar[bool] = False
     one_seed: ClassVar[bool] = False
+
+    @property
+    def content(self) -> str:
+        """Key of all that its results depend on beside `LEARNING`: the code in its folder, which may be of another
+        project, its fields and the files that they name."""
+        code = code_version(str(Path(inspect.getfile(type(self))).parent))
+        return content_key(
+            code, *(each for each in vars(self).values() if isinstance(each, str | int | Path))
+        )
 
     def fit(self, scene: Scene, parts: Sequence[np.ndarray], seed: int) -> list[Fitted]:
         """A classifier for each of ``parts``, rows of the scene: it sees windows and labels of these alone."""
@@ -253,10 +263,9 @@ def run(
     begin = time.perf_counter()
     check_target(out / RESULT)
     check_split(recordings, groups, folds)
-    content = [recordings.content, CODE(), config.to_dict(), seeds, folds, list(groups)]
+    content = [recordings, CODE(), config, seeds, folds, list(groups)]
     pieces = {
-        content_key("baseline", *content, method.name): (method, groups, range(seeds), folds)
-        for method in methods
+        content_key("baseline", *content, method): (method, groups, range(seeds), folds) for method in methods
     }
     jobs, scene = Jobs(progress=progress, version=CODE), Scene.of(recordings, config)
     outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged").values()

@@ -153,6 +153,7 @@ def train_image_model(
     with one_thread():
         report = named(progress, "training on all images, epochs")
         model = train_network(config, images, recordings.labels, recipe=recipe, seed=seed, progress=report)
+    named(progress, "measuring ranges on all images")(0, 0)
     record: Record = {
         "seed": seed,
         "recipe": dataclasses.asdict(recipe),

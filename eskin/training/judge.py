@@ -109,6 +109,7 @@ class NetworkLearner:
         rows = [touch_rows(data, part) for part in parts]
         report = named(progress, "cross-validation")
         models = fit_networks(data, self.config, self.recipe, rows, int(seeds[0]), report)
+        named(progress, "rounding and judging what was trained")(0, 0)
         return [
             FittedNetwork(model, post_training(model, data, part, {}), data)
             for model, part in zip(models, rows, strict=True)

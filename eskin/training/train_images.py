@@ -185,14 +185,7 @@ class ImageFold:
     recipe: ImageRecipe
 
 
-CODE = partial(
-    code_version,
-    "golden/core/formats.py",
-    "golden/core/images.py",
-    "golden/model/image_network.py",
-    "training/image_formats.py",
-    "training/train_images.py",
-)
+CODE = partial(code_version, "golden", "training")
 """Code on which the result of an `ImageFold` depends beside its data."""
 
 

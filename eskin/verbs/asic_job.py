@@ -75,16 +75,19 @@ def netlist_of(
 ) -> Netlist:
     """The netlist of one design; an unchanged one is taken from the build folder."""
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    macros = [macro.name for macro in process.macros]
-    key = content_key(
-        config.to_dict(), repr(images), probes, process.library.path, macros, code_version("rtl", "golden")
-    )
 
     def make(folder: Path) -> None:
         design = accelerator.Accelerator(config, images)
         synthesise(design, process, folder, top=TOP, hidden=() if probes else ("probe",))
 
+    key = content_key(config, repr(images), probes, content_of(process))
     return Netlist.of(Memo(CACHE).folder(key, make), TOP)
+
+
+def content_of(process: Process) -> str:
+    """Key of what makes a netlist of a design: the code, the process and its Liberty files."""
+    code = code_version("rtl", "golden", "verbs/asic_job.py")
+    return content_key(code, process.pdk, process.library.path, repr(process.macros))
 
 
 def hardware_of(netlist: Netlist, process: Process, *, probes: bool) -> Hardware:
@@ -187,7 +190,7 @@ def _slowest(
     for corner in ("typ", "slow"):
         logic = [library for library in libraries[corner] if library.holds_logic]
         macros, foreign = macros_of(corner), [] if macros_of(corner) else macros_of("typ")
-        files = [*logic, *macros], foreign, load, netlist.folder
+        files = [*logic, *macros], foreign, load
         paths[corner] = timing.slowest(netlist.verilog, TOP, *files) if logic else None
     return paths
 

@@ -88,6 +88,7 @@ def replay(
     with contextlib.closing(SerialPort(request.port, baud)) as transport, on_port(request.port):
         link = Link(transport, register_map(config), timeout_s=answer_s(config, baud))
         begin = time.monotonic()
+        progress("loading the model over the line", 0, 0)
         link.connect()
         link.load(boot_writes(config, model.arrays))
         for number, (rows, frames, touches) in enumerate(decided):  # which heeds what is taught below

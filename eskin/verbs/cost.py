@@ -20,7 +20,7 @@ from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_
 from eskin.study.energy import estimate, scheduled_activity
 from eskin.verbs.build_job import suited
 
-CODE = ("rtl", "verbs/cost.py")
+CODE = ("rtl", "verbs/cost.py", "verbs/build_job.py", "cosim/latency.py")
 """Code on which these figures depend, beside golden."""
 BOARD = "icebreaker"
 """The board that candidates are priced on unless another is named."""

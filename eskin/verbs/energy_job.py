@@ -126,7 +126,7 @@ def job(
     numbers, chosen = with_touches(model, recordings, request.recordings)
     rows = []
     for number, (target, lanes, kind) in enumerate(boards):
-        notify("configurations", number, len(boards))
+        notify(f"configurations measured, now {target} with {lanes} lanes", number, len(boards))
         rows.append(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )

@@ -48,6 +48,8 @@ def evaluate(
     if config is not None:
         configs = [configure(recordings, config, cost_model()).config] * len(values)
     else:
+        if progress:
+            progress("choosing front ends without each part", 0, 0)
         without = partial(evaluation.front_ends_without, recordings, values, group, cost_model())
         chosen = keep.remembered(content, lambda: [one.to_dict() for one in without()])
         configs = [AcceleratorConfig.from_dict(fields) for fields in chosen]

@@ -4,7 +4,7 @@ they are only called."""
 import contextlib
 import dataclasses
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, content_key
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, content_key
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
@@ -26,6 +26,7 @@ from eskin.golden.model import (
 )
 from eskin.jobs import Jobs
 from eskin.memo import Memo, code_version
+from eskin.rtl.asic.liberty import text_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.memory_map import memory_images
@@ -41,14 +42,15 @@ def cosimulate(
     model: IntegerModel,
     recordings: Recordings,
     *,
+    work: Path,
     numbers: Sequence[int] | None = None,
-    work: Path = BUILD / "cosim",
     design: Path | None = None,
     level: str = "rtl",
     target: str | None = None,
     converter: str | None = None,
     chip: Record | None = None,
     play: Callable[..., Record] | None = None,
+    progress: Progress = lambda what, done, total: None,
     **options: Any,
 ) -> Record:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
@@ -110,8 +112,9 @@ def cosimulate(
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
+    progress(f"computing what is expected of {len(recordings)} in torch", 0, 0)
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, codes)
-    options = {"builds": BUILD / "simulators", **options}
+    options = {"builds": BUILD / "simulators", "progress": progress, **options}
     result = (play or flow.cosim)(design, vectors, work=work / "run", **options)
     if placed:
         options |= {"hardware": placed[0], "pace": "full", "stalls": False, "probe": False}
@@ -120,6 +123,15 @@ def cosimulate(
         result["without_probes"] = {name: second[name] for name in names} | {"cells": placed[1]}
         result["passed"] = result["passed"] and second["bit_exact"]
     return result
+
+
+@contextlib.contextmanager
+def work_folder() -> Iterator[Path]:
+    """A folder for this call alone, gone afterwards; two calls at a time do not meet."""
+    parent = BUILD / "cosim"
+    parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=parent) as work:
+        yield Path(work)
 
 
 def _check_target(level: str, target: str | None, chip: Record | None) -> None:
@@ -222,7 +234,7 @@ part loads the design anew. Small enough that no worker waits long for the last 
 starting a simulator."""
 IN_BULK = 400
 """The same where recordings are played in bulk: one process does that on all cores (`eskin.cosim.bulk`)."""
-CODE = partial(code_version, "golden", "rtl", "cosim")
+CODE = partial(code_version, "golden", "rtl", "cosim", "study", "verbs")
 """Code on which a co-simulation depends beside data and model."""
 
 Piece = tuple[int, int]
@@ -274,20 +286,27 @@ def cosimulate_parts(
     alone = bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
     alone = alone or bool(options.get("stalls") or (options.get("target") and not chip))
     size = PART[simulator] if alone or simulator != "verilator" else IN_BULK
-    content = content_key(CODE(), model, recordings, numbers, len(shown), options)
+    content = content_key(CODE(), model, recordings, numbers, len(shown), *contents(options))
     parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     pieces = {content_key(content, part): part for part in parts}
     keep, folder = Memo(CACHE), work.resolve() / content[:16]
     if work.is_dir():
         folder.mkdir(exist_ok=True)
     shared = (model, recordings, numbers, len(shown), options, folder)
-    results = jobs.results(play, pieces, shared, keep=keep, what="parts co-simulated")
+    results = jobs.results(play, pieces, shared, keep=keep, what=f"parts of up to {size} compiled and played")
     result = flow.joined(model.config, list(results.values()))
     differing = next((pieces[key] for key, part in results.items() if part["mismatches"]), None)
     if differing:  # once more, for its waves: those of a worker are not on this machine
+        if jobs.progress:
+            jobs.progress("playing what differs once more, with waves", 0, 0)
         result["waves"] = play(shared, differing, waves=True)["waves"]
     keep.forget(pieces)
     return result
+
+
+def contents(options: Record) -> list[Any]:
+    """Options, and the text of the Liberty files that they name."""
+    return [options, *(text_of(Path(path)) for path in (options.get("chip") or {}).get("liberty", ()))]
 
 
 def play(shared: Shared, piece: Piece, *, waves: bool = False) -> Record:

@@ -1,9 +1,10 @@
 """The main job, `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report,
 in one folder.
 
-Each stage works in a folder of its own beside OUT, named by the hash of all that went into it (data,
-configuration, code, options). A stage that was finished before is taken over, so an interrupted run goes on
-where it stopped. OUT itself appears, or is replaced, in one rename when everything is there.
+Each stage works in a folder of its own beside OUT, named by the hash of all that went into it: what was asked for
+(data, configuration, options), the stages before it, its code, and the content of what it reads. A stage that was
+finished before is taken over, so an interrupted run goes on where it stopped. OUT itself appears, or is replaced, in
+one rename when everything is there.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -168,8 +168,17 @@ class _Steps:
         seeds = request.seeds or (1 if loaded.image_shape else 3)
         network: Record = {"group": request.groups, "cell": request.cell, "hidden": request.hidden}
         self.user_config, self.network = config, network | {"seeds": seeds}
-        self.base: list[Any] = [loaded.content, planned and planned.to_dict(), config is None, self.network]
-        self.base += [request.prefer, request.fits, self.panel and self.panel.weights]
+        parts = [
+            loaded,
+            loaded.source,
+            loaded.notes,
+            config,
+            planned,
+            self.network,
+            request.prefer,
+            request.fits,
+        ]
+        self.key = content_key(*parts, self.panel and self.panel.weights)
 
     def say(self, line: str) -> None:
         """A line of progress that stays."""
@@ -183,17 +192,12 @@ class _Steps:
             yield notify
         self.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
 
-    def stage(
-        self,
-        name: str,
-        packages: tuple[str, ...],
-        make: Callable[..., None],
-        *given: Any,
-        options: Any = None,
-    ) -> Path:
-        """The folder of a stage: found finished, or made now, by ``make(folder, notify, *given)``."""
-        begin, key = time.perf_counter(), content_key([name, code_version(*packages), self.base, options])
-        folder = self.work / f"{name.replace(' ', '-')}.{key[:20]}"
+    def stage(self, name: str, packages: tuple[str, ...], make: Callable[..., None], *given: Any) -> Path:
+        """The folder of a stage: found finished, or made now, by ``make(folder, notify, *given)``. What it reads beside
+        what was asked for is ``given``: its content is part of the key, and the key of that of the next stage."""
+        begin = time.perf_counter()
+        self.key = content_key(self.key, name, code_version("verbs", *packages), *given)
+        folder = self.work / f"{name.replace(' ', '-')}.{self.key[:20]}"
         cached = (folder / "finished").exists()
         with self.progress(name) as notify:
             Memo(self.work).folder(folder.name, lambda fresh: make(fresh, notify, *given))
@@ -205,19 +209,19 @@ class _Steps:
         run.json."""
         self.work = work
         trained = self.stage("training", (*LEARNING, *COST), self._train)
-        quantised = self.stage("quantisation", LEARNING, self._quantise, trained)
+        quantised = self.stage("quantisation", LEARNING, self._quantise, trained / "model")
         model = IntegerModel.load(quantised / "model", images=True)
         training = load_training(quantised / "model")
         config = self.config = model.config
         numbers = self.recordings.evenly(self.request.count or default_count(self.recordings, config))
 
-        def judge(folder: Path, _: Progress) -> None:
-            write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
+        def judge(folder: Path, _: Progress, quantised: Path) -> None:
+            write_json(folder / "evaluate.json", evaluate.evaluate(quantised, self.recordings))
 
-        evaluated = self.stage("evaluation", LEARNING, judge)
+        evaluated = self.stage("evaluation", LEARNING, judge, quantised / "model")
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
-        generated = self.stage("Verilog", ("golden", "rtl"), self._generate, model)
+        generated = self.stage("Verilog", ("golden", "rtl", "study"), self._generate, model)
         folders = self._cosimulations(numbers, model, generated / "rtl")
 
         shutil.rmtree(result, ignore_errors=True)
@@ -263,8 +267,7 @@ class _Steps:
 
         def simulate(name: str, numbers: np.ndarray, played: Recordings, **options: Any) -> Path:
             given = (model, design, numbers, played, options)
-            packages = ("golden", "rtl", "cosim")
-            return self.stage(name, packages, self._simulate, *given, options=[*map(int, numbers)])
+            return self.stage(name, ("golden", "rtl", "cosim", "study"), self._simulate, *given)
 
         full = simulate("co-simulation", numbers, self.recordings.subset(numbers))
         if self.config.is_image:
@@ -274,18 +277,19 @@ class _Steps:
         if _outcome(full)["bit_exact"] and _outcome(declared)["bit_exact"]:
             cycles = _outcome(declared)["cycles"]
             few = self._few(numbers, latency.needed_clock(self.config, cycles))
-            lowest = simulate("lowest clock", *few, play=partial(_lowest_clock, cycles=cycles))
+            lowest = simulate("lowest clock", *few, cycles=cycles)
         return {"cosim": full, "cosim_declared": declared, "cosim_lowest": lowest}
 
     def _baselines(self, training: Record) -> list[Record]:
         """The baselines of the training, and other classifiers on the same folds."""
         groups = training["cross_validation"][0]["groups"]
 
-        def measure(folder: Path, notify: Progress) -> None:
-            rows = yardsticks.yardsticks(self.recordings, self.config, groups, 5, notify)
+        def measure(folder: Path, notify: Progress, config: AcceleratorConfig, groups: list[str]) -> None:
+            report = lambda _, done, total: notify("judged", done, total)  # it names the one that is done
+            rows = yardsticks.yardsticks(self.recordings, config, groups, 5, report)
             write_json(folder / "yardsticks.json", rows)
 
-        measured = self.stage("other classifiers", LEARNING, measure)
+        measured = self.stage("other classifiers", LEARNING, measure, self.config, groups)
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Progress) -> None:
@@ -303,7 +307,7 @@ class _Steps:
         )
 
     def _quantise(self, folder: Path, notify: Progress, trained: Path) -> None:
-        shutil.copytree(trained / "model", folder / "model")
+        shutil.copytree(trained, folder / "model")
         prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
         integers.quantise(folder / "model", self.recordings if prototypes else None)
 
@@ -399,8 +403,9 @@ class _Steps:
         played: Recordings,
         options: Record,
     ) -> None:
-        notify("compiling the simulator and playing", 0, len(played))
         options |= {"cocotb": one_of_each(played.labels), "design": design, "work": folder / "work"}
+        options["progress"] = notify
+        options |= {"play": _lowest_clock} if "cycles" in options else {}
         # frames as they were recorded, whatever converter there is
         outcome = cosimulate(model, played, numbers=numbers.tolist(), converter="none", **options)
         write_json(folder / "result.json", outcome)
@@ -414,7 +419,7 @@ class _Steps:
             "taxels": recordings.taxels,
             "unit": recordings.unit or ("" if recordings.volt_per_code else "V"),
             "sample_rate_hz": recordings.sample_rate_hz,
-            "sha256": self.base[0],
+            "sha256": recordings.content,
             "classes": dict(zip(recordings.class_names, recordings.class_counts.tolist(), strict=True)),
             "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
             "lengths": {

@@ -16,8 +16,8 @@ MILESTONE_S = 10.0
 
 @contextmanager
 def shown(console: Console, name: str = "") -> Iterator[Progress]:
-    """Progress on ``console``, moved by calling ``(what, done, total)`` (a total of 0: not known); ``name`` is
-    what all of it belongs to."""
+    """Progress on ``console``, moved by calling ``(what, done, total)`` (a total of 0: not known, and with nothing done:
+    it is waited for ``what``, which has no count); ``name`` is what all of it belongs to."""
     latest, ended = name or "at work", threading.Event()
     begun = said = time.monotonic()
 
@@ -29,7 +29,7 @@ def shown(console: Console, name: str = "") -> Iterator[Progress]:
     def told(task: str, done: int, total: int) -> None:
         nonlocal latest
         latest = f"{name}, {task}" if name else task
-        latest += f": {done} of {total}" if total else f": {done}"
+        latest += f": {done} of {total}" if total else f": {done} so far" * bool(done)
         if console.is_terminal:
             status.update(Text(latest))
         elif time.monotonic() - said >= MILESTONE_S:
@@ -38,7 +38,7 @@ def shown(console: Console, name: str = "") -> Iterator[Progress]:
     def beats() -> None:
         while not ended.wait(MILESTONE_S / 4):
             if time.monotonic() - said >= MILESTONE_S:
-                say(f"{latest}, {time.monotonic() - begun:.0f} s so far")
+                say(f"{latest}, {time.monotonic() - begun:.0f} s")
 
     if console.is_terminal:
         with console.status(Text(latest)) as status:

@@ -41,7 +41,7 @@ CONFIRMED = 3
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
-CODE = partial(code_version, *LEARNING, "rtl", "cosim")
+CODE = partial(code_version, *LEARNING, "rtl", "cosim", "verbs")
 """Code on which records depend beside their data and model."""
 
 LEFT = 150
@@ -140,13 +140,17 @@ class Hardware:
     """Co-simulation for the suite."""
 
     bench: Bench
-    work: Path = flow.BUILD / "stability"
     simulator: str = "verilator"
 
     def play_case(self, case: Case, name: str, **options: Any) -> Record:
-        """Record of a co-simulation for the mode ``name``."""
-        work, model = self.work / content_key(name), case.model or self.bench.model
-        result = flow.cosimulate(model, case.recordings, work=work, simulator=self.simulator, **options)
+        """Record of a co-simulation for the mode ``name``, which the path in a simulator's error tells."""
+        model, options = (
+            case.model or self.bench.model,
+            {"simulator": self.simulator, "waves": False, **options},
+        )
+        with flow.work_folder() as folder:
+            work = folder / name.replace(" ", "-")
+            result = flow.cosimulate(model, case.recordings, work=work, **options)
         keys = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list"
         return {key: result[key] for key in keys.split()}
 

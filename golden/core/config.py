@@ -965,6 +965,11 @@ class AcceleratorConfig:
             group: {field: fields[field] for field in vars(getattr(self, group))} for group in GROUPS
         }
 
+    @property
+    def content(self) -> dict[str, Any]:
+        """Everything that a result can depend on."""
+        return self.to_dict()
+
     @classmethod
     def from_dict(cls, values: dict[str, Any], source: str = "configuration") -> AcceleratorConfig:
         """The configuration in ``values``, as `to_dict` makes them; missing fields have their defaults.

@@ -11,13 +11,16 @@ import numpy as np
 def content_key(*parts: Any) -> str:
     """Key that depends on the content of ``parts`` alone.
 
-    A part is bytes, an array, a file (`Path`: its content), an object with an attribute ``content``
-    (recordings, a model), or a value that JSON can hold.
+    A part is bytes, an array, a file or folder (`Path`: its content), an object with an attribute ``content``
+    (recordings, a configuration, a model), or a value that JSON can hold.
     """
     digest = hashlib.sha256()
     for part in parts:
         part = getattr(part, "content", part)
-        if isinstance(part, Path):
+        if isinstance(part, Path) and part.is_dir():
+            files = sorted(path for path in part.rglob("*") if path.is_file())
+            part = [[path.relative_to(part).as_posix(), content_key(path)] for path in files]
+        elif isinstance(part, Path):
             part = part.read_bytes()
         elif isinstance(part, np.ndarray):
             part = f"{part.dtype.str} {part.shape} ".encode() + np.ascontiguousarray(part).tobytes()

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,12 +45,7 @@ def wire_load_of(library: Library, preferred: str) -> str:
 
 
 def slowest(
-    verilog: Path,
-    top: str,
-    libraries: Sequence[Library],
-    foreign: Sequence[Library],
-    wire_load: str,
-    folder: Path,
+    verilog: Path, top: str, libraries: Sequence[Library], foreign: Sequence[Library], wire_load: str
 ) -> Slowest:
     """The slowest path between registers.
 
@@ -67,28 +63,28 @@ def slowest(
     ToolError
     """
     macros = [cell for library in foreign for cell in library.cells]
-    files = "".join(f"read_liberty {library.path.resolve()}\n" for library in (*libraries, *foreign))
+    files = "".join(f"read_liberty {{{library.path.resolve()}}}\n" for library in (*libraries, *foreign))
     load = f"set_wire_load_model -name {wire_load}\n" if wire_load else ""
     derating = f"set_timing_derate -late -cell_delay {MACRO_DERATING}"
     slower = "".join(f"{derating} [get_lib_cells */{macro}]\n" for macro in macros)
     # its clock is ideal: there is no pessimism to take back (crpr)
-    script = f"""{files}read_verilog {verilog.name}
+    script = f"""{files}read_verilog {{{verilog.resolve()}}}
 link_design {top}
 set sta_crpr_enabled 0
 create_clock -name clk -period {PERIOD_NS} [get_ports clk]
 {load}{slower}report_checks -path_delay max -from [all_registers -clock_pins] -to [all_registers -edge_triggered -data_pins] -digits 4
 exit
 """
-    (folder / "timing.tcl").write_text(script)
-    finished = subprocess.run(
-        ["sta", "-exit", "timing.tcl"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=STA_LIMIT_S,
-        check=False,
-    )
-    (folder / "timing.log").write_text(finished.stdout + finished.stderr)
+    with tempfile.TemporaryDirectory() as folder:  # two calls may ask about one netlist
+        (Path(folder) / "timing.tcl").write_text(script)
+        finished = subprocess.run(
+            ["sta", "-exit", "timing.tcl"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=STA_LIMIT_S,
+            check=False,
+        )
     slack = re.search(r"([-\d.]+) +slack \((?:MET|VIOLATED)\)", finished.stdout)
     if finished.returncode or slack is None:
         raise ToolError(f"OpenSTA failed: {(finished.stdout + finished.stderr).strip()[-800:]}")

@@ -1,6 +1,7 @@
 """Co-simulation of the generated Verilog: ways to play, designs, faults of bench and hardware, the runner, the generated
 folder."""
 
+import json
 import re
 import shutil
 from functools import partial
@@ -66,7 +67,10 @@ SAME = "stages cycles steps decisions overruns probe budgets mismatch_list compa
 @pytest.mark.parametrize("options", [{}, DECLARED, {"probe": True}, {"stalls": True, "probe": True}])
 def test_every_way_to_play_is_exact_and_counts_the_same(play, vectors, options):
     others = {"icarus"} if options == DECLARED else {*IN_BULK} if options else {}  # slow there; not in bulk
-    results = {way: play(seed=5, **options | WAYS[way]) for way in WAYS if way not in others}
+    moves: list[tuple] = []
+    note = {"progress": lambda *move: moves.append(move)}
+    results = {way: play(seed=5, **options | WAYS[way] | note) for way in WAYS if way not in others}
+    assert moves[0][0].startswith("compiling") and (moves[-1][1:] == (3, 3)) == ("both" in results)
     first, cycles = results["cocotb"], results["cocotb"]["cycles"]
     for way, result in results.items():
         here = IN_BULK.get(way, 0)
@@ -262,6 +266,8 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
     index = 3 * SMALL.network.hidden + 2
     word = int(arrays["state_offsets"][1]) + index
     arrays["state"][word] ^= 1
+    for stage, later in (("feature", 4 * SMALL.inputs), ("logit", 3 * SMALL.classes)):  # while waves go on
+        arrays[stage][int(arrays[f"{stage}_offsets"][1]) + later] ^= 1
     np.savez(tmp_path / "changed.npz", **arrays)
     want, frame = int(arrays["state"][word]), int(arrays["decision_frame"][arrays["decision_offsets"][1] + 3])
     place = f"recording {NUMBERS[1]}, frame {frame}, stage state, index {index} (touch 0, step 3, unit 2)"
@@ -271,6 +277,8 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
         assert result["mismatch_list"][0].startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
         if "waves" in options:
             continue
+        shown = json.loads((Path(result["waves"]) / "result.json").read_text())
+        assert shown["mismatch_list"][0].startswith(place)
         waves = (Path(result["waves"]) / "waves.vcd").read_text()
         assert " probe__state__value " in waves and waves.count("\n#") > 2 * 500  # WAVES_AFTER of the bench
 

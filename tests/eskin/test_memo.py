@@ -11,9 +11,13 @@ import pytest
 from eskin import memo
 from eskin.golden.core import PRESETS, content_key
 from eskin.memo import Memo, code_version
+from eskin.study import baselines
+from eskin.training import train_images
+from eskin.verbs import enrol_job, flow, stability_job
 from tests.support import result_case
 from tests.support.random_models import random_integer_model
 from tests.support.table import each_row
+from tests.test_imports import beyond
 
 
 def test_a_key_tells_parts_apart(tmp_path):
@@ -38,6 +42,12 @@ def test_a_key_tells_parts_apart(tmp_path):
     assert len(set(keys)) == len(keys) and content_key(file) == content_key(b"ab")
     file.write_bytes(b"ac")
     assert content_key(file) == content_key(b"ac")
+    (tmp_path / "sub").mkdir()
+    whole = [content_key(tmp_path)]
+    for change in (lambda: file.write_bytes(b"ad"), lambda: file.rename(tmp_path / "sub/file")):
+        change()
+        whole.append(content_key(tmp_path))
+    assert len({*whole}) == 3 and content_key(tmp_path / "sub") == whole[1]
 
 
 def test_recordings_and_models_have_their_content():
@@ -46,6 +56,16 @@ def test_recordings_and_models_have_their_content():
     assert content_key(same) == content_key(other) != content_key(renamed)
     first, again, third = (content_key(random_integer_model(PRESETS["pvdf"], seed)) for seed in (1, 1, 2))
     assert first == again != third
+
+
+WORKERS = {"training.train_images": train_images, "study.baselines": baselines, "verbs.flow": flow}
+WORKERS |= {"verbs.stability_job": stability_job, "teach.enrol": enrol_job, "verbs.cost": enrol_job}
+
+
+@each_row("worker", WORKERS)
+def test_the_code_of_a_key_is_all_that_makes_the_result(worker):
+    code = WORKERS[worker].CODE.args
+    assert not beyond(f"eskin.{worker}", code) and beyond(f"eskin.{worker}", code[1:])
 
 
 @pytest.mark.parametrize("links", [True, False])

@@ -1,12 +1,15 @@
 """eskin/study/baselines.py: each method learns a task it can learn, is counted right, and sees nothing of a part
 that was left out."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eskin.golden.core import content_key
+from eskin.study import baselines
 from eskin.study.baselines import FLOAT_BYTES, Fitted, Method, Network, Scene, judge
 from eskin.training.formats import with_network
 from eskin.training.recipe import choose_recipe
@@ -50,6 +53,20 @@ def test_labels_of_the_test_part_are_not_seen():
     shuffled = replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
     row = judge(Scene.of(shuffled, SMALL), (Nearest("nearest", "nearest touch"), ("person",), (0,), 5))
     assert row["accuracy"] < 0.5
+
+
+@dataclass(frozen=True)
+class Reader(Method):
+    file: Path
+
+
+def test_a_method_of_another_file_or_code_is_another(tmp_path, monkeypatch):
+    reader, keys = Reader("a", "b", tmp_path / "file"), []
+    for text in "aab":
+        reader.file.write_text(text)
+        keys.append(content_key(reader))
+    monkeypatch.setattr(baselines, "code_version", str)
+    assert keys[0] == keys[1] and len({*keys, content_key(reader)}) == 3
 
 
 def test_a_row_weighs_recordings_and_spreads_over_folds_and_seeds():

@@ -30,9 +30,8 @@ def test_rows_in_one_phase_where_the_clock_decides_in_time(clock_hz, decide_with
 
 
 @pytest.mark.timeout(1800)
-@each_row("cells", ["tiny"])
-def test_a_missing_opensta_is_named_with_its_command(tmp_path, monkeypatch, cells):
-    check(tmp_path, monkeypatch, cells, measured=False)
+def test_a_missing_opensta_is_named_with_its_command(tmp_path, monkeypatch):
+    check(tmp_path, monkeypatch, "tiny", measured=False)
 
 
 @pytest.mark.timeout(1800)
@@ -41,6 +40,16 @@ def test_a_missing_opensta_is_named_with_its_command(tmp_path, monkeypatch, cell
 @each_row("cells", ["tiny", "real"])
 def test_the_clock_by_opensta(tmp_path, monkeypatch, cells):
     check(tmp_path, monkeypatch, cells, measured=True)
+
+
+def test_other_cells_or_macros_make_another_netlist(tmp_path):
+    process = process_of("ihp-sg13g2", asic_job.libraries_of(liberty_files("tiny", tmp_path))["typ"])
+    macro, *others = process.macros
+    changes = {"pdk": "sky130hd"}, {"macros": (dataclasses.replace(macro, area=1.0), *others)}
+    kinds = [process, *(dataclasses.replace(process, **change) for change in changes)]
+    keys = {*map(asic_job.content_of, 2 * kinds)}
+    process.library.path.write_text("other cells")
+    assert len({*keys, asic_job.content_of(process)}) == 4
 
 
 def check(tmp_path, monkeypatch, cells, *, measured):

@@ -52,7 +52,7 @@ def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
     parts = flow.cosimulate_parts(
         model, recordings, numbers, jobs=Jobs(workers=1, progress=lambda *move: moves.append(move)), **options
     )
-    assert moves[-1] == ("parts co-simulated", 3, 3)
+    assert moves[-1] == ("parts of up to 4 compiled and played", 3, 3)
     gaps = ("cycles", "budgets", "overruns")  # random stalls begin anew in each part
     assert without(parts, *TIMES, *LOADING, *gaps) == without(whole, *TIMES, *LOADING, *gaps)
     plain = flow.cosimulate_parts(model, recordings, numbers, jobs=Jobs(workers=2), work=here / "work")
@@ -62,6 +62,14 @@ def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
     assert [plain[way] for way in ways] == [3, 7] and [again[way] for way in ways] == [10, 0]
     assert plain["bit_exact"] and plain["recordings"] == 10 and plain["compared_values"] > 1000
     assert not list((here / flow.CACHE).glob("*.json")), "kept only until all are done"
+
+
+def test_another_liberty_file_makes_other_parts(tmp_path):
+    path, keys = tmp_path / "cells.lib", []
+    for text in "aab":
+        path.write_text(text)
+        keys.append(flow.contents({"chip": {"liberty": [str(path)]}}))
+    assert keys[0] == keys[1] != keys[2] and flow.contents({"chip": None}) == [{"chip": None}]
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ from tests.support.folder import contents
 from tests.support.random_models import random_integer_model
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
 from tests.support.table import each_row, refused
+from tests.test_imports import beyond
 
 QUIET = main_job.Console(quiet=True)
 
@@ -101,7 +102,7 @@ class Chain:
         with np.load(vectors) as archive:
             self.played[name] = archive["numbers"].tolist(), int(archive["offsets"][-1])
 
-    def cosim(self, design, vectors, *, cocotb, work, builds, pace="full"):
+    def cosim(self, design, vectors, *, cocotb, work, builds, progress, pace="full"):
         name, changes = ("cosim", self.full) if pace == "full" else ("declared", self.declared)
         self.play(name, design, vectors)
         outcome = cosimulation(len(self.played[name][0]), pace=pace, **changes)
@@ -111,7 +112,7 @@ class Chain:
             Path(outcome["waves"]).mkdir()
         return outcome
 
-    def lowest_clock(self, design, vectors, *, cocotb, work, builds, cycles):
+    def lowest_clock(self, design, vectors, *, cocotb, work, builds, progress, cycles):
         self.play("lowest", design, vectors)
         assert cycles["step_max"] == 97
         if self.no_clock:
@@ -129,6 +130,18 @@ def run(out: Path, **options):
 
 
 ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
+
+
+def cut_at(chain, out: Path, stage: str, stop: type[BaseException] = KeyboardInterrupt, **options) -> Path:
+    """The work folder of a run that was cut in this stage and took nothing over."""
+    chain.calls.clear()
+    chain.stop_at, chain.stop = stage, stop
+    with pytest.raises(stop):
+        run(out, **options)
+    assert chain.calls == ORDER[: ORDER.index(stage) + 1]
+    chain.calls.clear()
+    chain.stop_at = ""
+    return out.with_name(f".{out.name}.work")
 
 
 def test_everything_is_there_and_nothing_else(chain, tmp_path):
@@ -156,14 +169,8 @@ def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(c
     run(out)
     before = contents(out)
     chain.recordings = result_case.recordings(10)  # other data: nothing of the old run can be used
-    chain.calls.clear()
-    chain.stop_at, chain.stop = stage, stop
-    with pytest.raises(stop):
-        run(out)
+    cut_at(chain, out, stage, stop)
     assert contents(out) == before
-    assert chain.calls == ORDER[: ORDER.index(stage) + 1]
-    chain.calls.clear()
-    chain.stop_at = ""
     record = run(out)
     assert chain.calls == ORDER[ORDER.index(stage) :]
     assert [timing["cached"] for timing in record["timings"]] == [
@@ -182,31 +189,58 @@ def change(chain, name: str) -> None:
             arrays.labels[0] += 1
         case "groups":
             arrays.groups["person"][0] += 1
+        case "source":
+            chain.recordings = replace(arrays, source="another file")
         case "configuration":
             chain.config = CONFIG.replace(rearm_frames=17)
 
 
-@each_row("name", ["samples", "labels", "groups", "configuration", "code", "hidden"])
-def test_a_stage_of_other_inputs_is_not_taken_over(monkeypatch, tmp_path, name):
+OPTIONS = {"hidden": 3, "cell": "gru", "seeds": 2, "group": "person", "prefer": "cells", "fits": "ulx3s"}
+OPTIONS |= {"stress": "off", "config": "pvdf"}
+
+
+@each_row("name", ["samples", "labels", "groups", "source", "configuration", *OPTIONS])
+def test_a_run_that_is_asked_for_anything_else_takes_nothing_over(monkeypatch, tmp_path, name):
     chain = Chain(monkeypatch)
-    chain.stop_at = "cosim"
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "run")
+    cut_at(chain, tmp_path / "run", "cosim")
     change(chain, name)
-    if name == "code":
-        monkeypatch.setattr(main_job, "code_version", lambda *packages: "other code")
-    chain.calls.clear()
-    chain.stop_at = ""
-    run(tmp_path / "run", hidden=3 if name == "hidden" else None)
+    run(tmp_path / "run", **{name: OPTIONS[name]} if name in OPTIONS else {})
     assert chain.calls == ORDER
 
 
+READ = {"training.*/model/training.json": "quantise", "quantisation.*/model/config.json": "evaluate"}
+READ |= {f"Verilog.*/rtl/{MARK}": "cosim"}
+
+
+@each_row("pattern", READ)
+def test_a_stage_that_reads_another_content_is_made_anew_and_all_behind_it(monkeypatch, tmp_path, pattern):
+    chain = Chain(monkeypatch)
+    (path,) = cut_at(chain, tmp_path / "run", "report").glob(pattern)
+    path.write_text(path.read_text() + " ")
+    run(tmp_path / "run")
+    assert chain.calls == ORDER[ORDER.index(READ[pattern]) :]
+
+
+WORKERS = "choose.choice training.integers training.evaluate choose.yardsticks verbs.generate_job".split()
+UNUSED = ("eskin.exchange", "eskin.training.made_up")  # by this job, of what `generate_job` imports
+
+
+@each_row("number", range(len(ORDER) - 1))
+def test_a_stage_of_other_code_is_made_anew_and_all_behind_it(monkeypatch, tmp_path, number):
+    chain = Chain(monkeypatch)
+    code = Mock(return_value="this code")
+    monkeypatch.setattr(main_job, "code_version", code)
+    cut_at(chain, tmp_path / "run", "report")
+    worker = f"eskin.{[*WORKERS, *['verbs.flow'] * 3][number]}"
+    outside = beyond(worker, code.call_args_list[number].args)
+    assert not {name for name in outside if not name.startswith(UNUSED)}
+    code.side_effect = [*["this code"] * number, "other code", *["this code"] * 9]
+    run(tmp_path / "run")
+    assert chain.calls == ORDER[number:]
+
+
 def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
-    chain.stop_at = "lowest"
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "run")
-    chain.calls.clear()
-    chain.stop_at = ""
+    cut_at(chain, tmp_path / "run", "lowest")
     record = run(tmp_path / "run", recordings="4")
     assert "train" not in chain.calls and "cosim" in chain.calls
     assert record["cosimulated"] == chain.recordings.evenly(4).tolist()
@@ -299,7 +333,5 @@ def test_a_run_stopped_between_the_two_renames_is_put_right(chain, tmp_path):
     before = contents(out)
     (tmp_path / ".run.work").mkdir()
     shutil.move(out, tmp_path / ".run.work/old")
-    chain.stop_at = "train"
-    with pytest.raises(KeyboardInterrupt):
-        run(out, hidden=3)
+    cut_at(chain, out, "train", hidden=3)
     assert contents(out) == before and [path.name for path in tmp_path.iterdir()] == ["run"]

@@ -5,7 +5,7 @@ import json
 import os
 from dataclasses import replace
 from functools import partial
-from unittest.mock import Mock
+from unittest.mock import MagicMock, Mock
 
 import numpy as np
 import pytest
@@ -51,9 +51,9 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name, monkeypatch
         assert {len(line) for line in drawn["lines"].values()} == {len(drawn["x"])}
 
 
-def in_hardware(case: Bench, folder) -> stability_job.Hardware:
+def in_hardware(case: Bench) -> stability_job.Hardware:
     """Icarus: it builds fastest."""
-    return stability_job.Hardware(case, folder / "work", "icarus")
+    return stability_job.Hardware(case, "icarus")
 
 
 @pytest.mark.slow
@@ -63,7 +63,7 @@ def in_hardware(case: Bench, folder) -> stability_job.Hardware:
 def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)
     bench = stability_case.bench()
-    hardware, design = in_hardware(bench, tmp_path), broken_design(bench.model, mode.run, tmp_path / "broken")
+    hardware, design = in_hardware(bench), broken_design(bench.model, mode.run, tmp_path / "broken")
     sound, broken = hardware.measure(mode.run), hardware.measure(mode.run, hardware=design)
     assert sound.value <= mode.bound(bench) < broken.value, (
         sound.rtl["mismatch_list"],
@@ -72,10 +72,20 @@ def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypat
     assert sound.rtl["compared_values"] > 100
 
 
+def test_each_case_is_played_in_a_folder_of_its_own(monkeypatch):
+    """Even the same mode, at the same time."""
+    played = MagicMock()
+    monkeypatch.setattr(stability_job.flow, "cosimulate", played)
+    for _ in range(2):
+        in_hardware(Mock()).play_case(Mock(), "spikes")
+    first, second = (call.kwargs["work"] for call in played.call_args_list)
+    assert first != second and not first.parent.exists()
+
+
 @pytest.mark.slow
 def test_a_recording_that_is_left_leaves_nothing_behind_but_without_arm_or_reset_it_does(tmp_path):
     case = replace(stability_case.bench(), flips=200)
-    hardware = in_hardware(case, tmp_path)
+    hardware = in_hardware(case)
     assert hardware.measure("reset").value == 0 < hardware.measure("reset", ways=("neither",)).value
 
 
