@@ -435,7 +435,6 @@ class BoardRequest(ModelOptions):
     standalone: bool = option(
         "Build without a host: model in the bitstream, frames from a converter.", False, "--standalone"
     )
-    flash: bool = option("With --standalone: load the model from the board's flash.", False, "--flash")
     clock: float | None = option("Target clock. Default: the board's oscillator.", min=1e3, metavar="HZ")
     seeds: int = option("Number of placements to try; the fastest is kept.", 1, min=1, max=1000)
     out: Path | None = option("Folder to write: new, or an earlier build. Default: build/board/NAME.")

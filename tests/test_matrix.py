@@ -110,8 +110,8 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ()),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
-    "build --standalone --flash": (
-        "build {model} --target icebreaker --converter ads7953 --standalone --flash --out {out}/board",
+    "build --standalone": (
+        "build {model} --target icebreaker --converter ads7953 --standalone --out {out}/board",
         ("image",),
     ),
     "replay": ("replay {model} --data {data} --port {port}", ("early", "scanned", "image")),
@@ -161,7 +161,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "--converter: is matrix, which goes with the design's own Verilog and clock",
     ),
     (
-        ("build --standalone --flash",),
+        ("build --standalone",),
         ("image",),
         "field interface: has a converter or position, which images do not have",
     ),

@@ -121,8 +121,6 @@ def build(request: BoardRequest) -> None:
         )
     if request.converter and not (request.standalone or request.link):
         raise InputError("--converter: needs the link or --standalone; leave out --no-link")
-    if request.flash and not request.standalone:
-        raise InputError("--flash: is for a board without a host; add --standalone")
     if request.standalone and not request.link:
         raise InputError("--standalone: never has a link; leave out --no-link")
     target, (lanes, lane_type) = board(request.target), parse_lanes(request.lanes)
@@ -139,7 +137,6 @@ def build(request: BoardRequest) -> None:
         target=target,
         link=request.link,
         standalone=request.standalone,
-        flash=request.flash,
         sensing=bool(request.converter) and not request.standalone,
         clock_hz=request.clock,
         lanes_asked=lanes is not None,

@@ -34,13 +34,11 @@ from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import FAMILIES, DoesNotFit, Implementation, NoRoute, place
 from eskin.rtl.fpga.synthesis import Family, Netlist, synthesise
-from eskin.rtl.fpga.targets import TARGETS, Target
-from eskin.rtl.fpga.targets import target as board
+from eskin.rtl.fpga.targets import Target
 from eskin.rtl.fpga.tools import need_tool
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.host.uart import DIVISOR_MIN
 from eskin.rtl.image.image_engine import refuse_hardware
-from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import (
     decision_cycles,
@@ -121,8 +119,6 @@ class BuildRequest:
     standalone:
         No host: the model in the bitstream, frames from the configuration's converter, its stimulator if it
         has one.
-    flash:
-        Standalone, but the model is read from the board's SPI flash at start.
     sensing:
         With the link: frames from the configuration's converter, its stimulator if it has one; a host loads
         the model.
@@ -139,7 +135,6 @@ class BuildRequest:
     target: Target
     link: bool = True
     standalone: bool = False
-    flash: bool = False
     sensing: bool = False
     clock_hz: float | None = None
     lanes_asked: bool = False
@@ -176,19 +171,15 @@ class BuildRequest:
         Raises
         ------
         InputError
-            What a board without a host cannot do, or this one's flash.
+            What a board without a host cannot do.
         """
         config, skin = self.config, self.standalone or self.sensing
         if skin:
             config = config.replace(clock_hz=self.wanted_hz)
         if self.standalone:
-            config = config.replace(loadable=self.flash)
+            config = config.replace(loadable=False)
             refuse_standalone(config)
-        if self.flash and not self.target.flash:
-            with_flash = ", ".join(name for name in TARGETS if board(name).flash)
-            fault = f"the flash of {self.target.name} is not on four free pins of its part"
-            raise InputError(f"--flash: {fault}; leave it out, or use one of {with_flash}")
-        return Wiring(config=config, target=self.target, link=self.hosted, sensing=skin, flash=self.flash)
+        return Wiring(config=config, target=self.target, link=self.hosted, sensing=skin)
 
     def spared(self, misfit: DoesNotFit) -> BuildRequest | None:
         """The same with weights in large memories, where block memories are what the part lacks."""
@@ -220,8 +211,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
 
     Returns
     -------
-    The result (`build.json`; with ``flash`` also ``flash_image``, bytes), its bitstream and its netlist as
-    Verilog.
+    The result (`build.json`), its bitstream and its netlist as Verilog.
 
     Raises
     ------
@@ -287,9 +277,6 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
             "converter": interface.converter.name,
         }
         result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
-    if request.flash:
-        result["flash_image"] = image = flash_image(config, request.arrays)
-        result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(image)}
     return result, best.bitstream, netlist.verilog
 
 
@@ -331,20 +318,13 @@ def board_of(model: Path) -> tuple[int, int, Any]:
     return rate, lanes, lane_type
 
 
-FLASH_IMAGE = "flash.bin"
-"""File of a build for the board's flash."""
-
-
 def write(result: Record, bitstream: Path | None, netlist: Path, out: Path) -> None:
-    """Write the folder in one exchange: the bitstream, netlist.v, build.json; the image for the flash."""
-    image = result.pop("flash_image", None)
+    """Write the folder in one exchange: the bitstream, netlist.v, build.json."""
     check_folder(out, MARK)
     with replacing_folder(out) as folder:
         if bitstream is not None:
             shutil.copyfile(bitstream, folder / result["bitstream"])
         shutil.copyfile(netlist, folder / "netlist.v")
-        if image is not None:
-            (folder / FLASH_IMAGE).write_bytes(image)
         write_json(folder / MARK, result)
 
 

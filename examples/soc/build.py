@@ -25,15 +25,15 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import DoesNotFit, place
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
-from eskin.rtl.fpga.wiring import FLASH_PORTS
+from eskin.rtl.host.flash_loader import OFFSET, image
 from eskin.rtl.host.uart import uart_divisor
-from eskin.rtl.program.flash_image import FLASH_OFFSET, design_number, sealed
-from eskin.rtl.program.memory_map import Register
 
 HERE = Path(__file__).parent
 BAUD = 1e6
 WORDS = {"icebreaker": 1 << 14}
 """Words of the memory: two large ones of an iCE40 UP5K; elsewhere 4096."""
+FLASH_SITES = {"flash__cs_n": "16", "flash__sclk": "15", "flash__mosi": "14", "flash__miso": "17"}
+"""The icebreaker's."""
 CONVERTER = "ads7953"
 COMPILER = "cc -target riscv32-freestanding -mcpu=generic_rv32 -O2 -std=c99 -ffreestanding -nostdlib -fno-sanitize=all"
 COMPILER += " -flto -DESKIN_BASE=0x40000000u"
@@ -119,10 +119,8 @@ def prepare(options: argparse.Namespace) -> None:
     flash = board == "icebreaker"
     soc = Soc(config, None if flash else program, words=WORDS.get(board, 4096))
     if flash:
-        padded = [*program, *[0] * (LOADED_WORDS - len(program))]
-        halves = [word >> 16 * k & 0xFFFF for word in padded for k in range(2)]
-        writes = [(Register.MEMORY_DATA, half) for half in halves]
-        (folder / "flash.bin").write_bytes(sealed(design_number(config), writes))
+        halves = np.array(program, "<u4").view("<u2").tolist()
+        (folder / "flash.bin").write_bytes(image(halves + [0] * (2 * LOADED_WORDS - len(halves))))
     if board is None:
         (folder / "soc.sv").write_text(text_of(PoweredOn(soc), "soc"))
         return
@@ -138,7 +136,7 @@ def bitstream(config: AcceleratorConfig, soc: Soc, board: str, folder: Path) -> 
         shutil.copy(source, folder / name)
     (_, tx), free = part.uart, iter(part.pins)
     sites = {"clk": part.clock_pin, "tx": tx, "led": part.led}
-    sites |= dict(zip(FLASH_PORTS, part.flash, strict=False)) if board == "icebreaker" else {}
+    sites |= FLASH_SITES if board == "icebreaker" else {}
     sites |= {f"pins__{name}": next(free) for name in ("cs_n", "mosi", "miso", "sclk")}
     placed = place(netlist, part, sites, folder / "placed", seed=1)
     shutil.copy(placed.bitstream, folder / f"soc{placed.bitstream.suffix}")
@@ -147,7 +145,7 @@ def bitstream(config: AcceleratorConfig, soc: Soc, board: str, folder: Path) -> 
     )
     print(f"{board}: {used}; {placed.fmax_hz / 1e6:.1f} MHz of {part.clock_hz / 1e6:g} ({placed.path})")
     if board == "icebreaker":
-        print(f"{folder}/flash.bin: the program, for byte {FLASH_OFFSET:#x} of the flash")
+        print(f"{folder}/flash.bin: the program, for byte {OFFSET:#x} of the flash")
 
 
 def compare(options: argparse.Namespace) -> int:

@@ -22,10 +22,8 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common import OnePortMemory, forward
-from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
+from eskin.rtl.host.flash_loader import FlashLoader, flash_pins
 from eskin.rtl.host.uart import UartTransmitter, uart_divisor
-from eskin.rtl.program.flash_image import design_number
-from eskin.rtl.program.memory_map import Register
 from eskin.rtl.top.system import System
 
 SERV = Path(pythondata_cpu_serv.data_location)
@@ -75,7 +73,7 @@ class Soc(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        config, clock_hz = self._config, self._config.hardware.clock_hz
+        clock_hz = self._config.hardware.clock_hz
         m.submodules.accelerator = accelerator = self._accelerator
         m.submodules.uart = uart = UartTransmitter(uart_divisor(clock_hz, BAUD))
 
@@ -127,21 +125,20 @@ class Soc(wiring.Component):
             ]
             m.d.sync += starts.eq(1)
         else:
-            cycles = max(1, round(WAKE_S * clock_hz))
-            m.submodules.loader = loader = FlashLoader(
-                design_number(config), 2 * LOADED_WORDS, wake_cycles=cycles
-            )
+            m.submodules.loader = loader = FlashLoader(2 * LOADED_WORDS, clock_hz)
             forward(m, self, loader, "flash")
-            loads, half = loader.bus.w_stb & (loader.bus.addr == Register.MEMORY_DATA), Signal(15)
+            half = Signal(15)
             m.d.comb += starts.eq(loader.done)
-            m.d.sync += half.eq(half + loads)
+            m.d.sync += half.eq(half + loader.valid)
             for k in range(2):
                 m.submodules[f"memory_{k}"] = memory = OnePortMemory(self._words)
                 m.d.comb += [
                     memory.address.eq(Mux(starts, address, half[1:])),
                     memory.enable.eq(1),
-                    memory.data.eq(Mux(starts, given[16 * k :][:16], loader.bus.w_data)),
-                    memory.write.eq(Mux(starts, enables[2 * k :][:2], (loads & (half[0] == k)).replicate(2))),
+                    memory.data.eq(Mux(starts, given[16 * k :][:16], loader.word)),
+                    memory.write.eq(
+                        Mux(starts, enables[2 * k :][:2], (loader.valid & (half[0] == k)).replicate(2))
+                    ),
                     stored[16 * k :][:16].eq(memory.word),
                 ]
 

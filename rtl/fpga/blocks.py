@@ -27,7 +27,6 @@ BLOCKS = {
     "position": "position",
     "stimulation": "stimulator",
     "registers": "registers",
-    "loader": "flash loader",
 }
 """Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top
 otherwise."""

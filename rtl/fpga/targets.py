@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from amaranth.build import ResourceError
-
 from eskin.golden.core import InputError, Record
 from eskin.rtl.fpga.synthesis import ECP5, GOWIN, ICE40, Family
 
@@ -25,8 +23,7 @@ class Target:
     device: the part's name. room: what it has; None: no estimate there. family: for Yosys. place: nextpnr's
     options for part and package; pack: the packer's. clock_pin, clock_hz: the board's oscillator (the
     upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led:
-    a lamp, or a free pin. pins: further free pins, in the order in which they are given out. flash: (select,
-    clock, to it, from it) of the SPI flash that holds the bitstream, where all four are pins of the part.
+    a lamp, or a free pin. pins: further free pins, in the order in which they are given out.
     """
 
     name: str
@@ -39,7 +36,6 @@ class Target:
     uart: tuple[str, str]
     led: str
     pins: tuple[str, ...]
-    flash: tuple[str, ...] = ()
     pack: tuple[str, ...] = ()
 
 
@@ -58,10 +54,9 @@ def _target(
     connector: tuple[str, ...],
     uart: tuple[str, ...] = (),
     led: str | None = None,
-    own_flash: bool = True,
 ) -> Target:
     """Read a board off amaranth-boards. ``connector``: free pins; ``uart``, ``led``: pins (rx, tx) where the
-    board has none of its own; ``own_flash``: its flash's pins are the design's to use."""
+    board has none of its own."""
     board: Any = getattr(import_module(f"amaranth_boards.{module}"), platform)()
     device = (
         getattr(board, "device", None) or board.family
@@ -76,10 +71,6 @@ def _target(
     def sites(names: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(board._conn_pins.get(name, name) for name in names)
 
-    try:
-        flash = pins("spi_flash_1x", "cs", "clk", "copi", "cipo") if own_flash else ()
-    except ResourceError:
-        flash = ()
     rx, tx = sites(uart) or pins("uart", "rx", "tx")
     return Target(
         name=name,
@@ -92,7 +83,6 @@ def _target(
         uart=(rx, tx),
         led=sites((led,))[0] if led else board.lookup("led", 0).ios[0].names[0],
         pins=sites(connector),
-        flash=flash,
         pack=_PACK.get(device, ()),
     )
 
@@ -115,13 +105,11 @@ _BOARDS: dict[str, Record] = {
         platform="ULX3S_25F_Platform",
         connector=tuple(f"gpio_0:{pin}{side}" for pin in range(14) for side in "+-"),
     ),
-    # Pins at 3.3 V along the board's edges that nothing else on it uses but a display's connector; the flash is on
-    # pins that configure the part.
+    # Pins at 3.3 V along the board's edges that nothing else on it uses but a display's connector.
     "tangnano9k": dict(
         module="tang_nano_9k",
         platform="TangNano9kPlatform",
         connector=tuple("25 26 27 28 29 30 33 34 40 35 41 42 31 32 49 48".split()),
-        own_flash=False,
     ),
 }
 """Arguments of `_target` for each board."""

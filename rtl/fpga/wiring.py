@@ -9,13 +9,11 @@ from eskin.rtl.fpga.targets import Target
 from eskin.rtl.interface.i2c_master import I2C_PINS
 from eskin.rtl.program.memory_map import Images
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.system import BAUD, ClassPins, Host, System, class_pin_count
+from eskin.rtl.top.system import BAUD, ClassPins, System, class_pin_count
 
 STIMULATOR_PIN = 8
 """Index of the stimulator's pin among a board's free pins: the first of the second connector if there are two
 of 8."""
-FLASH_PORTS = ("flash__cs_n", "flash__sclk", "flash__mosi", "flash__miso")
-"""Names in the order of `Target.flash`."""
 SAID = {
     "clk": "the board's oscillator",
     "led": "lamp: a frame was broken",
@@ -24,7 +22,6 @@ SAID = {
     "decision_valid": "the decision is final",
     "unsure": "and not confident",
     **dict.fromkeys(("rx", "tx"), "the board's serial port"),
-    **dict.fromkeys(FLASH_PORTS, "the board's flash"),
 }
 """Connection of each port except the converter's."""
 
@@ -34,14 +31,13 @@ class Wiring:
     """A design on a board.
 
     link: a host's serial line. sensing: frames from the configuration's converter, its stimulator if it has
-    one. flash: the model comes out of the board's flash. None of them: onset to decision alone, in a harness.
+    one. Neither: onset to decision alone, in a harness.
     """
 
     config: AcceleratorConfig
     target: Target
     link: bool = False
     sensing: bool = False
-    flash: bool = False
 
     def design(self, images: Images | None, clock_hz: float, baud: float | None) -> PoweredOn:
         """The design, reset at power-on until its part is ready; alone, that belongs to the board's top,
@@ -51,11 +47,10 @@ class Wiring:
         if not (self.sensing or (self.link and baud)):
             # nobody reads: registers and counters that could only be read are not there
             return PoweredOn(Harness(Accelerator(self.config, images), ("probe", "bus__r_")))
-        host: Host | None = "link" if baud else "flash" if self.flash else None
         top = System(
             self.config,
             images,
-            host=host,
+            host="link" if baud else None,
             source="converter" if self.sensing else "host",
             clock_hz=clock_hz,
             baud=baud or BAUD,
@@ -90,7 +85,6 @@ class Wiring:
         if not (self.link or self.sensing):
             return own | dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))
         line = dict(zip(("rx", "tx"), target.uart, strict=True)) if self.link else {}
-        memory = dict(zip(FLASH_PORTS, target.flash, strict=False)) if self.flash else {}
         wires, place = list(self._wires()), 0
         ports = self._decisions(self.shown)
         if self.sensing:
@@ -105,7 +99,7 @@ class Wiring:
         free = dict(zip(wires, target.pins, strict=False)) | dict(
             zip(ports, target.pins[place:], strict=False)
         )
-        return own | {"led": target.led} | memory | line | free
+        return own | {"led": target.led} | line | free
 
     def _wires(self) -> dict[str, str]:
         return converter_plan(self.config).wires(self.config.interface.converter.name) if self.sensing else {}

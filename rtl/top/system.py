@@ -13,14 +13,12 @@ from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.host.decision_queue import decision_word
-from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from eskin.rtl.host.wishbone_front import WishboneFront
 from eskin.rtl.interface.interface_registers import InterfaceRegisters
 from eskin.rtl.interface.stimulation import Stimulation, reset_settings
 from eskin.rtl.interface.touch_position import TouchPosition
-from eskin.rtl.program.flash_image import design_number, write_count
 from eskin.rtl.program.memory_map import Images
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.sensing import Sensing
@@ -35,8 +33,8 @@ Bus = Literal["wishbone", "axi4lite"]
 FRONTS: Record = {"wishbone": WishboneFront, "axi4lite": Axi4LiteFront}
 Source = Literal["host", "stream", "converter"]
 """Sender of the frames: who sends the model, an AXI-Stream, or the configuration's converter."""
-Host = Literal["link", "wishbone", "axi4lite", "flash"]
-"""Sender of the model: a host over a `UartLink`, a CPU behind a `BusShell`, the board's flash (`FlashLoader`)."""
+Host = Literal["link", "wishbone", "axi4lite"]
+"""Sender of the model: a host over a `UartLink`, a CPU behind a `BusShell`."""
 
 FRAMES = {
     "s_axis_tdata": In(16),
@@ -45,7 +43,7 @@ FRAMES = {
     **inputs("s_axis_tlast", "s_axis_tuser"),
 }
 DECISIONS = {"m_axis_tdata": Out(32), "m_axis_tvalid": Out(1), "m_axis_tready": In(1), "m_axis_tlast": Out(1)}
-INSIDE = ("bus", "frame", "decision", "any_fault", "request", "expected", "done", "failed")
+INSIDE = ("bus", "frame", "decision", "any_fault", "request", "expected")
 """Members of a host's parts that are no pins."""
 
 
@@ -85,7 +83,6 @@ class System(wiring.Component):
     With a converter frames from a host are dropped, and frames are read
 
     - without a host (the model is in the bitstream, ``loadable`` false) from reset on,
-    - with a flash from its ``done`` on; if it fails, never,
     - otherwise from the host's first ARM on. It has registers of position, faults and stimulator
       (`InterfaceRegisters`).
 
@@ -109,7 +106,6 @@ class System(wiring.Component):
     -------
     rx : In(1), tx : Out(1), only with a link
         Serial lines, idle high.
-    flash : Out(flash_pins), only with a flash
     The front's and irq : Out(1), only behind a bus
     s_axis_... : In, only with a stream
     m_axis_... : Out and bus : In, only with a stream and without a host
@@ -121,8 +117,8 @@ class System(wiring.Component):
     unsure : Out(1), only with ``margin_threshold``
         And its margin is below the threshold: no confident decision.
     led : Out(1)
-        Toggles every 64 frames or writes that were accepted. With a converter: a frame was broken, the chain's watchdog
-        acted, or the flash held no model, since reset.
+        Toggles every 64 frames or writes that were accepted. With a converter: a frame was broken, or the chain's
+        watchdog acted, since reset.
     pins : Out, only with a converter
         The converter's.
     stim_tx : Out(1), only with a converter and a stimulator
@@ -156,11 +152,6 @@ class System(wiring.Component):
         fed_by: FedBy | None = None
         if host == "link":
             self._parts["link"] = UartLink(config, uart_divisor(self._clock_hz, baud))
-        elif host == "flash":
-            cycles = max(1, round(WAKE_S * self._clock_hz))
-            self._parts["loader"] = FlashLoader(
-                design_number(config), write_count(config), wake_cycles=cycles
-            )
         elif host:
             self._parts["front"] = FRONTS[host]()
             self._parts["shell"] = BusShell(config, samples=source == "host")
@@ -209,9 +200,7 @@ class System(wiring.Component):
             m.submodules.registers = registers = InterfaceRegisters(own)
             wiring.connect(m, registers.inner, core.bus)
             bus = registers.bus
-        if "loader" in parts:
-            wiring.connect(m, parts["loader"].bus, bus)
-        elif host is not None:
+        if host is not None:
             wiring.connect(m, host.bus, bus)
         elif not sensing:
             wiring.connect(m, wiring.flipped(self.bus), bus)
@@ -255,13 +244,10 @@ class System(wiring.Component):
         broken, wrong = core.broken if sensing else Const(0, 1), Signal()
         if sensing:
             forward(m, self, core, "pins")
-            watching, loader = core.accelerator.watching, parts.get("loader")
+            watching = core.accelerator.watching
             hung: Value = Const(0, 1) if watching is None else watching.hung
             begun: Value = Const(1, 1) if registers is None else registers.armed
-            unloaded: Value = Const(0, 1)
-            if loader is not None:
-                begun, unloaded = loader.done, loader.failed
-            m.d.comb += [core.run.eq(begun), wrong.eq(broken | core.fault.any() | hung | unloaded)]
+            m.d.comb += [core.run.eq(begun), wrong.eq(broken | core.fault.any() | hung)]
             m.d.sync += self.led.eq(self.led | wrong)
             if registers is not None:
                 m.d.comb += registers.fault.eq(core.fault)

@@ -2,7 +2,6 @@
 the part."""
 
 import dataclasses
-import random
 import shutil
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +21,6 @@ from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.fpga.wiring import Wiring
-from eskin.rtl.program.flash_image import flash_image
 from eskin.rtl.program.memory_map import Control, Register, memory_images
 from eskin.rtl.top.system import System
 from eskin.training.made_up import random_recordings
@@ -209,26 +207,6 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
     before = config.windows.pretrigger_frames + 2 * config.rest_level.rest_frames + 20
     cut = beginnings(made, config, count=3, steps=config.windows.steps, before=before, rest=60)
     assert plays_as_golden(hardware, model, cut, tmp_path, tail_s=0.16, limit_s=3600)[0] >= 3
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-@pytest.mark.parametrize("level", ["rtl", "netlist"])
-def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
-    model = random_integer_model(CONFIG.replace(loadable=True), 1)
-    hardware = board_of(model, tmp_path, level, flash=True)
-    config, image = model.config, flash_image(model.config, model.arrays)
-    made = random_recordings(config, (450,), seed=6)
-    made.samples[300:] = made.samples[0]
-    assert plays_as_golden(hardware, model, made, tmp_path, flash=image)[0]
-    codes, rng = through_converter(made, config)[1], random.Random(7)
-    for bit in (3, *rng.sample(range(48, 8 * len(image)), 3)):
-        damaged = bytearray(image)
-        damaged[bit // 8] ^= 0x80 >> bit % 8
-        options = dict(flash=bytes(damaged), limit=4 * 8 * len(image) + 10_000)  # loading it takes less
-        found = played(hardware, config, codes, tmp_path / f"bit{bit}", **options)
-        assert not found.begun and found.pins[-1][3], f"bit {bit}: the lamp is on and no scan begins"
-        assert set(found.model(config).frames) == {"OFF"}
 
 
 @pytest.mark.slow

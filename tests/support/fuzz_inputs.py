@@ -442,7 +442,7 @@ energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
 build @ --target icebreaker
 build @ --target # --converter $ --standalone
-build @ --target icebreaker --converter ads7953 --standalone --flash
+build @ --target icebreaker --converter ads7953 --standalone
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib
 replay @ --port /dev/null --data ../in/recordings.npz
 watch @ --data ../in/recordings.npz

@@ -13,7 +13,6 @@ from eskin.golden.core import AcceleratorConfig
 from tests.support.stimulator import StimulatorModel
 
 BOARD = Path(__file__).with_name("skin_board.sv")
-FLASH = Path(__file__).with_name("spi_flash.sv")
 BAUD = 115200
 
 
@@ -47,7 +46,6 @@ def play(
     builds: Path,
     fault_frame: int | None = None,
     fault_kind: int = 1,
-    flash: bytes | None = None,
     host: tuple[bytes, bytes] | None = None,
     host_clocks: int = 4,
     limit: int | None = None,
@@ -62,8 +60,6 @@ def play(
     fault_frame, fault_kind:
         From this frame on the converter misbehaves as its model in cosim/converters says; kind 1: its data
         line stays low.
-    flash:
-        What the board's flash holds at the image's place; the design reads its model there.
     host, host_clocks:
         For a design with the link: what a host sends at the beginning and in the middle of the tail, and the
         clocks of a bit.
@@ -75,10 +71,10 @@ def play(
     models, options = converter_model(config)
     simulator = runner.build(
         "verilator",
-        [*hardware.sources, *models, *[FLASH] * (flash is not None)],
+        [*hardware.sources, *models],
         parameters,
         builds,
-        options=[*hardware.options, *options, *["-DFLASH"] * (flash is not None)],
+        options=[*hardware.options, *options],
         wrapper=BOARD,
         top=BOARD.stem,
     )
@@ -95,8 +91,6 @@ def play(
     }
     settings |= {name: data.hex() for name, data in zip(("host", "last"), host or (b"", b""), strict=True)}
     (work / "skin.json").write_text(json.dumps(settings))
-    if flash is not None:
-        (work / "flash.bin").write_bytes(flash)
     runner.run(simulator, work, limit_s=limit_s, bench="tests.support.skin_bench")
     said = json.loads((work / "result.json").read_text())
     heard = bytes(byte & 255 for byte, _ in said["host"]) if host is not None else b""

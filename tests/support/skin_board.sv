@@ -15,10 +15,6 @@ module skin_board #(parameter integer BEATS = 16, CLASSES = 3, CYCLE_PS = 83333)
     always #5 clk = ~clk;
     `PIN_WIRES
     assign moving = `PORT_BUSY;
-`ifdef FLASH
-    wire flash__cs_n, flash__sclk, flash__mosi, flash__miso;
-    spi_flash #(.CYCLE_PS(CYCLE_PS)) flash (.cs_n(flash__cs_n), .sclk(flash__sclk), .mosi(flash__mosi), .miso(flash__miso));
-`endif
     converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves), .violations(violations));
     accelerator dut (.*, `DESIGN_PINS);
 endmodule

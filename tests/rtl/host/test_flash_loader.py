@@ -1,90 +1,75 @@
-"""rtl/host/flash_loader.py: the image's writes, in order; nothing is done from one that is not whole."""
+"""rtl/host/flash_loader.py: the words come in order, and ``done`` only when all of them were whole."""
 
-from eskin.golden.core import PRESETS
-from eskin.rtl.host.flash_loader import FlashLoader
-from eskin.rtl.program.flash_image import (
-    FLASH_OFFSET,
-    checksum,
-    design_number,
-    flash_image,
-    sealed,
-    write_count,
-)
-from eskin.rtl.program.memory_map import Control, Register, load_writes
-from tests.support.random_models import random_integer_model
+import binascii
+
+from eskin.rtl.host.flash_loader import OFFSET, WAKE_S, FlashLoader, image
 from tests.support.spi_flash import SpiFlash
 from tests.support.stream_bench import Bench
 from tests.support.table import each_row
 
-NUMBER, WAKE_CYCLES = 0x5A1234, 7
-WRITES = [(8, 0), (9, 0xBEEF), (9, 1), (8, 0x42), (9, 0x8000), (16, 3)]
-ARM = (int(Register.CONTROL), int(Control.ARM))
+WAKE_CYCLES = 7
+WORDS = [8, 0xBEEF, 1, 0x4208, 0x8000, 3]
 
 
-def load(image: bytes, *, offset: int = FLASH_OFFSET, wakes: int = WAKE_CYCLES - 2):
-    """(writes on the bus, done, failed, cycles, the flash) of a start with ``image`` in the flash."""
-    dut = FlashLoader(NUMBER, len(WRITES), wake_cycles=WAKE_CYCLES)
+def load(contents: bytes, *, offset: int = OFFSET, wakes: int = WAKE_CYCLES):
+    """(words, done, cycles until the flash is let go, the flash) of a start with ``contents`` in the flash."""
+    dut = FlashLoader(len(WORDS), WAKE_CYCLES / WAKE_S)
     bench, heard, ended = Bench(dut), [], []
-    flash = SpiFlash(dut.flash, offset, image, wakes)
+    flash = SpiFlash(dut.flash, offset, contents, wakes)
     bench._sim.add_testbench(flash.play, background=True)
 
     async def play(ctx):
-        for cycle in range(2000):
+        for _ in range(1500):
             await ctx.tick()
-            if ended and cycle > ended[0] + 150:
-                break
-            if ctx.get(dut.bus.w_stb):
-                heard.append((ctx.get(dut.bus.addr), ctx.get(dut.bus.w_data)))
-            if not ended and (ctx.get(dut.done) or ctx.get(dut.failed)):
-                ended.append(bench.cycle)
-        ended.append((ctx.get(dut.done), ctx.get(dut.failed), ctx.get(dut.flash.cs_n)))
+            if ctx.get(dut.valid):
+                heard.append(ctx.get(dut.word))
+            if not ctx.get(dut.flash.cs_n):
+                ended[:] = [bench.cycle]
+        assert ctx.get(dut.flash.cs_n)
+        ended.append(ctx.get(dut.done))
 
     bench.process(play)
     bench.run()
-    cycles, (done, failed, cs_n) = ended
-    assert cs_n and done + failed == 1 and set(flash.commands) <= {0xAB, 0x03}
-    return heard, bool(done), cycles, flash
+    last, done = ended
+    assert set(flash.commands) <= {0xAB, 0x03}
+    return heard, bool(done), last, flash
 
 
-def test_the_writes_come_in_order_and_arm_behind_them():
-    heard, done, cycles, flash = load(sealed(NUMBER, WRITES))
-    assert heard == [*WRITES, ARM] and done and flash.early == 0 and flash.commands == [0xAB, 0x03]
-    assert cycles <= 32 + WAKE_CYCLES + 4 * (32 + 48 + 24 * len(WRITES) + 32) + 6
+def mirrored(data: bytes) -> bytes:
+    return bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)
+
+
+def test_the_image_is_the_words_and_their_checksum():
+    contents = image(WORDS)
+    assert contents[:-4] == b"".join(word.to_bytes(2, "big") for word in WORDS)
+    inverted = binascii.crc32(mirrored(contents[:-4])) ^ 0xFFFFFFFF  # what crc32 inverts at the end
+    assert int.from_bytes(contents[-4:], "big") == int(f"{inverted:032b}"[::-1], 2)
+
+
+def test_the_words_come_in_order():
+    heard, done, cycles, flash = load(image(WORDS))
+    assert heard == WORDS and done and flash.early == 0 and flash.commands == [0xAB, 0x03]
+    assert cycles <= 32 + WAKE_CYCLES + 4 * (32 + 16 * len(WORDS) + 32) + 6
 
 
 @each_row(
-    "image, written",
+    "contents",
     [
-        (b"", 0),  # erased, or no flash on a line that is pulled up
-        (bytes(200), 0),
-        (b"ESX" + sealed(NUMBER, WRITES)[3:], 0),  # another head
-        (sealed(NUMBER + 1, WRITES), 0),  # of another design
-        (sealed(NUMBER, WRITES[:-1]), 6),  # too short
-        (sealed(NUMBER, [*WRITES, (9, 1)]), 6),
-        # exchanged
-        (sealed(NUMBER, [WRITES[1], WRITES[0], *WRITES[2:]])[:-4] + sealed(NUMBER, WRITES)[-4:], 6),
+        b"",  # erased, or no flash on a line that is pulled up
+        bytes(200),
+        image(WORDS)[:2] + b"\x3f" + image(WORDS)[3:],  # a flipped bit
+        image(WORDS)[:-1] + bytes([image(WORDS)[-1] ^ 1]),  # of the checksum
+        image(WORDS[:-1]),
+        image([*WORDS, 1]),
+        image([WORDS[1], WORDS[0], *WORDS[2:]])[:-4] + image(WORDS)[-4:],
     ],
 )
-def test_what_is_no_whole_image_of_this_design_is_refused(image, written):
-    heard, done, _, _ = load(image)
-    assert not done and len(heard) == written and ARM not in heard
+def test_what_is_not_whole_is_never_done(contents):
+    heard, done, _, _ = load(contents)
+    assert not done and len(heard) == len(WORDS)
 
 
 def test_at_another_place_or_asleep_there_is_nothing():
-    assert not load(sealed(NUMBER, WRITES), offset=FLASH_OFFSET + 1)[1]
-    heard, done, _, flash = load(sealed(NUMBER, WRITES), wakes=WAKE_CYCLES + 3)
-    assert flash.early and not done and not heard
-
-
-def test_an_image_is_the_hosts_writes_and_tells_its_design():
-    model = random_integer_model(PRESETS["thesis"], 1)
-    image = flash_image(model.config, model.arrays)
-    assert (
-        len(image)
-        == 3 * (2 + write_count(model.config)) + 4
-        == 3 * (2 + len(load_writes(model.config, model.arrays))) + 4
-    )
-    assert checksum(b"123456789") == 0x0376E6E7  # the catalogue's check value of CRC-32/MPEG-2
-    other = random_integer_model(PRESETS["thesis"].replace(hidden=model.config.network.hidden + 1), 1)
-    assert design_number(other.config) != design_number(model.config)
-    assert design_number(model.config.replace(name="another")) == design_number(model.config)
+    assert not load(image(WORDS), offset=OFFSET + 1)[1]
+    _, done, _, flash = load(image(WORDS), wakes=WAKE_CYCLES + 3)
+    assert flash.early and not done

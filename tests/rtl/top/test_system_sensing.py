@@ -1,7 +1,6 @@
 """A board with its own sensors (rtl/top/system.py): whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
 decision is heard again."""
 
-import re
 from types import SimpleNamespace
 
 import pytest
@@ -9,7 +8,6 @@ from amaranth.hdl import Signal
 from amaranth.sim import Simulator
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.host.flash_loader import WAKE_S
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from eskin.rtl.top import system
 from tests.support.silent import Silent
@@ -78,24 +76,6 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
         await pulse(chain.o.valid)
         await until(True)
         assert ctx.get(dut.led)
-
-    run(dut, play)
-
-
-def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
-    dut, _ = skin(monkeypatch, "flash")
-
-    async def play(ctx):
-        selects = ""
-        for _ in range(2_000):
-            assert not ctx.get(dut.core.run)
-            selects += str(ctx.get(dut.flash.cs_n))
-            if ctx.get(dut.led):
-                pause = re.search("0(1+)0", selects)[1]  # between its waking and its reading
-                assert WAKE_S * CLOCK_HZ <= len(pause) < WAKE_S * CLOCK_HZ + 8
-                return
-            await ctx.tick()
-        raise AssertionError("the lamp stays dark")
 
     run(dut, play)
 
