@@ -34,6 +34,7 @@ from eskin.study.touch_ends import touches_and_ends
 from eskin.training import LEARNING
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
+from eskin.training.judge import Decided, Rows, folds_of, judge
 from eskin.training.recipe import Recipe
 from eskin.training.splits import check_split, split_folds
 
@@ -164,7 +165,48 @@ class Network(Method):
 
 
 # ---------------------------------------------------------------------- judging
-def judge(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int]) -> Record:
+@dataclass(frozen=True, eq=False)
+class MethodDecider:
+    """A fitted method on the recordings of a scene."""
+
+    scene: Scene
+    fitted: Fitted
+
+    def decide(self, rows: Rows) -> Decided:
+        """As `eskin.training.judge.Decider.decide`."""
+        place, decided = self.scene.where[rows], np.full(len(rows), -1)
+        if len(found := place[place >= 0]):
+            decided[place >= 0] = self.fitted.decide(found)
+        return Decided.at_once(decided, decided)
+
+
+@dataclass(frozen=True, eq=False)
+class MethodLearner:
+    """A method as a learner. seconds: of the processor, of one part's fit, for each seed."""
+
+    scene: Scene
+    method: Method
+    seconds: list[float] = field(default_factory=list)
+
+    def fit(
+        self, parts: Sequence[Rows], seeds: Sequence[int], progress: Progress | None = None
+    ) -> list[MethodDecider]:
+        """As `eskin.training.judge.Learner.fit`, for parts in the order of their seeds."""
+        fitted: list[Fitted] = []
+        for seed in dict.fromkeys(seeds):
+            places = [self.scene.where[part] for part, own in zip(parts, seeds, strict=True) if own == seed]
+            rows = [place[place >= 0] for place in places]
+            if not all(map(len, rows)):
+                raise InputError(
+                    "no touch was found in a training part; check the onset rule with 'eskin inspect'"
+                )
+            begin = time.process_time()
+            fitted += self.method.fit(self.scene, rows, seed)
+            self.seconds.append((time.process_time() - begin) / len(rows))
+        return [MethodDecider(self.scene, each) for each in fitted]
+
+
+def method_row(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int]) -> Record:
     """The row of baselines.json of a piece: a method, what is left out, seeds, number of folds.
 
     Returns
@@ -177,39 +219,31 @@ def judge(scene: Scene, piece: tuple[Method, Sequence[str], Sequence[int], int])
     method, groups, seeds, folds = piece
     row: Record = {"method": method.name, "label": method.label, "hardware": method.hardware}
     row |= {"split": " and ".join(groups) or "recordings", "groups": list(groups)}
-    labels, runs, times = scene.recordings.labels, [], []
-    tests = split_folds(scene.recordings, groups, folds, None)
-    parts = [scene.where[np.setdiff1d(np.arange(len(labels)), test)] for test in tests]
-    parts = [part[part >= 0] for part in parts]
-    if not all(map(len, parts)):
-        why = "no touch was found in a training part; check the onset rule with 'eskin inspect'"
-        return row | {"refused": why}
+    labels, learner = scene.recordings.labels, MethodLearner(scene, method)
     seeds = seeds[: 1 if method.one_seed else None]
-    for seed in seeds:
-        with one_thread():
-            begin = time.process_time()
-            try:
-                models = method.fit(scene, parts, seed)
-            except InputError as error:
-                return row | {"refused": str(error)}
-            seconds = (time.process_time() - begin) / len(parts)
-            for test, model in zip(tests, models, strict=True):
-                found = scene.where[test] >= 0
-                rows = scene.where[test][found]
-                right = model.decide(rows) == labels[test][found] if len(rows) else np.zeros(0)
-                runs.append((right.sum() / len(test), len(test), model.parameters, model.multiplies, seconds))
-                times += timed(model, rows)
-    shares, recordings, parameters, multiplies, train_s = np.array(runs).T
-    accuracy = float(np.average(shares, weights=recordings))
+    tests = split_folds(scene.recordings, groups, folds, None)
+    with one_thread():
+        try:
+            decisions = judge(learner, folds_of(tests, seeds, np.arange(len(labels))), labels)
+        except InputError as error:
+            return row | {"refused": str(error)}
+        times = [
+            time_us
+            for fold, decider in decisions.fitted
+            for time_us in timed(decider.fitted, scene.where[fold.test][scene.where[fold.test] >= 0])
+        ]
+    fitted = [decider.fitted for _, decider in decisions.fitted]
+    share = decisions.shares()["integer_accuracy"]
+    parameters = round(np.mean([each.parameters for each in fitted]))
     return row | {
-        "accuracy": accuracy,
-        "spread": float(shares.std()),
-        "standard_error": math.sqrt(accuracy * (1 - accuracy) / len(labels)),
+        "accuracy": share,
+        "spread": float(decisions.accuracy(["fold", "seed"])["integer_accuracy"].std(ddof=0)),
+        "standard_error": math.sqrt(share * (1 - share) / len(labels)),
         "seeds": len(seeds),
-        "parameters": round(parameters.mean()),
-        "multiplies": round(multiplies.mean()),
-        "bytes": FLOAT_BYTES * round(parameters.mean()),
-        "train_s": float(train_s.mean()),
+        "parameters": parameters,
+        "multiplies": round(np.mean([each.multiplies for each in fitted])),
+        "bytes": FLOAT_BYTES * parameters,
+        "train_s": float(np.mean(learner.seconds)),
         "decision_us": float(np.median(times)) if times else None,
     }
 
@@ -252,7 +286,7 @@ def run(
 
     Returns
     -------
-    rows (`judge`, best first), left_out (method, split, reason), recordings, classes, config,
+    rows (`method_row`, best first), left_out (method, split, reason), recordings, classes, config,
     seeds, folds, data, wall_s.
 
     Raises
@@ -268,7 +302,7 @@ def run(
         content_key("baseline", *content, method): (method, groups, range(seeds), folds) for method in methods
     }
     jobs, scene = Jobs(progress=progress, version=CODE), Scene.of(recordings, config)
-    outcomes = jobs.results(judge, pieces, scene, keep=Memo(CACHE), what="methods judged").values()
+    outcomes = jobs.results(method_row, pieces, scene, keep=Memo(CACHE), what="methods judged").values()
     left_out = [
         {"method": row["method"], "split": row["split"], "reason": row["refused"]}
         for row in outcomes

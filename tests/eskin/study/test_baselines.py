@@ -10,7 +10,7 @@ import pytest
 
 from eskin.golden.core import content_key
 from eskin.study import baselines
-from eskin.study.baselines import FLOAT_BYTES, Fitted, Method, Network, Scene, judge
+from eskin.study.baselines import FLOAT_BYTES, Fitted, Method, Network, Scene, method_row
 from eskin.training.formats import with_network
 from eskin.training.recipe import choose_recipe
 from eskin.training.splits import split_folds
@@ -40,7 +40,7 @@ def gru(config):
 def test_each_learns_the_scene(method, monkeypatch):
     few_updates(monkeypatch, 150)
     shared = Scene.of(scene(60, seed=3), SMALL)
-    row = judge(shared, (method, ("person",), (1,), 2))
+    row = method_row(shared, (method, ("person",), (1,), 2))
     assert 42 / 60 < row["accuracy"] <= 59 / 60  # one recording is never touched
     assert row["train_s"] > 0 and row["decision_us"] > 0 and set(row) >= ROW_KEYS
     if row["hardware"]:
@@ -51,7 +51,7 @@ def test_labels_of_the_test_part_are_not_seen():
     """What can only be learnt by heart is not known of a part that was left out."""
     recordings = scene(60, seed=3)
     shuffled = replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
-    row = judge(Scene.of(shuffled, SMALL), (Nearest("nearest", "nearest touch"), ("person",), (0,), 5))
+    row = method_row(Scene.of(shuffled, SMALL), (Nearest("nearest", "nearest touch"), ("person",), (0,), 5))
     assert row["accuracy"] < 0.5
 
 
@@ -79,7 +79,7 @@ def test_a_row_weighs_recordings_and_spreads_over_folds_and_seeds():
             return [Fitted(lambda rows: np.zeros(len(rows)), len(part), 6 + seed) for part in parts]
 
     shared = Scene.of(recordings := scene(52, seed=3), SMALL)
-    row = judge(shared, (Same(), ("person",), (0, 2), 3))
+    row = method_row(shared, (Same(), ("person",), (0, 2), 3))
     right = (recordings.labels == 0) & (shared.where >= 0)
     assert row["accuracy"] == pytest.approx(right.mean())
     shares = [right[test].mean() for test in split_folds(recordings, ["person"], 3, None)]
