@@ -1,6 +1,7 @@
 """Co-simulation of the generated Verilog: ways to play, designs, faults of bench and hardware, the runner, the generated
 folder."""
 
+import inspect
 import re
 import shutil
 from functools import partial
@@ -13,9 +14,11 @@ from eskin.cosim import flow, runner
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, SimulationError
 from eskin.golden.model import Fixed, IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
+from eskin.rtl.host import control
 from eskin.rtl.program.memory_map import Register
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
+from eskin.rtl.top import accelerator
 from eskin.training.made_up import random_recordings
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
@@ -76,7 +79,9 @@ def test_every_way_to_play_is_exact_and_counts_the_same(play, vectors, options):
             assert result[name] == first[name], name
     with np.load(vectors) as archive:
         flat = sum(len(archive[stage]) for stage in ("sum", "feature", "state", "logit"))
-        assert first["compared_values"] == flat + archive["decision"].size + 3 * len(NUMBERS)
+        # each touch is open for long enough to look at it
+        registers = 7 * len(NUMBERS) + (archive["touches"] > 0).sum() * ("probe" not in options)
+        assert first["compared_values"] == flat + archive["decision"].size + registers
     met = {row["name"]: row["met"] for row in first["budgets"] if not row["reference"]}
     assert met == dict.fromkeys(("frame", "step", "decision") if options == DECLARED else ("step",), True)
     assert first["probe"] == ("probe" in options)
@@ -103,8 +108,9 @@ def test_a_clock_below_the_lowest_misses_a_budget(play):
 def test_recordings_without_a_touch_are_no_proof(model, play, tmp_path):
     quiet = random_recordings(model.config, [5, 5], seed=4)
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, quiet), quiet, [0, 1])
-    result = play(vectors=vectors)
-    assert result["bit_exact"] and result["verdict"] == "no decision"
+    for options in ({}, {"cocotb": ()}, {"job": flow.lowest_clock}):
+        result = play(vectors=vectors, **options)
+        assert result["bit_exact"] and result["verdict"] == "no decision" and not result["passed"]
 
 
 # ---------------------------------------------------------------- designs
@@ -219,7 +225,7 @@ FAULTS = {
     "nothing is taken": ("accelerator.sv", ALL, STUB % "2'b00, 16'he5c1", {}, "a standstill"),
     "X on valid": ("accelerator.sv", ALL, STUB % "2'b1x, 16'he5c1", {}, "an X on valid, ready or busy"),
     "a decision changes": ("accelerator.sv", ALL, STUB % "1'b1, ~o__ready, 16'he5c1", {"stalls": True}, "changed before it was taken"),
-    "a refused write is not flagged": ("accelerator.sv", "refused = written & locked", "refused = 1'b0", {"probe": True}, "no WRITE_REFUSED"),
+    "a refused write is not flagged": ("accelerator.sv", "refused = written & locked", "refused = 1'b0", {"probe": True}, "(FAULTS): expected 1, got 0"),
     "another ID": ("accelerator.sv", ALL, STUB % "2'b10, 16'h1234", {}, "this is no accelerator"),
     "an unknown ID": ("accelerator.sv", ALL, STUB % "2'b10, 16'hxxxx", {}, "register ID reads"),
 }  # fmt: skip
@@ -254,6 +260,51 @@ def test_a_fault_is_found(play, design, fault, tmp_path, monkeypatch):
     if fault == "nothing is taken":
         again = play(design=broken, job=flow.lowest_clock, **options)
         assert again["pace"] == "declared" and again["gave_up"]["recording"] == NUMBERS[0]
+
+
+SEEDS = {
+    "CHECKSUM always": ("Cat(self.check_failed, *wrong).any()", "Const(1, 1)"),
+    "WATCHDOG by every ARM": ("Fault.WATCHDOG: self.hung", "Fault.WATCHDOG: arm"),
+    "OVERRUN stuck": ("OVERRUN: self.engine.overrun", "OVERRUN: Const(1, 1)"),
+    "INPUT_STALLED never": ("frames.offered & frames.first & ~frames.taken", "Const(0, 1)"),
+    "INPUT_STALLED always": ("frames.offered & frames.first & ~frames.taken", "frames.offered"),
+    "ADDRESS by every read": ("& ~known", "& (~known | bus.r_stb)"),
+    "ARMED stuck": ("Cat(self.detector.armed", "Cat(1"),
+    "ARMED never": ("Cat(self.detector.armed", "Cat(Const(0, 1)"),
+    "TOUCH stuck": ("armed, touch, self.busy", "armed, 1, self.busy"),
+    "TOUCH never": ("armed, touch, self.busy", "armed, Const(0, 1), self.busy"),
+    "BUSY never": ("touch, self.busy", "touch, Const(0, 1)"),
+    "BUSY stuck": ("touch, self.busy", "touch, Const(1, 1)"),
+    "NO_TOUCH by touches of now": ("~state.touched", "~touch"),
+    "FAULT stuck": ("faults[4:6].any()", "1"),
+    "VERSION 0": ("Register.VERSION: VERSION_VALUE", "Register.VERSION: 0"),
+    "LONGEST constant": ("LONGEST: cycles.longest", "LONGEST: 70"),
+    "LONGEST of frames": ("measure=measure,", "measure=0,"),
+    "TOUCHES constant": ("TOUCHES: state.touches", "TOUCHES: 1"),
+}
+"""What is wrong with the registers (rtl/host/control.py) -> its text, another text."""
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (k > 5)) for k, seed in enumerate([None, *SEEDS])]
+)
+def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
+    """Under cocotb, and of the first and the last ones in bulk, too."""
+    source, (old, new) = inspect.getsource(control), SEEDS.get(seed, ("", ""))
+    assert old in source
+    names = dict(vars(control))
+    exec(source.replace(old, new) if seed else source, names)
+    monkeypatch.setattr(accelerator, "HostControl", names["HostControl"])
+    model = random_integer_model(SMALL.replace(checksum=True, watchdog=True), 5)
+    recordings = random_recordings(model.config, (400, 5), seed=4)
+    design = generate(model.config, model.arrays, tmp_path / "design")
+    vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings)
+    ways = {"icarus": ICARUS, "bulk": {"simulator": "verilator", "cocotb": ()}}
+    for way in ways if seed in (None, "CHECKSUM always", "TOUCHES constant") else ("icarus",):
+        options = {"work": tmp_path / way, "builds": tmp_path / "builds", "waves": False}
+        result = flow.cosim(design, vectors, **options, **ways[way])
+        assert result["passed"] == (seed is None), result["mismatch_list"]
+        assert seed is None or "stage status" in result["mismatch_list"][0]
 
 
 def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path):
