@@ -59,7 +59,8 @@ def play(run: "Run", positions: Sequence[int], *, seed: int = 1, threads: int = 
             device.frames(samples[look + bool(look) :], pace, device.limit)
             device.write(number["CONTROL"], registers["bits"]["CONTROL"]["FINISH"])
             looks["FINISH"] = device.register("STATUS")
-            device.settle(device.limit, SETTLE)
+            for _ in range(2):  # with a watchdog the engine begins anew behind the last decision
+                device.settle(device.limit, SETTLE)
             words = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
             flags = sum(device.register("TAXEL_FAULTS", k) << 16 * k for k in words)
             status = {name: device.register(name) for name in KEPT} | {"TAXEL_FAULTS": flags}

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.cosim.scoreboard import (
+    BUSY,
     INPUT_STALLED,
     KEPT,
     OVERRUN,
@@ -135,7 +136,7 @@ class ModelSource:
 
     def _status(self, device: str, status: int) -> list[Event]:
         """A mismatch if register STATUS differs from the model once a piece of frames is decided."""
-        return self._differing(device, {"STATUS": status}, {"STATUS": self.stream.status})
+        return self._differing(device, {"STATUS": status & ~BUSY}, {"STATUS": self.stream.status})
 
     def _registers(self, device: str, map_: Mapping, got: Mapping[str, int]) -> list[Event]:
         """A mismatch for each last register of a recording that differs from the model."""
