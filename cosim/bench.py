@@ -133,10 +133,11 @@ class FrameSource:
 
     Attributes
     ----------
-    frames: sent so far; sent: of this recording. overruns: of these, those with a ``period`` that were due before the hardware was ready. waited: cycles in which
-    a number was offered and not taken. stalled: it was a frame's first one, in this recording. longest: cycles of a frame, from its first number's offer on. offered,
-    taken: cycles of the first and the last number of each frame of the recording; scans: in which those of a converter
-    began. jitter: largest distance of one from the declared rate, cycles.
+    frames: sent so far; sent: of this recording. overruns: of these, those with a ``period`` that were due before the
+    hardware was ready. waited: cycles in which a number was offered and not taken. stalled: it was a frame's first
+    one, in this recording. longest: cycles of a frame, from its first number's offer on. offered, taken: cycles of
+    the first and the last number of each frame of the recording; scans: in which those of a converter began.
+    jitter: largest distance of one from the declared rate, cycles.
     """
 
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
