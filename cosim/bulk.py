@@ -13,8 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eskin.cosim.device import FRAME_END, Accelerator, Design
-from eskin.cosim.scoreboard import REGISTERS, Mismatch, Recording, Scoreboard, loading
+from eskin.cosim.device import FRAME_END, SETTLE, Accelerator, Design
+from eskin.cosim.scoreboard import INPUT_STALLED, KEPT, Mismatch, Recording, Scoreboard, loading
 from eskin.golden.core import Progress, Record, SimulationError
 
 if TYPE_CHECKING:
@@ -43,31 +43,47 @@ def play(
     design = Design(verilog, run.builds, quick=hardware.level == "netlist")
     progress("played in bulk", 0, len(recordings))
 
-    def played(place: int) -> tuple[Accelerator, int, dict[str, int]]:
-        """The device, the cycle of ARM, and the registers at the end, empty if it stands still."""
+    def played(place: int) -> tuple[Accelerator, int, dict[str, int], dict[str, int]]:
+        """The device, the cycle of ARM, STATUS on the way, and the registers at the end, empty if it stands still."""
         device = Accelerator(design, config, registers, boot, probes=hardware.probes, seed=seed + place)
-        armed, status = device.state.cycle + 1, dict[str, int]()
+        armed, looks, status = 0, dict[str, int](), dict[str, int]()
+        number = registers["registers"]
         with suppress(SimulationError):
+            device.command("CLEAR_FAULTS")  # before ARM, which may raise none
+            armed = device.state.cycle + 1
             device.command("ARM")
             device.forget()  # what a chain not yet reset may have offered
-            device.frames(recordings[place]["samples"], settings["period"], device.limit)
-            device.command("FINISH")
+            looks["ARM"] = device.register("STATUS")
+            pace, look, samples = settings["period"], recordings[place].look, recordings[place]["samples"]
+            device.frames(samples[:look], pace, device.limit)
+            if look:
+                device.state.watch = number["STATUS"]  # which takes no cycle of its own
+                device.frames(samples[look : look + 1], pace, device.limit)
+                device.state.watch, looks["TOUCH"] = -1, device.get("bus__r_data")
+            device.frames(samples[look + bool(look) :], pace, device.limit)
+            device.write(number["CONTROL"], registers["bits"]["CONTROL"]["FINISH"])
+            looks["FINISH"] = device.register("STATUS")
+            for _ in range(2):  # with a watchdog the engine begins anew behind the last decision
+                device.settle(device.limit, SETTLE)
             words = range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
             flags = sum(device.register("TAXEL_FAULTS", k) << 16 * k for k in words)
-            status = {name: device.register(name) for name in REGISTERS} | {"TAXEL_FAULTS": flags}
-        return device, armed, status
+            status = {name: device.register(name) for name in KEPT} | {"TAXEL_FAULTS": flags}
+        return device, armed, looks, status
 
-    scoreboard, counts = Scoreboard(config, probes=hardware.probes), Counter[str]()
+    scoreboard, counts = Scoreboard(config, registers, probes=hardware.probes), Counter[str]()
     longest, pool = 0, ThreadPoolExecutor(threads)
     try:
-        for number, (device, armed, status) in enumerate(pool.map(played, range(len(recordings)))):
+        for number, came in enumerate(pool.map(played, range(len(recordings)))):
+            device, armed, looks, status = came
             progress("played in bulk", number + 1, len(recordings))
             events, state = device.seen(), device.state
             taken = events["cycle"][events["stage"] == FRAME_END].tolist()
             longest = max(longest, state.frame_cycles_max)
             counts.update(frames=len(taken), simulated_cycles=state.cycle)
-            counts.update(overruns=state.overruns * bool(settings["period"]), input_stalls=state.stalls)
+            late = (state.overruns + state.refused) * bool(settings["period"])
+            counts.update(overruns=late, input_stalls=state.stalls)
             scoreboard.begin(recordings[number], armed)
+            scoreboard.faults = INPUT_STALLED * bool(state.refused)
             if not status:
                 place = "nothing moves for the watchdog's time"
                 raise scoreboard.mismatch("input", 0, 0, "a standstill", place=place, frame=len(taken) + 1)
@@ -76,6 +92,8 @@ def play(
                     scoreboard.check(stage, *values)
             if scoreboard.differing:
                 break
+            for behind, word in looks.items():
+                scoreboard.look(behind, word)
             scoreboard.end(status, taken)
             device.close()
     except Mismatch:  # the scoreboard has it

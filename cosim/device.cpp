@@ -56,7 +56,7 @@ struct Seen {
   i64 cycle;
 };
 struct State {  // as in device.py, as Seen is
-  i64 cycle, decisions, stalls, overruns, frame_cycles_max, frame, taxel;
+  i64 cycle, decisions, stalls, refused, overruns, frame_cycles_max, frame, taxel;
   i64 stop_at;       // from this cycle on nothing waits any more
   i64 poke_at;       // the cycle in which the pokes are put, which are 0 in all others
   i64 watch;         // a register that is read in every cycle without another access, or -1
@@ -171,7 +171,7 @@ i64 play_frames(Device* d, const int32_t* samples, i64 frames, i64 taxels, i64 b
         d->tick();
         if (d->taken || d->leaves()) break;
         s.stalls++;
-        s.overruns += s.taxel == 0 && waited == 0;
+        s.refused += s.taxel == 0 && waited == 0;
         hangs = waited >= limit;
       }
     }

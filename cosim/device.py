@@ -25,7 +25,7 @@ QUIET, SETTLE = 4, 6
 FRAME_END, HUNG = -1, -2
 """Events of `Device.seen` that are no stage's: a frame's last taxel is taken; the watchdog acts (``value``
 frames and ``also`` taxels taken)."""
-COUNTS = "cycle decisions stalls overruns frame_cycles_max frame taxel stop_at poke_at watch"
+COUNTS = "cycle decisions stalls refused overruns frame_cycles_max frame taxel stop_at poke_at watch"
 SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
 Write = tuple[int, int]
 """Address and word of a bus write."""
@@ -211,7 +211,7 @@ class Accelerator(Device):
 
     Attributes
     ----------
-    limit: cycles without progress after which it stands still.
+    limit: cycles without progress after which it stands still. map: ``registers``.
     """
 
     def __init__(
@@ -226,9 +226,10 @@ class Accelerator(Device):
     ) -> None:
         stages = (*flat_stages(config), "step") if probes else ()
         super().__init__(design, config.sensor.sample_bits, stages, seed)
-        self._addresses, self._commands = registers["registers"], registers["bits"]["CONTROL"]
+        self.map, self._addresses = registers, registers["registers"]
+        self._commands = registers["bits"]["CONTROL"]
         self.limit = standstill_cycles(config)
-        self.reset(boot)
+        self.reset([*boot, (self._addresses["MEASURE"], registers["measures"]["STEP"])])
 
     def command(self, *names: str) -> None:
         """Commands of register CONTROL, until they are carried out.

@@ -13,6 +13,7 @@ import numpy as np
 
 from eskin.cosim import bulk, latency, runner
 from eskin.cosim.netlist import Hardware
+from eskin.cosim.scoreboard import KEPT
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, SimulationError
 from eskin.golden.core.converters import converter_plan
 
@@ -25,6 +26,8 @@ SLOWEST_CYCLES_PER_S = {
 """Cycles a second that even a busy machine reaches. They only set the wall-clock limit."""
 BLOCK_BITS = 1 << 15
 """Largest number of bits that the wrapper takes at a time; at most one hop of frames."""
+LEAST_BEATS = 8
+"""Of a block: cycles that the bench has until it must give the next one."""
 WAVES_BEFORE = 2000
 """Cycles kept before a mismatch."""
 
@@ -110,7 +113,7 @@ class Run:
             "vectors": str(Path(vectors).resolve()),
             "frames": frames,
             "beats": beats,
-            "block": max(1, min(hop, BLOCK_BITS // (bits * beats))),
+            "block": max(-(-LEAST_BEATS // beats), min(hop, BLOCK_BITS // (bits * beats))),
             "bits": bits,
             "pace": pace,
             "period": clock_hz / rate if pace == "declared" else 0.0,
@@ -192,7 +195,7 @@ def cosim(
         stalls, seed, cycles_per_s, overruns, input_stalls, conversion (behind a converter: its name, code_bits,
         jitter_cycles, faults, the bits of ConverterFault, violations of its data sheet), registers
         (read at the end), probe (weights were written), mismatch_list (sentences), waves (path or None), passed
-        (bit-exact, no budget missed).
+        (bit-exact, no budget missed, a decision compared).
 
     Raises
     ------
@@ -251,9 +254,8 @@ JOINED: dict[str, Callable[[Any, Any], Any]] = dict.fromkeys(
     "overruns input_stalls wall_s violations mismatch_list".split(),
     operator.add,
 )
-JOINED |= dict.fromkeys("frame_max step_max decision_latency_max LONGEST jitter_cycles".split(), max)
-JOINED |= dict.fromkeys(("FAULTS", "faults"), operator.or_) | {"step_min": min, "bit_exact": operator.and_}
-JOINED |= dict.fromkeys(("STATUS", "TOUCHES"), lambda first, second: second)
+JOINED |= dict.fromkeys("frame_max step_max decision_latency_max jitter_cycles".split(), max)
+JOINED |= KEPT | {"faults": operator.or_, "step_min": min, "bit_exact": operator.and_}
 """Functions that join two parts' values, by their name in a result; of others the first part's is taken."""
 
 
@@ -283,6 +285,7 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> R
     result["verdict"] = [*words, "bit-exact" if result["decisions"] else "no decision"][0]
     result["passed"] = (
         result["bit_exact"]
+        and result["decisions"] > 0
         and all(row["met"] or row["reference"] for row in result["budgets"])
         and not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
         and result.get("without_probes", {}).get("bit_exact", True)
@@ -304,7 +307,7 @@ def lowest_clock(
     The search begins at the clock that ``cycles``, the counts of a declared-pace run, ask for (default: at twice the clock
     that the multiplies alone need). The clock is raised until a run meets every budget, and then lowered as long as the run's own
     counts ask for less and that clock meets them (at one that is too slow, steps wait for one another and their latencies
-    count more). It is a multiple of 1 kHz. A run that differs or gives up ends the search and is returned: no clock mends that.
+    count more). It is a multiple of 1 kHz. A run that differs, gives up or has no decision ends the search and is returned: no clock mends that.
 
     Raises
     ------
@@ -319,7 +322,7 @@ def lowest_clock(
         folder = Path(work) / f"clock{attempt}"
         result = cosim(design, vectors, pace="declared", clock_hz=clock, work=folder, **options)
         needed = latency.needed_clock(config, result["cycles"])
-        if not result["bit_exact"]:
+        if result["verdict"] != "bit-exact":
             return result
         if result["passed"]:
             lowest = result

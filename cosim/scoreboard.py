@@ -2,8 +2,9 @@
 first that differs: a wrong one, one too many, one that is missing, one with an unknown bit."""
 
 import json
+import operator
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,12 +32,15 @@ DECISION_FIELDS = {
 WIDE_DECISION_FIELDS = DECISION_FIELDS | {"step": (7, 8), "class": (0, 7), "margin": (15, 14)}
 """The same for more than 32 classes. Margins are in units of `MARGIN_UNIT` logit LSBs there, or in votes."""
 MARGIN_UNIT = 4
-REGISTERS = ("STATUS", "FAULTS", "TOUCHES", "LONGEST")
-"""Read behind every recording."""
-UNEXPECTED_FAULTS = 0x85
-"""FAULTS bits that no recording may raise: a write refused, framing, a register that is not there."""
-TAXEL_FAULT, NO_TOUCH = 0x40, 0x8
-"""A bit of FAULTS, and one of STATUS."""
+KEPT: dict[str, Callable[[int, int], int]] = {"FAULTS": operator.or_, "LONGEST": max}
+KEPT |= dict.fromkeys(("STATUS", "TOUCHES", "VERSION"), lambda _, last: last)
+"""Registers read behind every recording, and what is kept of two recordings' values."""
+ARMED, TOUCH, BUSY, NO_TOUCH = 1, 2, 4, 8
+"""Bits of STATUS."""
+WRITE_REFUSED, INPUT_STALLED, OVERRUN, TAXEL_FAULT = 1, 2, 8, 64
+"""Bits of FAULTS that a recording may raise."""
+MARGIN_FRAMES, MARGIN_BEATS = 4, 16
+"""Most that is on its way between a frame's conversion and the detector's state."""
 
 
 def flat_stages(config: AcceleratorConfig) -> dict[str, str]:
@@ -108,6 +112,13 @@ class Recording:
         """Number of the recording in messages."""
         return int(self.arrays["numbers"][self.position])
 
+    @property
+    def look(self) -> int:
+        """Frames behind which the first touch is open whatever is on its way; 0: it never is for certain."""
+        begin, end = self.arrays["open"][self.position].tolist()
+        margin = MARGIN_FRAMES + MARGIN_BEATS // self.arrays["samples"].shape[1]
+        return (begin + margin) * (0 < begin < end - 2 * margin)
+
     def __getitem__(self, name: str) -> np.ndarray:
         # an array without offsets of its own has a row a frame
         own = f"{name.removesuffix('_frame')}_offsets"
@@ -123,11 +134,39 @@ def loading(design: Path) -> tuple[Record, list[tuple[int, int]]]:
     return map_, [*writes, (map_["registers"]["MEASURE"], map_["measures"]["STEP"])]
 
 
+def registers_behind(
+    map_: Mapping[str, Any],
+    got: Mapping[str, int],
+    *,
+    status: int,
+    touches: int,
+    steps: int,
+    faults: int,
+    may_be: int,
+) -> dict[str, int]:
+    """Expected registers of `KEPT` behind a recording that began with CLEAR_FAULTS and ARM, beside those that were ``got``.
+
+    Parameters
+    ----------
+    map_:
+        Register map (eskin.rtl.fpga.generate.register_map).
+    faults, may_be:
+        Bits of FAULTS that must be, and those that may be.
+    """
+    # it grows with a step that the recording's end cuts short, too
+    longest = map_["longest_step"] if steps else min(got["LONGEST"], map_["longest_step"])
+    faults |= got["FAULTS"] & may_be
+    want = {"STATUS": status, "FAULTS": faults, "TOUCHES": touches % 256, "LONGEST": longest}
+    return want | {"VERSION": map_["version"]}
+
+
 class Scoreboard:
     """The golden trace beside what comes.
 
     Parameters
     ----------
+    map_:
+        Register map (eskin.rtl.fpga.generate.register_map).
     probes:
         False: the hardware has none; decisions and registers alone are compared.
 
@@ -135,20 +174,20 @@ class Scoreboard:
     ----------
     compared: values compared so far, by stage. counts: steps, decisions. took, late: cycles of each step, and from the
     last taxel to each decision. differing: the first difference, if one was found. armed: cycle of the recording's ARM.
+    faults: bits of FAULTS that whoever plays the recording has caused.
     """
 
-    def __init__(self, config: AcceleratorConfig, *, probes: bool = True) -> None:
-        self._config, self._flat = config, flat_stages(config) if probes else {}
+    def __init__(self, config: AcceleratorConfig, map_: Mapping[str, Any], *, probes: bool = True) -> None:
+        self._config, self._flat, self._map = config, flat_stages(config) if probes else {}, map_
         chain = [stage for stage in flat_stages(config) if stage != "fault" or config.faults.fault_frames]
         self.compared = Counter(dict.fromkeys([*chain, "decision", "status"], 0))
         self.counts = {"steps": 0, "decisions": 0}
         self.took, self.late, self.differing = list[int](), list[int](), list[Mismatch]()
-        self._registers: Mapping[str, int] = {}
-        self._flagged = False  # a taxel was, in this recording or an earlier one
+        self._registers: dict[str, int] = {}
 
     def begin(self, recording: Recording, armed: int = 0) -> None:
         """Start ``recording``: later values belong to it. armed: cycle of its ARM."""
-        self.recording, self.armed = recording, armed
+        self.recording, self.armed, self.faults = recording, armed, 0
         words = [pack_decision(self._config, row) for row in recording["decision"].tolist()]
         self._wanted = {stage: recording[stage] for stage in self._flat}
         self._wanted["decision"] = np.array(words, np.uint32)
@@ -184,46 +223,71 @@ class Scoreboard:
             want = int(wanted[index]) if index < len(wanted) else None
             raise self.mismatch(stage, low + index, want, int(values[index]), cycles[index])
 
-    def end(self, status: Mapping[str, int], taken: Sequence[int] = ()) -> None:
-        """The recording is over.
-
-        Parameters
-        ----------
-        status:
-            Registers STATUS, FAULTS, TOUCHES and, where there are fault flags, TAXEL_FAULTS (all of its words as one
-            number).
-        taken:
-            Cycle of the last taxel of each frame, for the decisions' latency.
+    def look(self, behind: str, status: int) -> None:
+        """STATUS behind ``ARM`` when nothing is on its way any more, behind the frames of
+        `Recording.look` (``TOUCH``), in the cycle behind ``FINISH``.
 
         Raises
         ------
         Mismatch
         """
-        self._registers = status
+        at_once = self._config.opens_at_once and not self._config.is_image
+        want, ignored = {
+            "ARM": (NO_TOUCH if at_once else NO_TOUCH | ARMED, 0),
+            "TOUCH": (TOUCH, BUSY),
+            "FINISH": (BUSY, ~BUSY),
+        }[behind]
+        self._equal({f"STATUS behind {behind}": (want, status & ~ignored)})
+
+    def end(self, status: Mapping[str, int], taken: Sequence[int] | None = None) -> None:
+        """The recording is over.
+
+        Parameters
+        ----------
+        status:
+            Registers of `KEPT` and, where there are fault flags, TAXEL_FAULTS (all of its words as one number).
+        taken:
+            Cycle of the last taxel of each frame. None: not known, nor whether INPUT_STALLED may be set.
+
+        Raises
+        ------
+        Mismatch
+        """
+        for name, kept in KEPT.items():
+            self._registers[name] = kept(self._registers.get(name, 0), status[name])
         for stage, wanted in self._wanted.items():
             if (seen := self._seen[stage]) < len(wanted):
                 raise self.mismatch(stage, seen, int(wanted[seen]), None)
-        arrays, position, faults = self.recording.arrays, self.recording.position, status["FAULTS"]
-        touches = int(arrays["touches"][position])
-        values = {
-            "NO_TOUCH of STATUS": (NO_TOUCH * (touches == 0), status["STATUS"] & NO_TOUCH),
-            "FAULTS that must not be": (0, faults & UNEXPECTED_FAULTS),
-            "TOUCHES": (touches, status["TOUCHES"]),
-        }
+        arrays, position = self.recording.arrays, self.recording.position
+        frames, local = self.recording["decision_frame"], self.recording["decision"][:, 0] == 0
+        ends = frames[local][2:]
+        # a window waits for room only while the step two before it is not over
+        waits = (
+            taken is None or (np.array(self._offered)[local][: len(ends)] > np.array(taken)[ends - 1]).any()
+        )
+        flags = np.flatnonzero(arrays["flags"][position]).tolist() if "flags" in arrays else []
+        want = registers_behind(
+            self._map,
+            status,
+            status=int(arrays["status"][position]),
+            touches=int(arrays["touches"][position]),
+            steps=int(local.sum()),
+            faults=self.faults | TAXEL_FAULT * bool(flags),
+            may_be=INPUT_STALLED * (taken is None) | OVERRUN * bool(waits and len(ends)),
+        )
         if self._config.faults.fault_frames and "TAXEL_FAULTS" in status:
-            flags = np.flatnonzero(arrays["flags"][position]).tolist()
-            values["TAXEL_FAULTS"] = (sum(1 << taxel for taxel in flags), status["TAXEL_FAULTS"])
-            bit = faults & TAXEL_FAULT
-            stays = bit * self._flagged  # until it is cleared
-            values["TAXEL of FAULTS"] = (TAXEL_FAULT if flags else stays, bit)
-            self._flagged |= bool(flags)
+            want["TAXEL_FAULTS"] = sum(1 << taxel for taxel in flags)
+        self._equal({name: (value, status[name]) for name, value in want.items()})
+        self.counts["decisions"] += self._seen["decision"]
+        pairs = zip(frames.tolist(), self._offered, strict=False)
+        self.late += [cycle - taken[frame - 1] for frame, cycle in pairs if taken and 0 < frame <= len(taken)]
+
+    def _equal(self, values: Mapping[str, tuple[int, int]]) -> None:
+        """Compare expected values of registers, by name, with what was read."""
         self.compared["status"] += len(values)
         for index, (place, (want, got)) in enumerate(values.items()):
             if want != got:
                 raise self.mismatch("status", index, want, got, place=place)
-        self.counts["decisions"] += self._seen["decision"]
-        pairs = zip(self.recording["decision_frame"].tolist(), self._offered, strict=False)
-        self.late += [cycle - taken[frame - 1] for frame, cycle in pairs if 0 < frame <= len(taken)]
 
     def result(self, frame_max: int) -> Record:
         """steps, decisions, stages, cycles, registers, mismatch_list, gave_up, as `eskin.cosim.flow.cosim` describes
@@ -248,7 +312,7 @@ class Scoreboard:
             result["mismatch"] = vars(found)
             if found.stage == "input":
                 result["gave_up"] = {"recording": found.recording, "frame": found.frame}
-        result["registers"] = {name: self._registers.get(name) for name in REGISTERS}
+        result["registers"] = {name: self._registers.get(name) for name in KEPT}
         return result | {"mismatch_list": [str(found) for found in self.differing]}
 
     def mismatch(

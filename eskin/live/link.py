@@ -143,13 +143,12 @@ def parse(body: bytes) -> Answer | Decision | None:
 
 # -------------------------------------------------------------------- the conversation
 class Played(NamedTuple):
-    """A recording as the device decided it. decisions: 32-bit payloads in order. status, touches, faults: the
-    registers at the end."""
+    """A recording as the device decided it. decisions: 32-bit payloads in order. looks: STATUS on the way, as of
+    `eskin.cosim.scoreboard.Scoreboard.look`. registers: those at the end."""
 
     decisions: list[int]
-    status: int
-    touches: int
-    faults: int
+    looks: dict[str, int]
+    registers: dict[str, int]
 
 
 class Link:
@@ -169,16 +168,17 @@ class Link:
     Attributes
     ----------
     decisions: payloads of the present recording's that have come so far. lost: one of them got lost on the way. repeated:
-    packets sent again. replayed: recordings played again. unanswered: questions asked again.
+    packets sent again. replayed: recordings played again. unanswered: questions asked again. map: ``register_map``, of the
+    device's version.
     """
 
     def __init__(self, transport: Transport, register_map: Mapping, *, timeout_s: float = 0.5) -> None:
-        self._transport, self._timeout, self._map = transport, timeout_s, register_map
+        self._transport, self._timeout, self.map = transport, timeout_s, dict(register_map)
         self._registers, self._bits = register_map["registers"], register_map["bits"]
         self._unpacker, self._burst = Unpacker(), BURST
         # number of the next write or frame; decisions received, as the device numbers them
         self._next = self._seen = 0
-        self.lost, self.decisions = False, list[int]()
+        self.lost, self.decisions, self.looks = False, list[int](), dict[str, int]()
         self.repeated = self.replayed = self.unanswered = 0
 
     @property
@@ -194,7 +194,7 @@ class Link:
         LinkError
             No answer; another ID or version than the register map's.
         """
-        answer, known = self._ask("ID"), self._map
+        answer, known = self._ask("ID"), self.map
         if answer.value != known["id"]:
             raise LinkError(
                 f"the device's ID register reads 0x{answer.value:04x}, not 0x{known['id']:04x}: load a bitstream of "
@@ -207,6 +207,7 @@ class Link:
                 f"the device has register map version {version} and this program has {known['version']}: build its "
                 "bitstream anew"
             )
+        known["version"] = version
 
     def read(self, register: str) -> int:
         """A register's value."""
@@ -245,9 +246,9 @@ class Link:
         """Abort the current operation of the device and load an integer model, given as (address, word)
         writes."""
         self._command("ARM", "CLEAR_FAULTS")
-        self.write(writes)
+        self.write([*writes, (self._registers["MEASURE"], self.map["measures"]["STEP"])])
 
-    def play(self, frames: np.ndarray, progress: Progress = lambda taken: None) -> Played:
+    def play(self, frames: np.ndarray, progress: Progress = lambda taken: None, look: int = 0) -> Played:
         """Play one recording.
 
         Parameters
@@ -256,6 +257,8 @@ class Link:
             (frames, taxels) A/D codes; two's complement where negative.
         progress:
             Called with the frames taken so far.
+        look:
+            Frames behind which STATUS is read, too; 0: none.
 
         Raises
         ------
@@ -264,7 +267,10 @@ class Link:
         """
         for _ in range(TRIES):
             self.begin()
-            self.feed(frames, progress)
+            if look:
+                self.feed(frames[:look], progress)
+                self.looks["TOUCH"] = self.settle().value
+            self.feed(frames[look:], lambda taken: progress(look + taken))
             played = self.end()
             if not self.lost:
                 return played
@@ -276,10 +282,12 @@ class Link:
 
     def begin(self) -> None:
         """Arm: what is fed from now on is a new recording."""
-        self._command("ARM", "CLEAR_FAULTS")
+        self._command("CLEAR_FAULTS")  # before ARM, which may raise none
+        self._command("ARM")
         answer = self.settle()
         # what came before this answer was offered before `arm` took hold: it belongs to the recording before
         self._seen, self.lost, self.decisions = answer.decisions, False, []
+        self.looks = {"ARM": answer.value}
 
     def feed(self, frames: np.ndarray, progress: Progress = lambda taken: None) -> None:
         """The recording's next frames (frames, taxels); returns when the device has accepted them."""
@@ -288,8 +296,9 @@ class Link:
     def end(self) -> Played:
         """Finish the recording; its decisions are whole unless ``lost``."""
         self._command("FINISH")
-        status = self.settle().value
-        return Played(self.decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
+        registers = {"STATUS": self.settle().value}
+        registers |= {name: self.read(name) for name in ("FAULTS", "TOUCHES", "LONGEST", "VERSION")}
+        return Played(self.decisions, self.looks, registers)
 
     def listen(self, timeout_s: float) -> list[int]:
         """Decisions (32-bit payloads) that a device sends unasked; waits at most ``timeout_s`` for the first

@@ -15,7 +15,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.cosim.scoreboard import UNEXPECTED_FAULTS, pack_decision, unpack_decision
+from eskin.cosim.scoreboard import (
+    BUSY,
+    INPUT_STALLED,
+    KEPT,
+    OVERRUN,
+    TAXEL_FAULT,
+    pack_decision,
+    registers_behind,
+    unpack_decision,
+)
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, Stream
 from eskin.golden.model.position import PositionStream
@@ -43,12 +52,13 @@ class ModelSource:
         self.stream = Stream(model)
         self.config = model.config
         self._told = 0  # touches whose beginning was told
+        self._steps = 0  # of the recording
         self._positions = PositionStream(model.config) if model.config.interface.position else None
 
     def arm(self) -> list[Event]:
         """A new recording."""
         self.stream.arm()
-        self._told = 0
+        self._told = self._steps = 0
         if self._positions:
             self._positions.arm()
         return []
@@ -100,6 +110,7 @@ class ModelSource:
     def events(self, decisions: Sequence[Decision]) -> list[Event]:
         """Events of the stream's decisions, with the beginnings of their touches before them."""
         events: list[Event] = []
+        self._steps += sum(not decision.is_global for decision in decisions)
         for decision in decisions:
             self._begun(events, decision.touch, decision.onset_frame, decision.start_frame)
             place = decision.touch, decision.step, decision.frame
@@ -123,16 +134,29 @@ class ModelSource:
             events.append(Onset(touch, onset, start))
             self._told = touch + 1
 
-    def _registers(self, device: str, touches: int, faults: int) -> list[Event]:
-        """A mismatch if the last registers of a recording differ from the model."""
-        sentences = []
-        if touches != self.stream.touches % 256:
-            sentences.append(f"{device} TOUCHES reads {touches} and the model saw {self.stream.touches}")
-        if faults & UNEXPECTED_FAULTS:
-            sentences.append(
-                f"{device} FAULTS reads 0x{faults:04x}: the chain saw a fault that no recording may raise"
-            )
-        return [Differs(sentence) for sentence in sentences]
+    def _status(self, device: str, status: int) -> list[Event]:
+        """A mismatch if register STATUS differs from the model once a piece of frames is decided."""
+        return self._differing(device, {"STATUS": status & ~BUSY}, {"STATUS": self.stream.status})
+
+    def _registers(self, device: str, map_: Mapping, got: Mapping[str, int]) -> list[Event]:
+        """A mismatch for each last register of a recording that differs from the model."""
+        want = registers_behind(
+            map_,
+            got,
+            status=self.stream.status,
+            touches=self.stream.touches,
+            steps=self._steps,
+            faults=TAXEL_FAULT * bool(self.stream.flagged.any()),
+            may_be=INPUT_STALLED | OVERRUN * (self._steps > 2),
+        )
+        return self._differing(device, got, want)
+
+    def _differing(self, device: str, got: Mapping[str, int], want: Mapping[str, int]) -> list[Event]:
+        return [
+            Differs(f"{device} {name} reads {got[name]} and the model expects {value}")
+            for name, value in want.items()
+            if got[name] != value
+        ]
 
 
 class SimulationSource(ModelSource):
@@ -145,7 +169,8 @@ class SimulationSource(ModelSource):
         self._device = device
 
     def arm(self) -> list[Event]:
-        self._device.command("ARM", "EVERY", "CLEAR_FAULTS")
+        self._device.command("CLEAR_FAULTS")
+        self._device.command("ARM", "EVERY")
         self._device.brought()
         return super().arm()
 
@@ -156,12 +181,13 @@ class SimulationSource(ModelSource):
         for number, sample in enumerate(samples, self.stream.frame - len(samples) + 1):
             completed = [decision for decision in decisions if decision.frame == number]
             events += self._compare(completed, self._device.brought(sample[None]), f"frame {number}")
-        return events
+        return events + self._status("register", self._device.register("STATUS"))
 
     def ended(self, decisions: Sequence[Decision]) -> list[Event]:
         self._device.command("FINISH")
         compared = self._compare(decisions, self._device.brought(), "the recording's end")
-        return compared + self._registers("register", *map(self._device.register, ("TOUCHES", "FAULTS")))
+        got = {name: self._device.register(name) for name in KEPT}
+        return compared + self._registers("register", self._device.map, got)
 
     def close(self) -> None:
         self._device.close()
@@ -229,8 +255,9 @@ class BoardSource(ModelSource):
     ) -> list[Event]:
         with on_port(self._port):
             self._link.feed(scanned)
+            status = self._link.settle().value
         self._waiting.extend(decisions)
-        return self._compare()
+        return self._compare() + self._status("the board's register", status)
 
     def ended(self, decisions: Sequence[Decision]) -> list[Event]:
         self._waiting.extend(decisions)
@@ -241,7 +268,8 @@ class BoardSource(ModelSource):
             sentence = "the line lost decisions of this recording, so its end was not compared"
             return [*events, Differs(sentence, mismatch=False)]
         missing = (_hardware(self.config, decision, None) for decision in self._waiting)
-        return [*events, *missing, *self._registers("the board's register", played.touches, played.faults)]
+        registers = self._registers("the board's register", self._link.map, played.registers)
+        return [*events, *missing, *registers]
 
     def _compare(self) -> list[Event]:
         compared: list[Event] = []

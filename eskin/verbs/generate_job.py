@@ -22,6 +22,7 @@ from eskin.golden.model import (
     FloatModel,
     IntegerModel,
     Trace,
+    find_touches,
     images_of,
     run,
     run_images,
@@ -33,24 +34,44 @@ from eskin.training.made_up import decided_recordings, random_images
 
 
 def generate_design(
-    model: IntegerModel, out: Path, *, recordings: Recordings | None = None, number: int = 0, **system: Any
+    model: IntegerModel, out: Path, *, recordings: Recordings | None = None, **system: Any
 ) -> Path:
-    """``eskin generate``: Verilog and its companions; the cocotb bench plays recording ``number`` of
-    ``recordings`` (default: random). ``system``: bus, axis and top of `generate`."""
+    """``eskin generate``: Verilog and its companions, with a cocotb bench.
+
+    Parameters
+    ----------
+    recordings:
+        The bench plays the first image, or the first recording, taken evenly over the classes, with a whole touch, else
+        the first with a completed step. Default: a random one.
+    system:
+        bus, axis and top of `generate`.
+
+    Raises
+    ------
+    InputError
+        No recording has a completed step.
+    """
     config = model.config
     if not out.name:
         raise InputError(f"--out {out}: cannot be replaced; name a new folder")
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors.npz"
         if config.is_image:
-            images = (
-                random_images(config, 1, 1) if recordings is None else images_of(recordings.subset([number]))
-            )
+            images = random_images(config, 1, 1) if recordings is None else images_of(recordings.subset([0]))
             write_image_vectors(vectors, run_images(model, images).streams, images)
         else:
+            number = 0 if recordings is None else _with_touch(model, recordings)
             shown, trace = _played(model, recordings and recordings.subset([number]))
             write_vectors(vectors, trace, shown.scanned(config.sensor.scan_every), [number])
         return generate(config, model.arrays, out, vectors=vectors, **system)
+
+
+def _with_touch(model: IntegerModel, recordings: Recordings) -> int:
+    """Number of the recording to play."""
+    touches, steps = find_touches(model.config, recordings), np.zeros(len(recordings), dtype=np.int64)
+    np.maximum.at(steps, touches.recording, np.sign(touches.completed) + ~touches.partial)
+    order = [*recordings.evenly(len(recordings.class_names)), *range(len(recordings))]
+    return int(max(order, key=steps.__getitem__))
 
 
 def export_c(
@@ -133,8 +154,15 @@ def _played(
     model: IntegerModel, recordings: Recordings | None, *, cut_short: bool = False
 ) -> tuple[Recordings, Trace]:
     """Recordings and their trace; by default a made-up touch, and one that the recording cuts short."""
-    if recordings is not None:
-        return recordings, run(model, recordings)
     lead, whole, windows = model.config.rest_level.rest_frames, model.config.last_frame, model.config.windows
     lengths = [lead + whole + 4 * windows.hop, lead + whole // 2 + windows.pretrigger_frames]
-    return decided_recordings(model, lengths[: 1 + cut_short])
+    if recordings is None:
+        recordings, trace = decided_recordings(model, lengths[: 1 + cut_short])
+    else:
+        trace = run(model, recordings)
+    if not len(trace.streams["decision"][0]):
+        raise InputError(
+            f"recordings '{recordings.source}': none has a touch with a completed step, so nothing would be compared; "
+            "give others with --data"
+        )
+    return recordings, trace

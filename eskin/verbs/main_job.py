@@ -355,20 +355,7 @@ class _Steps:
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
     def _generate(self, folder: Path, notify: Progress, model: IntegerModel) -> None:
-        """Verilog with a bench that plays the first image, or the first recording, taken evenly over the classes, with
-        a whole touch, else the first with a completed step."""
-        number = 0
-        if not self.config.is_image:
-            touches, _ = touches_and_ends(self.config, self.recordings)
-            steps = np.zeros(len(self.recordings))
-            steps[touches.recording] = np.sign(touches.completed) + ~touches.partial
-            order = [*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]
-            number = int(max(order, key=steps.__getitem__))
-            if not steps[number]:
-                raise InputError(
-                    f"recordings '{self.recordings.source}': none has a completed step; check them with 'eskin inspect'"
-                )
-        generate_design(model, folder / "rtl", recordings=self.recordings, number=number)
+        generate_design(model, folder / "rtl", recordings=self.recordings)
 
     def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
         """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers,

@@ -39,7 +39,7 @@ class Touches:
     the other values that a window gives for a taxel (`window_values`); 0 from window ``completed`` on. faults
     (n, K, D), bool: the fault detector had masked the taxel when window k was complete; None without a
     detector. flagged (recordings, taxels): frame, 1-based, that raised the taxel's fault flag, 0 = none; None
-    without.
+    without. armed (recordings), bool: the detector is ARMED after the last frame; None where nobody asks.
     """
 
     recordings: int
@@ -51,6 +51,7 @@ class Touches:
     sums: np.ndarray
     faults: np.ndarray | None = None
     flagged: np.ndarray | None = None
+    armed: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -59,7 +60,7 @@ class Touches:
         """The touches ``rows`` (indices, or bool (n)) with everything that is known of them, and their first
         ``steps`` windows (None: all).
 
-        ``recordings`` and ``flagged`` are about recordings and stay.
+        ``recordings``, ``flagged`` and ``armed`` are about recordings and stay.
         """
         return dataclasses.replace(
             self,
@@ -133,8 +134,9 @@ def find_touches(
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
     flagged = np.zeros((len(lengths), config.sensor.taxels), dtype=np.int64)
-    for first, last, deviations, touches, failed in scans(config, recordings, onsets, most):
-        flagged[first:last] = failed
+    armed = np.zeros(len(lengths), dtype=bool)
+    for first, last, deviations, touches, front in scans(config, recordings, onsets, most):
+        flagged[first:last], armed[first:last] = front.flagged, front.armed
         for index, onset, start in touches:
             length = int(lengths[first + index])
             window_sums, ended = window_values(config, deviations[:length, index], start, spans)
@@ -158,6 +160,7 @@ def find_touches(
         sums=np.array(sums, dtype=np.int64).reshape(len(rows), len(spans), config.inputs),
         faults=faults,
         flagged=flagged if config.faults.fault_frames else None,
+        armed=armed,
     )
 
 
@@ -489,7 +492,7 @@ class TouchFinder:
         sound = (self.flagged == 0) | (self.flagged > judged)
         self._hits[judged // self._period % len(self._hits)] = (over & self._live & sound).any(axis=1)
         met = self._hits.sum(axis=0) >= rule.onset_hits if forced is None else forced
-        rearming = ~self.armed & (judged > self.end)
+        rearming = ~self.armed & (judged > self.end) & (judged <= lengths)
         self._quiet = np.where(rearming & ~met, self._quiet + self._period, 0)
         touches = []
         for index in np.flatnonzero(self.armed & met & (judged <= lengths)):
@@ -520,10 +523,10 @@ def scans(
     recordings: Recordings,
     forced: np.ndarray | None = None,
     most: int | None = None,
-) -> Iterator[tuple[int, int, np.ndarray, list[tuple[int, int, int]], np.ndarray]]:
+) -> Iterator[tuple[int, int, np.ndarray, list[tuple[int, int, int]], TouchFinder]]:
     """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first, the one behind the
     last, their deviations (frames, recordings, taxels), their touches (recording, onset frame, start frame),
-    in order, and the frame that raised the fault flag of each taxel (recordings, taxels), 0 = none."""
+    in order, and the detectors as each recording leaves its own."""
     recordings = recordings.scanned(config.sensor.scan_every)
     lengths, taxels = recordings.lengths, config.sensor.taxels
     for first, last in _batches(lengths, taxels, most):
@@ -532,7 +535,7 @@ def scans(
             samples[: lengths[index], index - first] = recordings.recording(index)
         front, onsets = TouchFinder(config, last - first), None if forced is None else forced[first:last]
         deviations, touches = front.push(samples, lengths[first:last], onsets)
-        yield first, last, deviations, sorted(touches), front.flagged
+        yield first, last, deviations, sorted(touches), front
 
 
 def _track(samples: np.ndarray, baseline: np.ndarray, armed: np.ndarray) -> np.ndarray:

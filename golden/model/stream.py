@@ -15,6 +15,7 @@ from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
 from eskin.golden.model.preprocess import Touches, TouchFinder, window_values
 from eskin.golden.model.prototypes import check_teachable, class_index, forget, teach, trajectory_codes
+from eskin.golden.model.vectors import ARMED, NO_TOUCH, TOUCH
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,16 @@ class Stream:
         if self._front.armed[0]:
             return "armed"
         return "touch" if self._touch or self.frame == 0 else "rearm"
+
+    @property
+    def status(self) -> int:
+        """Register STATUS after the frames so far, once all that they bring is decided."""
+        return ARMED * bool(self._front.armed[0]) | TOUCH * bool(self._touch) | NO_TOUCH * (not self._touches)
+
+    @property
+    def flagged(self) -> np.ndarray:
+        """(taxels), bool: fault flags."""
+        return self._front.flagged[0] > 0
 
     @property
     def touches(self) -> int:

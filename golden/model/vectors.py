@@ -13,6 +13,9 @@ from eskin.golden.core import replacing
 from eskin.golden.data import Recordings
 from eskin.golden.model.pipeline import Trace
 
+ARMED, TOUCH, BUSY, NO_TOUCH = 1, 2, 4, 8
+"""Bits of register STATUS (docs/system.md)."""
+
 
 def write_vectors(
     path: str | Path,
@@ -38,19 +41,30 @@ def write_vectors(
     samples (frames, taxels) uint16: A/D codes of the frames that the chain takes, two's complement. offsets (R + 1). numbers (R). For each flat
     stage s: ``s`` int64 and ``s_offsets`` (R + 1); ``decision`` (rows, 6) and ``decision_offsets``, columns
     as pipeline.DECISION_FIELDS. decision_frame (rows): the live frame, 1-based, that completes the decision's
-    last window, 0 where the end of the recording brings the decision. touches (R): touches begun. flags (R,
-    taxels), bool: fault flags at the recording's end. codes (frames, taxels) uint32, where they were given.
+    last window, 0 where the end of the recording brings the decision. touches (R): touches begun. open (R, 2): the
+    first touch is open from the first of these frames on up to the other one, 0 without one. status (R): register
+    STATUS when all is decided. flags (R, taxels), bool: fault flags at the recording's end. codes (frames, taxels)
+    uint32, where they were given.
     """
-    recordings = recordings.scanned(trace.config.sensor.scan_every)
+    recordings, touches = recordings.scanned(trace.config.sensor.scan_every), trace.touches
+    number = np.bincount(touches.recording, minlength=len(recordings))
+    begin, end = np.zeros((2, len(recordings)), dtype=np.int64)
+    first, index = np.unique(touches.recording, return_index=True)
+    # what opens at once is seen with the first frame; one that is cut short stays open to the end
+    begin[first] = np.maximum(touches.onset_frame[index], 1)
+    last = np.maximum(touches.start_frame[index] - 1 + trace.config.last_frame, begin[first])
+    end[first] = np.where(touches.partial[index], recordings.lengths[first] + 1, last)
     arrays: dict[str, np.ndarray] = {
         # the port is 16 bits wide, whatever the samples are: negative ones as two's complement
         "samples": (recordings.samples & 0xFFFF).astype(np.uint16),
         "offsets": np.asarray(recordings.offsets, dtype=np.int64),
         "decision_frame": completing_frames(trace),
         "flags": np.zeros((len(recordings), recordings.taxels), dtype=bool)
-        if trace.touches.flagged is None
-        else trace.touches.flagged > 0,
-        "touches": np.bincount(trace.touches.recording, minlength=len(recordings)).astype(np.int64),
+        if touches.flagged is None
+        else touches.flagged > 0,
+        "touches": number,
+        "open": np.stack([begin, end], axis=1),
+        "status": ARMED * np.asarray(touches.armed) + NO_TOUCH * (number == 0),
     }
     if codes is not None:
         arrays["codes"] = codes.astype(np.uint32)
@@ -76,7 +90,7 @@ def write_image_vectors(
 
     The arrays
     ----------
-    samples, offsets, numbers, decision, decision_offsets, decision_frame, touches: as of `write_vectors`;
+    samples, offsets, numbers, decision, decision_offsets, decision_frame, touches, open, status: as of `write_vectors`;
     logit, logit_offsets; map, map_offsets: the values of all maps of an image, one map after the other.
     """
     count, height, width = images.shape
@@ -88,6 +102,8 @@ def write_image_vectors(
         "offsets": np.arange(count + 1) * height,
         "decision_frame": np.full(len(streams["decision"][0]), height, dtype=np.int64),
         "touches": np.ones(count, dtype=np.int64),
+        "open": np.tile([1, height], (count, 1)),
+        "status": np.zeros(count, dtype=np.int64),
     }
     whole = {"map": (together.ravel(), np.arange(count + 1) * together.shape[1])}
     return _write(path, arrays, whole | {stage: streams[stage] for stage in ("decision", "logit")}, numbers)

@@ -47,6 +47,7 @@ from eskin.rtl.program.memory_map import (
     words_per_entry,
 )
 from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
+from eskin.rtl.program.schedule import longest_step
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.sensing import Sensing
 from eskin.rtl.top.system import Bus, System
@@ -191,6 +192,7 @@ def register_map(config: AcceleratorConfig) -> Record:
             "WEIGHTS0" if config.is_image else "LANE0": 0,
             **{memory.name: int(memory) for memory in named},
         },
+        "longest_step": longest_step(config),
         "lanes": config.hardware.lanes,
         "mask_words": -(-config.sensor.taxels // 16),
     }

@@ -26,6 +26,7 @@ from eskin.rtl.program.memory_map import (
     ID_VALUE,
     VERSION_VALUE,
     Fault,
+    Measure,
     Register,
     TeachRegister,
     mapped,
@@ -84,6 +85,8 @@ class HostControl(wiring.Component):
         A word of a memory is wrong (``checksum``).
     hung : In(1)
         The chain hangs (``watchdog``): cleared as at ``arm``.
+    anew : In(1)
+        The engine begins anew, beside ``restart`` (``watchdog``).
     due : Out(1)
         The recording is being finished, or the detector's touch and the one whose decision is due are not the
         same (``watchdog``).
@@ -105,6 +108,7 @@ class HostControl(wiring.Component):
                 "decider_idle",
                 "check_failed",
                 "hung",
+                "anew",
                 bus=bus_signature(),
                 frames=FRAMES,
                 detector=detector_status(config),
@@ -155,7 +159,9 @@ class HostControl(wiring.Component):
             written=bus.w_stb & (bus.addr == Register.MEMORY_DATA),
             locked=touch | ~self.decider_idle if config.readout_rule.taught else touch,
         )
-        drive(m, cycles, measure=measure, anew=measured, forget=measured | forgotten)
+        # an engine that begins anew issues slots of its next step again
+        again = (self.restart | self.anew) & (measure == Measure.STEP)
+        drive(m, cycles, measure=measure, anew=measured | again, forget=measured | forgotten)
 
         wrong = []  # configuration registers with the wrong parity
         known = Signal()

@@ -36,6 +36,11 @@ def step_cycles(config: AcceleratorConfig) -> int:
     )
 
 
+def longest_step(config: AcceleratorConfig) -> int:
+    """What register LONGEST reads behind a step: cycles up to its last logit."""
+    return step_cycles(config) - logit_to_decision(config) + (not config.is_image)
+
+
 def decision_cycles(config: AcceleratorConfig) -> int:
     """Cycles from the last feature of a window, or the last pixel of an image, to the decision."""
     return step_cycles(config) + IMAGE_START_CYCLES if config.is_image else schedule(config).decision_cycles

@@ -192,6 +192,7 @@ class Accelerator(wiring.Component):
             # one did; a first step already under way would be lost.
             decided = Signal()
             m.d.comb += begin_anew.eq(decided & ~engine.busy & ~engine.i.valid & idle)
+            m.d.comb += control.anew.eq(begin_anew)
             m.d.sync += decided.eq(
                 (decided | self.classifier.ended) & ~begin_anew & ~control.clear & ~engine.started
             )

@@ -15,8 +15,10 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
+from eskin.golden.model.preprocess import TouchFinder
 from eskin.live import link
-from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Register, Status
+from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Register, Status
+from eskin.rtl.program.schedule import longest_step
 from tests.support.link_flow import pack_decisions
 
 
@@ -55,7 +57,9 @@ class Device:
         )
         self.registers = {Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE} | (registers or {})
         self.writes: list[tuple[int, int]] = []
-        self.frames: list[np.ndarray] = []
+        self.spoiled: dict[int, int] = {}
+        """Bits of a register that read wrong."""
+        self._arm()
         self.taken = self.expected = self.decisions = 0
         self.packets = {True: 0, False: 0}
         self.decision_packets: list[int] = []  # their numbers among those sent
@@ -106,7 +110,10 @@ class Device:
         number, command, words = body[0], body[1], np.frombuffer(body[2:], dtype="<u2")
         if command & link.READ:
             address = command & 0x3F
-            self._send(self.registers.get(address, 0) | self.expected << 16 | address << 24)
+            if address == Register.STATUS:
+                self.registers[address] = self._status()
+            word = self.registers.get(address, 0) ^ self.spoiled.get(address, 0)
+            self._send(word | self.expected << 16 | address << 24)
         elif number == self.expected and len(words) == (
             self.config.sensor.taxels if command & link.FRAME else 1
         ):
@@ -114,24 +121,43 @@ class Device:
             if command & link.FRAME:
                 self.frames.append(words)
                 self.taken += 1
+                if not self.config.is_image:
+                    for _, onset, start in self.finder.push(self._samples()[-1:, None])[1]:
+                        self.begun, self.until = True, max(start - 1 + self.config.last_frame, onset)
             else:
                 self._write(command, int(words[0]))
 
     def _write(self, address: int, word: int) -> None:
         self.writes.append((address, word))
         if address == Register.CONTROL and word & Control.ARM:
-            self.frames = []
+            self._arm()
         if address == Register.CONTROL and word & Control.FINISH:
-            samples = np.array(self.frames, dtype=np.int32).reshape(-1, self.config.sensor.taxels)
-            if self.config.sensor.sample_signed:
-                samples = samples.astype(np.int16).astype(np.int32)
-            rows, touches = self.decide(samples)
+            rows, touches = self.decide(self._samples())
+            self.until = 0
+            flagged = bool(self.config.faults.fault_frames and self.finder.flagged.any())
+            self.registers[Register.FAULTS] = Fault.TAXEL * flagged
             self.registers[Register.TOUCHES] = touches
-            self.registers[Register.STATUS] = 0 if touches else int(Status.NO_TOUCH)
+            self.registers[Register.LONGEST] = longest_step(self.config) * bool(len(rows))
             for payload in pack_decisions(self.config, rows):
                 self.decision_packets.append(self.packets[True] + 1)
                 self._send(payload | link.DECISION, payload >> 31 << 7)
                 self.decisions = (self.decisions + 1) % link.NUMBERS
+
+    def _arm(self) -> None:
+        self.frames: list[np.ndarray] = []
+        self.finder, self.begun, self.until = TouchFinder(self.config), False, 0
+
+    def _samples(self) -> np.ndarray:
+        samples = np.array(self.frames, dtype=np.int32).reshape(-1, self.config.sensor.taxels)
+        return samples.astype(np.int16).astype(np.int32) if self.config.sensor.sample_signed else samples
+
+    def _status(self) -> int:
+        if self.config.is_image:
+            begun, open_ = bool(self.frames), 0 < len(self.frames) < self.config.image.height
+            armed = not begun
+        else:
+            begun, open_, armed = self.begun, len(self.frames) < self.until, bool(self.finder.armed[0])
+        return Status.ARMED * armed | Status.TOUCH * open_ | Status.NO_TOUCH * (not begun)
 
     def _send(self, payload: int, unsure: int = 0) -> None:
         self.packets[True] += 1

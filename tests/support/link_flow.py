@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.device import Design, Device
-from eskin.cosim.scoreboard import UNEXPECTED_FAULTS
+from eskin.cosim.scoreboard import INPUT_STALLED, OVERRUN
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import IntegerModel
 from eskin.live.link import Link
@@ -96,8 +96,10 @@ def play_link(
         played
         for played in result["played"]
         if played["decisions"] != wanted[played["position"]]
-        or played["touches"] != expected["touches"][played["position"]]
-        or played["faults"] & UNEXPECTED_FAULTS
+        or played["registers"]["TOUCHES"] != expected["touches"][played["position"]]
+        or played["registers"]["STATUS"] != expected["status"][played["position"]]
+        # flags of taxels, and what the pace alone decides
+        or played["registers"]["FAULTS"] & ~(INPUT_STALLED | OVERRUN | 0x40)
     ]
     result["decisions"], result["wall_s"] = (
         sum(len(played["decisions"]) for played in result["played"]),
@@ -133,8 +135,7 @@ def converse(port, settings: dict, pins: Callable[[], int]) -> dict:
             {
                 "position": position,
                 "decisions": got.decisions,
-                "touches": got.touches,
-                "faults": got.faults,
+                "registers": got.registers,
                 "done": noisy.done,
                 "noticed": [new - old for new, old in zip(after, counts, strict=True)],
                 "pins": pins(),

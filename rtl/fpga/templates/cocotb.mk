@@ -1,8 +1,11 @@
-# make SIM=icarus or make SIM=verilator, with Python's cocotb and numpy; the bench is test_accelerator.py.
+# make SIM=icarus or make SIM=verilator, with Python's cocotb 2 and numpy; the bench is test_accelerator.py.
 # For a Verilator whose --version is no number (some packages) add VLT_VERSION=5.048, say: cocotb asks for it.
+ifneq ($(firstword $(subst ., ,$(shell cocotb-config --version))),2)
+$(error cocotb 2 is needed: pip install "cocotb>=2,<3" numpy)
+endif
 SIM ?= icarus
 TOPLEVEL_LANG = verilog
-VERILOG_SOURCES = $(CURDIR)/@MODULE@.sv
+VERILOG_SOURCES = @MODULE@.sv
 COCOTB_TOPLEVEL = @MODULE@
 COCOTB_TEST_MODULES = test_accelerator
 COCOTB_HDL_TIMEUNIT = 1ns
@@ -10,6 +13,14 @@ COCOTB_HDL_TIMEPRECISION = 1ps
 
 ifeq ($(SIM),verilator)
 EXTRA_ARGS += -Wno-fatal -Wno-lint
+ifneq ($(words $(CURDIR)),1)  # no make builds in a folder with a blank in its path
+SIM_BUILD := $(shell mktemp -d)
+endif
 endif
 
 include $(shell cocotb-config --makefiles)/Makefile.sim
+
+.PHONY: tested
+sim: tested
+tested: regression
+	@grep -q "<testcase" $(COCOTB_RESULTS_FILE) || { echo "no test ran: nothing was compared" >&2; exit 1; }

@@ -37,15 +37,20 @@ class Twin:
     values)``."""
 
     def __init__(self, model, spoil=lambda frame, stage, values: values) -> None:
-        self.stream, self.spoil, self.registers = Stream(model), spoil, {"FAULTS": 0}
+        self.stream, self.spoil, self.registers = Stream(model), spoil, dict[str, int]()
+        self.map = register_map(model.config)
 
     def command(self, *names: str) -> None:
         self.ended = "FINISH" in names
         if not self.ended:
             self.stream.arm()
+            self.steps = 0
 
     def register(self, register: str) -> int:
-        return self.registers.get(register, self.stream.touches)
+        usual = dict(STATUS=self.stream.status, TOUCHES=self.stream.touches, VERSION=self.map["version"])
+        usual["FAULTS"] = 0x40 * bool(self.stream.flagged.any())
+        usual["LONGEST"] = self.map["longest_step"] * bool(self.steps)
+        return (usual | self.registers)[register]
 
     def close(self) -> None:
         pass
@@ -54,6 +59,7 @@ class Twin:
         brought: dict[str, list[int]] = {}
         decisions = [] if frames is None else self.stream.push(frames)
         for made in self.stream.finish() if self.ended else decisions:
+            self.steps += not made.is_global
             for stage, values in made.stages.items():
                 brought.setdefault(stage, []).extend(np.asarray(values).astype(int).tolist())
             word = pack_decisions(self.stream.config, np.array([made.row()]))

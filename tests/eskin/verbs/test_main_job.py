@@ -13,7 +13,7 @@ import pytest
 
 from eskin.choose.choice import Plan
 from eskin.cosim.runner import SimulationError
-from eskin.golden.model import IntegerModel, find_touches, pipeline
+from eskin.golden.model import IntegerModel, find_touches
 from eskin.requests import RunRequest
 from eskin.rtl.fpga.generate import MARK
 from eskin.verbs import main_job
@@ -84,9 +84,8 @@ class Chain:
         self.call("yardsticks")
         return []
 
-    def generate(self, model, out, *, recordings, number):
+    def generate(self, model, out, *, recordings):
         self.call("generate")
-        assert pipeline.run(model, recordings).touches.completed[number]
         out.mkdir()
         (out / MARK).write_text("{}")
         return out

@@ -102,7 +102,7 @@ def test_lost_packets_change_nothing(replay, model, recordings, tmp_path):
     decided = device.decision_packets[: len(golden(recordings.recording(0))[0])]
     for key, loses in (
         ("repeated", lambda number, sent: not sent and number % 57 == 0),
-        ("replayed", lambda number, sent: sent and number % 31 == 0),
+        ("replayed", lambda number, sent: sent and number % 29 == 0),
         ("replayed", lambda number, sent: sent and number == decided[0]),
         ("replayed", lambda number, sent: sent and number == decided[-1]),
     ):

@@ -140,7 +140,7 @@ def test_the_counter_measures_what_is_asked_for():
         for measure, longest in ((Measure.FRAME, 6), (Measure.STEP, 7), (Measure.WINDOWS, 11)):
             await write(Register.MEASURE, measure)
             assert await read(Register.LONGEST) == 0, "writing MEASURE begins anew"
-            for held, slots, cycles in ((3, 6, 11), (1, 5, 4)):
+            for held, slots, cycles in ((3, 6, 11), (1, 5, 4), (1, 5, 4)):
                 put(ctx, dut.frames, offered=1, first=1)
                 await ctx.tick().repeat(held)
                 for beat in range(3):
@@ -150,6 +150,10 @@ def test_the_counter_measures_what_is_asked_for():
                 await pulse(ctx, dut.engine.slot_done, cycles=slots)
                 await ctx.tick().repeat(3)
                 await pulse(ctx, dut.engine.slot_done, dut.engine.step_done)
+                # slots that an engine issues before it begins anew are issued again
+                await pulse(ctx, dut.engine.slot_done, cycles=4)
+                await write(Register.MEMORY_SELECT, Memory.MEANS)
+                await (pulse(ctx, dut.anew) if held == 3 else write(Register.MEMORY_DATA, 0))
                 await pulse(ctx, dut.engine.windows_open, cycles=cycles)
                 await ctx.tick().repeat(2)
             assert await read(Register.LONGEST) == longest, measure
