@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from eskin.golden.model.pipeline import by_recording
 from eskin.training.datasets import Dataset, Datasets, touch_rows
 from eskin.training.fit import fit_networks, post_training
 from eskin.training.recipe import Recipe, choose_recipe
-from eskin.training.splits import held_out, split_folds
+from eskin.training.splits import held_out, over_groups, split_folds
 from eskin.training.times import step_rows, step_times
 
 
@@ -55,8 +55,9 @@ def cross_validate(
     A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, integer_spread
     (standard deviation over folds x seeds), integer_by_seed (accuracy over all folds), per_step (step, time_s since
     the onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean,
-    integer; None: no decision), per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer
-    model, summed over seeds: rows = true class, columns = decided, last column = none).
+    integer; None: no decision), standard_error and range (``over_groups``, integer), per_fold (held_out, recordings, float_accuracy,
+    integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows = true class,
+    columns = decided, last column = none).
     """
     recipe, datasets = recipe or choose_recipe(config), datasets or Datasets(recordings)
     tests = [split_folds(recordings, groups, folds, None) for groups in splits]
@@ -71,7 +72,10 @@ def cross_validate(
     ]
 
 
-def seed_by_seed(runs: Sequence[FoldDecisions], folds: int) -> list[Sequence[FoldDecisions]]:
+Run = TypeVar("Run")
+
+
+def seed_by_seed(runs: Sequence[Run], folds: int) -> list[Sequence[Run]]:
     """Runs of all folds with the first seed, then with the next, as a list for each fold."""
     return [runs[fold::folds] for fold in range(folds)]
 
@@ -253,10 +257,11 @@ def split_record(
     for each seed. times: seconds of each step."""
     classes = len(recordings.class_names)
     confusion = np.zeros((classes, classes + 1), dtype=np.int64)
-    steps = np.zeros((2, len(times)))
+    steps, correct = np.zeros((2, len(times))), np.zeros(len(recordings))
     for test, runs in zip(tests, decided, strict=True):
         labels = recordings.labels[test]
         for run in runs:
+            correct[test] += (run.integer_global == labels) / len(runs)
             np.add.at(confusion, (labels, run.integer_global), 1)  # -1, no decision, is the last column
             for row, local in enumerate((run.float_local, run.integer_local)):
                 steps[row] += (local == labels[:, None]).sum(axis=0) / (len(recordings) * len(seeds))
@@ -269,6 +274,7 @@ def split_record(
         "seeds": list(map(int, seeds)),
         **over_folds(per_fold),
         "integer_spread": float(np.std(of_seeds)),
+        **over_groups(recordings, groups, tests, correct),
         "integer_by_seed": np.average(of_seeds, axis=0, weights=[len(test) for test in tests]).tolist(),
         "per_step": step_rows(zip(times, *steps, strict=True)),
         "per_fold": per_fold,
