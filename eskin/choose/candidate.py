@@ -6,7 +6,7 @@ with the most accurate. `eskin.training.level` defines a tie, `eskin.choose.cost
 rule chooses front ends, which are evaluated with a linear network in closed form (`eskin.choose.front_ends`),
 whole networks (`eskin.choose.networks`), and both again inside the training part of every fold.
 
-With a `Stress`, networks decide disturbed recordings too; the score is the mean of both accuracies.
+With a panel (`eskin.study.stability.panel`), networks decide disturbed recordings too; the score is the mean of both accuracies.
 Candidates may lose at most CLEAN_LOSS of accuracy against the choice of the rule and cost at most DEARER
 times as much. The cheapest of those that tie with the best score is chosen (`choose_stable`).
 """
@@ -17,18 +17,20 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eskin.choose.choice_table import beyond
 from eskin.choose.cost import CostModel
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model import IntegerModel
 from eskin.training.formats import with_network
 from eskin.training.judge import Decisions
 from eskin.training.level import TIE, is_level, least_error, paired_shortfall
 from eskin.training.recipe import Recipe
+
+if TYPE_CHECKING:
+    from eskin.study.stability.panel import Panel
 
 CLEAN_LOSS, DEARER = 0.007, 4 / 3
 """Largest loss of accuracy on undisturbed recordings, and largest factor of cost, at which a design that does
@@ -70,25 +72,9 @@ class Candidate:
         }
 
 
-class Stress(Protocol):
-    """Disturbances that networks are judged under (`eskin.study.stability.panel.Panel`)."""
-
-    def wrong(self, config: AcceleratorConfig, model: IntegerModel, test: np.ndarray) -> np.ndarray:
-        """(cases, tests) 1 where a network is wrong, NaN where a recording is not disturbed."""
-
-    def stressed(self, config: AcceleratorConfig, wrong: np.ndarray) -> np.ndarray:
-        """(recordings) the share of disturbances under which each was decided correctly; NaN: not
-        disturbed."""
-
-    def figures(self, config: AcceleratorConfig, wrong: np.ndarray, accuracy: float) -> list[Record]:
-        """{mode, figure, bound, held} of each mode."""
-
-    def false_onsets(self, config: AcceleratorConfig) -> float:
-        """Sum over modes of the shares of recordings in which the gate opens when it must not."""
-
-    @property
-    def brief(self) -> Stress:
-        """The same on fewer recordings."""
+def mean_told(shares: np.ndarray) -> float | None:
+    """The mean without NaN; None if there is nothing else."""
+    return None if np.isnan(shares).all() else float(np.nanmean(shares))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +91,13 @@ class ScoredCandidate:
     correct: np.ndarray
     missed: int = 0
     decisions: Decisions | None = None
-    stress: Stress | None = None
+    stress: Panel | None = None
     disturbed: Callable[[], np.ndarray] | None = None
     calm: bool = False
 
     @classmethod
     def of(
-        cls, candidate: Candidate, decisions: Decisions, rows: np.ndarray, stress: Stress | None
+        cls, candidate: Candidate, decisions: Decisions, rows: np.ndarray, stress: Panel | None
     ) -> ScoredCandidate:
         """A candidate whose networks decided as ``decisions``, on recordings ``rows``."""
         correct = decisions.correct.reindex(rows, fill_value=0.0).to_numpy()
@@ -146,15 +132,18 @@ class ScoredCandidate:
 
     @cached_property
     def stressed(self) -> np.ndarray | None:
-        """(recordings) the share of disturbances under which each was decided correctly; NaN: not disturbed."""
+        """(recordings) the share of disturbances under which each was decided correctly, or the gate stayed shut as
+        it must; NaN: not disturbed."""
         if self.stress is None or self.wrong is None or not len(self.wrong):
             return None
-        return self.stress.stressed(self.config, self.wrong)
+        return self.stress.stressed(self.config, self.wrong, gates=True)
 
     @property
     def stressed_accuracy(self) -> float | None:
-        """Accuracy on disturbed recordings, mean over those that were disturbed."""
-        return None if self.stressed is None else float(np.nanmean(self.stressed))
+        """Accuracy on disturbed recordings, mean over those that were disturbed; None: only gates were looked at."""
+        if self.stress is None or self.wrong is None:
+            return None
+        return mean_told(self.stress.stressed(self.config, self.wrong))
 
     @cached_property
     def scores(self) -> np.ndarray:
@@ -168,7 +157,7 @@ class ScoredCandidate:
 
     @property
     def score(self) -> float:
-        """Mean of accuracy and stressed accuracy."""
+        """Mean of the accuracy and of ``stressed``."""
         return float(self.scores.mean())
 
     @property
@@ -180,18 +169,19 @@ class ScoredCandidate:
         stressed_error = float(told.std(ddof=1) / np.sqrt(len(told))) if len(told) > 1 else 0.0
         return (self.standard_error + stressed_error) / 2
 
-    @property
-    def figures(self) -> list[Record]:
-        """{mode, figure, bound, held} under each disturbance."""
+    @cached_property
+    def figures(self) -> dict[str, list[Record]]:
+        """{mode, figure, bound, held} under each disturbance, as of `Panel.figures`."""
         if self.stress is None or self.wrong is None or self.stressed is None:
-            return []
+            return {"stress": [], "gate_modes": []}
         told = ~np.isnan(self.stressed)  # the bounds refer to the accuracy on the same recordings
-        return self.stress.figures(self.config, self.wrong, float(self.correct[told].mean()))
+        cases = self.stress.cases(self.config, self.wrong)
+        return self.stress.figures(cases, float(self.correct[told].mean()))
 
     @property
     def worst(self) -> Record | None:
         """{mode, figure} of the mode that is furthest beyond its bound, or nearest to it."""
-        if not (figures := self.figures):
+        if not (figures := [row for rows in self.figures.values() for row in rows]):
             return None
         row = max(figures, key=beyond)
         return {name: row[name] for name in ("mode", "figure")}
@@ -219,7 +209,7 @@ class ScoredCandidate:
         )
 
 
-def _wrong(config: AcceleratorConfig, stress: Stress, decisions: Decisions, rows: np.ndarray) -> np.ndarray:
+def _wrong(config: AcceleratorConfig, stress: Panel, decisions: Decisions, rows: np.ndarray) -> np.ndarray:
     """(cases, rows) the share of networks that were wrong under each disturbance, among those that had not
     seen the recording."""
     places = [np.searchsorted(rows, fold.test) for fold, _ in decisions.fitted]

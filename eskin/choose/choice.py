@@ -16,11 +16,12 @@ import dataclasses
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eskin.choose import doubts
-from eskin.choose.candidate import Candidate, ScoredCandidate, Stress, choose, front_end_fields, screened_row
+from eskin.choose.candidate import Candidate, ScoredCandidate, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import CostModel
 from eskin.choose.front_ends import (
@@ -46,7 +47,7 @@ from eskin.choose.networks import (
 from eskin.choose.sturdy import Hardening
 from eskin.choose.yardsticks import linear_yardsticks
 from eskin.data.fit import check_fit
-from eskin.data.folds import no_group
+from eskin.data.folds import likely_groups
 from eskin.data.rate import wrong_rate
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Progress, Record
 from eskin.golden.data import Recordings
@@ -67,9 +68,12 @@ from eskin.training.judge import (
     judge,
 )
 from eskin.training.losses import Callback
-from eskin.training.splits import check_split, default_splits, error_over_groups, split_folds
+from eskin.training.splits import check_split, default_splits, over_groups, split_folds
 from eskin.training.times import step_times
 from eskin.training.train import train
+
+if TYPE_CHECKING:
+    from eskin.study.stability.panel import Panel
 
 LEAST = {
     "energy": "needs the least energy per touch ({energy_touch_j:.3g} J)",
@@ -107,7 +111,7 @@ class Plan:
         """Front ends that networks are tried on."""
         return listed(self.screened, self.prices) if self.screened else Listed.alone(self.config)
 
-    def hardening(self, stress: Stress | None) -> Hardening | None:
+    def hardening(self, stress: Panel | None) -> Hardening | None:
         """Sturdier front ends and networks; None if networks are not judged under disturbance."""
         return Hardening(stress, self.front_ends.screen if self.front_ends else None) if stress else None
 
@@ -175,16 +179,15 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
     """The groups that stay together while front end and network are chosen, and where they come from, in
     words.
 
-    The requested groups; otherwise the archive's first group array with at least two values in every class
-    (except those that ``no_group`` rejects); otherwise none, which leaves out single recordings.
+    The requested groups; otherwise the first of ``likely_groups`` with at least two values in every class; otherwise
+    none, which leaves out single recordings.
     """
     if groups is not None:
         return list(groups), "as asked for"
-    for name, values in recordings.groups.items():
-        seen_twice = all(
-            len(np.unique(values[recordings.labels == label])) >= 2 for label in np.unique(recordings.labels)
-        )
-        if seen_twice and not no_group(values, recordings.labels):
+    labels = recordings.labels
+    for name in likely_groups(recordings):
+        values = recordings.groups[name]
+        if all(len(np.unique(values[labels == label])) >= 2 for label in np.unique(labels)):
             return [name], "the archive's first group"
     return [], "the archive has no group to leave out, so single recordings are left out"
 
@@ -365,8 +368,9 @@ def unseen(
 
     Returns
     -------
-    {groups, folds, seeds, float_accuracy, integer_accuracy, agreement, standard_error (over the groups left out),
-    per_fold: [{held_out, recordings, the three shares, front_end, front_end_words, network}], wall_s}.
+    {groups, folds, seeds, float_accuracy, integer_accuracy, agreement, standard_error, range (``over_groups``),
+    per_fold: [{held_out, recordings, the three shares, front_end, front_end_words, network}],
+    disturbed (of `Panel.unseen`; empty without a panel), wall_s}.
     """
     begin, recordings, seeds = time.perf_counter(), settings.recordings, list(map(int, settings.seeds))
     tests = split_folds(recordings, list(split), settings.folds, None)
@@ -385,8 +389,9 @@ def unseen(
         "folds": len(tests),
         "seeds": seeds,
         **decisions.shares(),
-        "standard_error": error_over_groups(recordings, split, decisions.correct.to_numpy()),
+        **over_groups(recordings, split, tests, decisions.correct.to_numpy()),
         "per_fold": per_fold,
+        "disturbed": settings.stress.unseen(decisions) if settings.stress else {},
         "wall_s": time.perf_counter() - begin,
     }
 
@@ -404,7 +409,7 @@ def candidate_row(one: ScoredCandidate, record: Record, chosen: bool, prices: Co
         "score_standard_error": one.score_standard_error,
         "stressed_accuracy": one.stressed_accuracy,
         "worst": one.worst,
-        "stress": one.figures,
+        **one.figures,
         "robust": one.candidate.recipe.robust,
         "calm": one.calm,
         "float_accuracy": record["float_accuracy"],
@@ -439,7 +444,7 @@ def train_chosen(
     request: TrainRequest,
     *,
     plan: Plan | None = None,
-    stress: Stress | None = None,
+    stress: Panel | None = None,
     keep: Memo | None = None,
     progress: Progress | None = None,
     callback: Callback | None = None,

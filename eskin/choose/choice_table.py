@@ -21,34 +21,32 @@ def front_end_words(row: Record) -> str:
     defences = f", {row['onset_hits']} of {row['onset_span']} checks" if row.get("onset_span", 1) > 1 else ""
     defences += f", clip at {row['clip']} codes" if row.get("clip") else ""
     scale = "one scale" if row["feature_scale"] == "array" else "a scale a taxel"
-    return f"{preset}{levels}, {gate}, {_windows(row)}, {scale}{defences}"
-
-
-def _windows(row: Record) -> str:
     activity = (
         f" (|{row['activity_rule']}| of {row['activity_block']} frame{'s' * (row['activity_block'] > 1)})"
         if "activity_rule" in row
         else ""
     )
-    kinds, every = "+".join(row["feature_kinds"]), row.get("scan_every", 1)
+    every, steps = row.get("scan_every", 1), row["steps"]
     scans = "" if every == 1 else f", one frame in {every} scanned"
-    return f"{row['steps']} window{'s' * (row['steps'] != 1)} of {row['window']} every {row['hop']}{scans}, {kinds}{activity}"
+    windows = f"{steps} window{'s' * (steps != 1)} of {row['window']} every {row['hop']}{scans}"
+    return (
+        f"{preset}{levels}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}{defences}"
+    )
 
 
-def front_end_brief(row: Record) -> str:
-    """Windows and kinds of feature of a row of ``candidates``."""
-    return _windows(row["front_end"])
-
-
-def windows_brief(row: Record) -> str:
-    """The same for a narrow column: ``10 x 192/96 m+a`` is 10 windows of 192 frames every 96, mean and
-    activity; ``1/4`` before them: one frame in four is scanned."""
+def windows_brief(row: Record, rows: Sequence[Record] = ()) -> str:
+    """Windows and kinds of feature of a row of ``candidates``, for a narrow column: ``10 x 192/96 m+a`` is 10 windows
+    of 192 frames every 96, mean and activity; ``1/4`` before them: one frame in four is scanned. Behind them the
+    words by which the front end differs from those of ``rows`` that would look alike."""
     fields = row["front_end"]
     kinds = "+".join(kind[0] for kind in fields["feature_kinds"])
     every = fields.get("scan_every", 1)
-    return (
+    brief = (
         f"{fields['steps']} x {fields['window']}/{fields['hop']}{'' if every == 1 else f' 1/{every}'} {kinds}"
     )
+    alike = [set(other["front_end_words"].split(", ")) for other in rows if windows_brief(other) == brief]
+    own = row["front_end_words"].split(", ") if alike else []
+    return ", ".join([brief, *(words for words in own if words not in set.intersection(*alike))])
 
 
 def front_end_table(record: Record) -> list[Record]:
@@ -89,53 +87,67 @@ def beyond(row: Record) -> float:
     return abs(row["figure"] - row["bound"]) * (1 - 2 * row["held"])
 
 
-def where_it_fails(candidates: Sequence[Record]) -> Record | None:
-    """The network chosen under disturbance beside the one that clean recordings alone would choose; None
-    without a panel.
+def where_it_fails(candidates: Sequence[Record], unseen: Record) -> Record | None:
+    """Where networks fail that were chosen without a fold, and there the network taken beside the one that clean
+    recordings alone would choose, on the folds that chose both.
+
+    Parameters
+    ----------
+    unseen:
+        Has ``stress`` and ``gate_modes``, as run.json (`eskin.study.stability.panel.Panel.unseen`); without them
+        there was no panel, and the answer is None.
 
     Returns
     -------
-    {rows: [{mode, figure, bound, held, plain (figure of the other network, None: not judged)}], the weakest
-    first; held, modes: numbers of modes; plain: name of the other network; sentence: remedy for the weakest
-    mode}.
+    {rows: [{mode, name (with what a figure counts), figure, bound, held, taken, plain (figures of both networks, None:
+    not judged)}] of the modes that apply to the network taken, the weakest first; gates: those of gates alone;
+    held: all rows are; plain: name of the other network; sentence: remedy for the weakest mode}.
     """
-    taken = next((row for row in candidates if row["chosen"] and row.get("stress")), None)
-    if taken is None:
+    taken = next((row for row in candidates if row["chosen"]), None)
+    if taken is None or "gate_modes" not in unseen:
         return None
     plain = next((row for row in candidates if row.get("calm")), taken)
-    plain_figures = {row["mode"]: row["figure"] for row in plain["stress"]}
-    rows = [row | {"plain": plain_figures.get(row["mode"])} for row in taken["stress"]]
-    rows.sort(key=beyond, reverse=True)
+    decisions, gates = (
+        [
+            row | {"name": f"{row['mode']}{counted}", "taken": own, "plain": _figure(plain, row["mode"])}
+            for row in unseen[kind]
+            if (own := _figure(taken, row["mode"])) is not None
+        ]
+        for kind, counted in (("stress", ""), ("gate_modes", ": false onsets"))
+    )
+    rows = sorted(decisions + gates, key=beyond, reverse=True)
+    if not rows:
+        return None
     return {
         "rows": rows,
-        "held": sum(row["held"] for row in rows),
-        "modes": len(rows),
-        "plain": f"{network_name(plain)}, {front_end_brief(plain)}",
+        "gates": gates,
+        "held": all(row["held"] for row in rows),
+        "plain": f"{network_name(plain)}, {plain['front_end_words']}",
         "sentence": _mended(rows[0], taken, candidates),
     }
+
+
+def _figure(candidate: Record, mode: str) -> float | None:
+    rows = candidate["stress"] + candidate["gate_modes"]
+    return next((row["figure"] for row in rows if row["mode"] == mode), None)
 
 
 def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str:
     """Sentence about the candidate that does best in the weakest mode, and its cost."""
     # an accuracy has to be high, a share of false onsets low
-    sign = 1 if weakest["figure"] < weakest["bound"] else -1
-    found = [
-        (sign * row["figure"], -other["energy_touch_j"], other)
-        for other in candidates
-        for row in other["stress"]
-        if row["mode"] == weakest["mode"]
-    ]
-    name = f"The weakest is '{weakest['mode']}': {weakest['figure']:.1%}, bound {weakest['bound']:.1%}."
+    sign, own = 1 if weakest["figure"] < weakest["bound"] else -1, weakest["taken"]
+    name = f"The weakest is '{weakest['name']}': {weakest['figure']:.1%}, bound {weakest['bound']:.1%}."
     if weakest["held"]:
         return f"{name} Every figure is within its bound."
-    best = max(found, key=lambda one: one[:2])[2]
-    (figure,) = (row["figure"] for row in best["stress"] if row["mode"] == weakest["mode"])
-    if sign * (figure - weakest["figure"]) < 0.005:
+    figures = [(_figure(row, weakest["mode"]), row) for row in candidates]
+    found = [(sign * figure, -row["energy_touch_j"], row) for figure, row in figures if figure is not None]
+    highest, _, best = max(found, key=lambda one: one[:2])
+    if highest - sign * own < 0.005:
         return f"{name} No candidate does better in this mode."
     joule = 1e6 * (best["energy_touch_j"] - taken["energy_touch_j"])
     points = 100 * (best["accuracy"] - taken["accuracy"])
     return (
-        f"{name} The best candidate in this mode reaches {figure:.1%}: {network_name(best)}, "
+        f"{name} On the folds of the choice it is {own:.1%}, and {sign * highest:.1%} with the best candidate: {network_name(best)}, "
         f"{front_end_words(best['front_end'])}. Compared with the chosen network it needs {joule:+.2f} uJ a touch and "
         f"{best['cells'] - taken['cells']:+d} logic cells; its accuracy without disturbance differs by {points:+.1f} points."
     )

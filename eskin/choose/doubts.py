@@ -1,7 +1,7 @@
 """Doubts about a result that may be worse than it looks: each gives its reason and the one action that helps.
 
 A doubt is a record {code, text}, with {groups} if it is about one split. ``code`` is the name of the function
-below that gives it, or ``wrong_rate`` or ``seen_in_training``.
+below that gives it, or ``wrong_rate``.
 """
 
 import math
@@ -12,6 +12,7 @@ import numpy as np
 
 from eskin.choose.choice_table import left_out, unseen
 from eskin.choose.yardsticks import neighbours_alike
+from eskin.data.folds import likely_groups
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
 from eskin.training.level import is_level
@@ -124,6 +125,29 @@ def by_choice(split: Mapping[str, Any]) -> list[Record]:
     return [doubt("by_choice", text, split)]
 
 
+def below_range(tested: Mapping[str, Any], split: Mapping[str, Any]) -> list[Record]:
+    """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out."""
+    low, high = unseen(dict(split))["range"]
+    if tested["integer_accuracy"] >= low:
+        return []
+    text = (
+        f"the network classifies {percent(tested['integer_accuracy'])} of the recordings held back correctly, and cross-"
+        f"validation promises {percent(low)} to {percent(high)}: expect the lower figure where recordings differ from those "
+        "of --data as these do (a new session, person or day), and record more of such"
+    )
+    return [doubt("below_range", text, split)]
+
+
+def seen_in_training(tested: Mapping[str, Any], things: str) -> list[Record]:
+    """A doubt if recordings, or images, held back are also in the training data."""
+    seen, count = tested["seen_in_training"], tested["recordings"]
+    text = (
+        f"{seen} of the {count} {things} held back ({percent(seen / count)}) are also in the training data and say nothing "
+        f"about new ones: give --test {things} that are not in --data"
+    )
+    return [doubt("seen_in_training", text)] if seen else []
+
+
 def no_unseen_figure(split: Mapping[str, Any], why: str) -> Record:
     """The doubt that the choice could not be repeated inside the folds of a split."""
     return doubt("no_unseen_figure", f"there is no nested cross-validation: {why}", split)
@@ -226,8 +250,9 @@ def still_climbing(screened: Sequence[tuple[AcceleratorConfig, np.ndarray]]) -> 
         return []
     long_s, short_s = (config.touch_s for config in (best, shorter))
     text = (
-        f"accuracy still rises at the end of the recordings ({percent(most.mean())} after {short_s:.3g} s, "
-        f"{percent(correct.mean())} after {long_s:.3g} s): record longer touches"
+        "accuracy still rises at the end of the recordings (the linear classifier that judges front ends has "
+        f"{percent(most.mean())} with windows of {short_s:.3g} s in all and {percent(correct.mean())} with {long_s:.3g} s): "
+        "record longer touches"
     )
     return [doubt("still_climbing", text)]
 
@@ -271,11 +296,8 @@ def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> lis
     single, blocked, error = neighbours_alike(recordings, folds)
     if single - blocked <= max(2 * error, 0.01):
         return []
-    fix = (
-        f"--group {next(iter(recordings.groups))}"
-        if recordings.groups
-        else "an array in the archive that names the session of each"
-    )
+    known = likely_groups(recordings)
+    fix = f"--group {known[0]}" if known else "an array in the archive that names the session of each"
     text = (
         f"no group was given and neighbouring recordings look alike (with their neighbours in training, "
         f"{percent(single)} are classified correctly; without, {percent(blocked)}), so the accuracy may hold for known "

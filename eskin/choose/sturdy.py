@@ -9,13 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.choose.candidate import CLEAN_LOSS, Stress
+from eskin.choose.candidate import CLEAN_LOSS
 from eskin.choose.front_ends import Screen, block_of, scanning_half, valid
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import UNEVEN
+
+if TYPE_CHECKING:
+    from eskin.study.stability.panel import Panel
 
 GATES = (
     (1, 1, 1.0),
@@ -47,7 +51,7 @@ class Hardening:
     stress: the disturbances. screen: the touches of front ends; None: the front end was asked for and stays.
     """
 
-    stress: Stress
+    stress: Panel
     screen: Screen | None = None
     _known: dict[AcceleratorConfig, list[AcceleratorConfig]] = field(default_factory=dict, repr=False)
 

@@ -1,5 +1,6 @@
 """Splits of recordings that keep groups apart."""
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,6 +25,21 @@ def no_group(values: np.ndarray, labels: np.ndarray) -> str:
     if in_one_class:
         return "has each of its values in one class alone, so is not a group,"
     return ""
+
+
+PEOPLE = re.compile("person|subject|participant|people|user|operator|volunteer|patient", re.IGNORECASE)
+REPEATED = re.compile("trial|rep|take|attempt|iteration|run|index|number|block", re.IGNORECASE)
+"""Names of groups that a sensor meets anew, and of those that count one touch after another."""
+
+
+def likely_groups(recordings: Recordings) -> list[str]:
+    """Groups of an archive that can be left out: people first, repetitions last, otherwise as they stand there."""
+    names = [
+        name
+        for name, values in recordings.groups.items()
+        if len(np.unique(values)) > 1 and not no_group(values, recordings.labels)
+    ]
+    return sorted(names, key=lambda name: bool(REPEATED.search(name)) - 2 * bool(PEOPLE.search(name)))
 
 
 def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:

@@ -68,8 +68,8 @@ def log_axis(axes: Axes) -> None:
 def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor: float = 1e6) -> None:
     """Accuracy of ``rows`` against ``factor`` times a cost, with the front of those that none beats in both; the chosen one is named.
 
-    rows: accuracy, standard_error, the cost, chosen, fits (its mark is filled), name; of those judged under
-    disturbance also stress and stressed_accuracy, to which a line leads down.
+    rows: accuracy, standard_error, the cost, chosen, fits (its mark is filled), name; down: accuracies to which a line
+    leads down.
     """
     # rounded, so that costs that are equal but for their last bits are one
     shown = [row | {cost: float(f"{factor * row[cost]:.6g}")} for row in rows]
@@ -78,12 +78,9 @@ def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor
     for row in shown:
         place, chosen = (row[cost], row["accuracy"]), row["chosen"]
         colour = CHOSEN if chosen else OTHERS
-        if row.get("stress"):
-            # a share of false onsets is drawn as what is left
-            figures = [abs(one["figure"] - (one["bound"] < 0.5)) for one in row["stress"]]
-            down = row["stressed_accuracy"], min(figures)
+        if down := row.get("down"):
             axes.vlines(place[0], min(down), place[1], color=colour, linewidth=0.8, alpha=0.6, zorder=1)
-            axes.plot([place[0]] * 2, down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
+            axes.plot([place[0]] * len(down), down, ls="", marker="_", color=colour, alpha=0.6, zorder=1)
         axes.errorbar(
             *place,
             yerr=row["standard_error"],
@@ -99,9 +96,9 @@ def draw_costs(axes: Axes, rows: Sequence[Record], cost: str, label: str, factor
             style: Record = {"textcoords": "offset points", "fontsize": 8, "weight": "bold", "ha": "center"}
             axes.annotate(f"chosen: {row['name']}", place, (0, 9), zorder=4, **style)
     axes.margins(x=0.15, y=0.15)
-    if stressed := [row["stressed_accuracy"] for row in rows if row.get("stress")]:
-        # a gate that always opens lies below the drawing
-        lowest = min(*stressed, *(row["accuracy"] for row in rows))
+    if means := [row["down"][0] for row in rows if row.get("down")]:
+        # the worst figure may lie below the drawing
+        lowest = min(*means, *(row["accuracy"] for row in rows))
         axes.set_ylim(lowest - 0.05, min(axes.get_ylim()[1], 1.03))
     log_axis(axes)
     axes.set(xlabel=label, ylabel="accuracy, integer, cross-validated")

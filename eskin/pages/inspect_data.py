@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from eskin.data.folds import no_group
+from eskin.data.folds import likely_groups, no_group
 from eskin.data.rate import wrong_rate
 from eskin.golden.core import InputError, Record, replacing
 from eskin.golden.data import Recordings
@@ -127,7 +127,7 @@ def _state(span: int, held: float) -> str:
 
 def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
     """Rows of the terminal beside the figures: class_rows, onset_rows (number, class, onset, frames;
-    few of many), and as advice odd (state -> taxels), lost, few (classes), group."""
+    few of many), and as advice saturated (taxels), lost, few (classes), group."""
     onsets, names, labels = figures["onset_frames"], recordings.class_names, recordings.labels
     class_rows = []
     for label, (name, count) in enumerate(figures["classes"].items()):
@@ -137,21 +137,16 @@ def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
         row["span"] = [seen[0], seen[len(seen) // 2], seen[-1]] if seen else []
         class_rows.append(row)
     order = sorted(range(len(onsets)), key=onsets.__getitem__) if onsets and any(onsets) else []
-    groups = {name: count for name, count in figures["groups"].items() if count >= 2}
-    states = [row["state"] for row in figures["taxel"]]
     return {
         "class_rows": class_rows,
         "onset_rows": [
             (index, names[labels[index]], onsets[index], recordings.lengths[index])
             for index in order[:LISTED]
         ],
-        "odd": {
-            state: [taxel for taxel, own in enumerate(states) if own == state]
-            for state in ("constant", "saturated")
-        },
+        "saturated": [taxel for taxel, row in enumerate(figures["taxel"]) if row["state"] == "saturated"],
         "lost": sum(frame < 0 for frame in onsets or ()),
         "few": [name for name, count in figures["classes"].items() if count < 5],
-        "group": min(groups, key=lambda name: groups[name], default=None),
+        "group": next(iter(likely_groups(recordings)), None),
         "data": data,
         "stem": Path(data).stem or "run",
     }

@@ -26,7 +26,6 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from eskin.choose.choice_table import (
-    front_end_brief,
     front_end_table,
     front_end_words,
     network_name,
@@ -140,14 +139,18 @@ AXES = {
 
 
 def draw_candidates(
-    rows: Sequence[Record], front_end: Record | None = None, cost: str = "energy_touch_j"
+    rows: Sequence[Record],
+    front_end: Record | None = None,
+    down: Sequence[float] = (),
+    cost: str = "energy_touch_j",
 ) -> Figure:
     """Accuracy of every candidate against a cost of AXES (`eskin.pages.charts.draw_costs`). Crosses, of energy alone, show what
-    `fewer_scans` buy: front ends alone, by the linear classifier that chose among them."""
+    `fewer_scans` buy: front ends alone, by the linear classifier that chose among them. down: accuracies to which a
+    line leads from the chosen one, mean and worst under disturbance."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
     figure = Figure(figsize=(10.4, 3.6), layout="constrained")
     axes = figure.subplots()
-    named = [row | {"name": network_name(row)} for row in rows]
+    named = [row | {"name": network_name(row), "down": down if row["chosen"] else ()} for row in rows]
     name, symbol, factor = AXES[cost]
     draw_costs(axes, named, cost, name + symbol, factor)
     scans = fewer_scans(front_end) if front_end and cost == "energy_touch_j" else []
@@ -158,7 +161,7 @@ def draw_candidates(
             under: Record = {"textcoords": "offset points", "fontsize": 7, "color": SCANS}
             axes.annotate(f"1/{row['scan_every']}", place, (3, -9), **under)
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
-    lines = "; lines down: under disturbance" * any(row.get("stress") for row in rows)
+    lines = "; line down: under disturbance, mean and worst, on folds that chose nothing" * bool(down)
     crosses = "\ncrosses: front ends alone, one frame in k scanned" * (len(scans) > 1)
     axes.set_title(f"grey: the best at each cost; {filled}{lines}{crosses}")
     return figure
@@ -226,9 +229,8 @@ def _values(folder: Path) -> Record:
         "split_name": _split_name,
         "unseen": unseen,
         "candidates": candidates,
-        "fails": where_it_fails(candidates),
+        "fails": where_it_fails(candidates, run),
         "network_name": network_name,
-        "front_end_brief": front_end_brief,
         "windows_brief": windows_brief,
     }
 
@@ -244,9 +246,14 @@ def _render(values: Record) -> str:
         "candidates": candidates,
         "confusions": lambda split: confusions(split, config.network.class_names),
     }
+    down = (
+        [run["stressed_accuracy"], min(row["figure"] for row in run["stress"])]
+        if values["fails"] and run["stress"]
+        else []
+    )
     with rc_context(STYLE):
         charts = {
-            AXES[cost][0]: svg(draw_candidates(candidates, front_end, cost))
+            AXES[cost][0]: svg(draw_candidates(candidates, front_end, down, cost))
             for cost in AXES
             if values["candidates"]
         }

@@ -233,6 +233,6 @@ def _onset_rule(sample: Recordings, recordings: Recordings, base: Record) -> tup
         )
     if touched.mean() < 0.9:
         reasons.append(
-            "many recordings have no onset: check them with eskin inspect, or give your own configuration"
+            "many recordings have no onset: leave out those without a touch, or give your own configuration"
         )
     return fields, reasons, int(np.median(onsets[touched]))

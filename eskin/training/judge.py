@@ -23,7 +23,7 @@ from eskin.golden.model.pipeline import by_recording
 from eskin.training.datasets import Dataset, Datasets, touch_rows
 from eskin.training.fit import fit_networks, post_training
 from eskin.training.recipe import Recipe, choose_recipe
-from eskin.training.splits import held_out, split_folds
+from eskin.training.splits import held_out, over_groups, split_folds
 from eskin.training.times import step_rows, step_times
 
 Rows = np.ndarray
@@ -263,12 +263,14 @@ class Decisions:
         decided = table["step"][table["step"] >= 0]
         by_seed = self.accuracy(["seed"])["integer_accuracy"]
         per_fold = self.per_fold(recordings, groups)
+        tests = [fold.test for fold, _ in self.fitted if fold.seed == self.seeds[0]]
         return {
             "groups": list(groups),
             "folds": len(per_fold),
             "seeds": self.seeds,
             **self.shares(),
             "integer_spread": float(self.accuracy(["fold", "seed"])["integer_accuracy"].std(ddof=0)),
+            **over_groups(recordings, groups, tests, self.correct.to_numpy()),
             "integer_by_seed": by_seed[self.seeds].tolist(),
             "per_step": step_rows(zip(times, *steps, strict=True)),
             "per_fold": per_fold,
@@ -327,8 +329,9 @@ def cross_validate(
     A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, integer_spread
     (standard deviation over folds x seeds), integer_by_seed (accuracy over all folds), per_step (step, time_s since
     the onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean,
-    integer; None: no decision), per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer
-    model, summed over seeds: rows = true class, columns = decided, last column = none).
+    integer; None: no decision), standard_error and range (``over_groups``, integer), per_fold (held_out, recordings,
+    float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows = true
+    class, columns = decided, last column = none).
     """
     if not splits:
         return []

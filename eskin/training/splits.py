@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eskin.data.folds import group_numbers, grouped_folds, no_group
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.training.derive import fits_sensor
 
@@ -42,14 +42,30 @@ def _with_label(recordings: Recordings, groups: Sequence[str]) -> Recordings:
     return dataclasses.replace(recordings, groups={**recordings.groups, "label": recordings.labels})
 
 
-def error_over_groups(recordings: Recordings, groups: Sequence[str], correct: np.ndarray) -> float:
-    """Standard error of the mean of ``correct`` (recordings): recordings of one group share its mounting or its
-    person, so a group counts as one draw (A. C. Cameron, D. L. Miller 2015, A practitioner's guide to
-    cluster-robust inference, of a mean). Without groups each recording counts as one."""
-    grouped = group_numbers(_with_label(recordings, groups), groups)
-    numbers = grouped if groups else np.arange(len(recordings))
-    sums = np.bincount(numbers, correct - correct.mean())
-    return float(np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(correct))
+LEAST_ALONE = 10
+"""Fewest recordings of a group whose accuracy says something by itself."""
+
+
+def over_groups(
+    recordings: Recordings, groups: Sequence[str], tests: Sequence[np.ndarray], correct: np.ndarray
+) -> Record:
+    """{standard_error, range} of ``correct`` (recordings).
+
+    standard_error: of the mean. Recordings of one group share its mounting or its person, so a group counts as one
+    draw (A. C. Cameron, D. L. Miller 2015, A practitioner's guide to cluster-robust inference, of a mean). Without
+    groups each recording counts as one.
+
+    range: lowest and highest accuracy of a group by itself, which is what a single new one may have: far more than the
+    error of their mean, and more than of folds of several. Folds (``tests``) take the place of groups that have fewer
+    than LEAST_ALONE recordings, or where there are none.
+    """
+    numbers = group_numbers(_with_label(recordings, groups), groups) if groups else np.arange(len(recordings))
+    sizes, sums = np.bincount(numbers), np.bincount(numbers, correct - correct.mean())
+    error = np.sqrt(len(sums) / (len(sums) - 1) * (sums**2).sum()) / len(correct)
+    shares = correct.mean() + sums / sizes
+    if sizes.min() < LEAST_ALONE:
+        shares = np.array([correct[test].mean() for test in tests if len(test)])
+    return {"standard_error": float(error), "range": [float(shares.min()), float(shares.max())]}
 
 
 def check_split(recordings: Recordings, groups: Sequence[str], folds: int) -> None:

@@ -103,15 +103,6 @@ def run(request: RunRequest, console: Console | None = None) -> Record:
     return record
 
 
-def _stress(training: Record) -> Record:
-    """``stress``, ``stress_held`` and ``stress_modes`` of the network taken; none without a panel."""
-    taken = next((row for row in training.get("candidates") or () if row["chosen"]), None)
-    if not taken or not taken["stress"]:
-        return {}
-    held = sum(row["held"] for row in taken["stress"])
-    return {"stress": taken["stress"], "stress_held": held, "stress_modes": len(taken["stress"])}
-
-
 def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
     """Recordings, or images, that are co-simulated without a wish."""
     if config.is_image:
@@ -231,7 +222,7 @@ class _Steps:
         shutil.copy(evaluated / "evaluate.json", result)
         outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
         judged = json.loads((evaluated / "evaluate.json").read_text())
-        checks = _checks(judged, outcomes)
+        checks = _checks(judged, tested, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
         record = {
             "name": self.request.name,
@@ -254,7 +245,8 @@ class _Steps:
             record |= {"images": True, "layer_cycles": cycles}
         else:
             lowest = outcomes["cosim_lowest"]
-            record |= {"front_end": training.get("front_end"), **_stress(training)}
+            nested = training["cross_validation"][0].get("nested") or {}
+            record |= {"front_end": training.get("front_end"), **nested.get("disturbed", {})}
             record["lowest_clock_hz"] = lowest["clock_hz"] if lowest and lowest["passed"] else None
         write_json(result / RESULT_MARK, record)
         return record
@@ -340,13 +332,9 @@ class _Steps:
             # the best of all baselines speaks for the split, and the training knew fewer of them
             replaced = {(one["code"], *one["groups"]) for one in behind}
             found = behind + [one for one in found if (one["code"], *one.get("groups", [])) not in replaced]
-        if tested and tested["seen_in_training"]:
-            things = "images" if images else "recordings"
-            text = (
-                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are also in the "
-                f"training data, so their accuracy proves little: give --test {things} that are not in --data"
-            )
-            found.append(doubts.doubt("seen_in_training", text))
+        if tested:
+            found += doubts.seen_in_training(tested, "images" if images else "recordings")
+            found += doubts.below_range(tested, training["cross_validation"][0])
         if not images:
             known = known_from_first_frames if self.config.opens_at_once else known_without_touch
             leak = known(model, self.recordings)
@@ -443,19 +431,24 @@ def _take_over(folder: Path | None, result: Path, name: str) -> Record | None:
     return outcome
 
 
-def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Record]:
+def _checks(evaluated: Record, tested: Record | None, outcomes: dict[str, Record | None]) -> list[Record]:
     """Checks behind exit status 0: {name, held, detail} each."""
-    integer, real = (percent(evaluated[f"{kind}_accuracy"]) for kind in ("integer", "float"))
-    loss = f"integer {integer}, float {real} on the training data"
-    agreement = (
-        f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
-    )
-    detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point less is allowed; {agreement}"
-    error = evaluated["logit_error"]
-    if error["max"] is not None:
-        figures = f"{error['mean']:.3f} on average, {error['max']:.2f} at most"
-        detail += f"; logit error {figures}, most from {error['stage']}"
-    checks = [("integer and float network agree", evaluate.passes(evaluated), detail)]
+    checks = []
+    for judged, where in ((evaluated, "the training data"), (tested, "the recordings held back")):
+        if judged is None:
+            continue
+        integer, real = (percent(judged[f"{kind}_accuracy"]) for kind in ("integer", "float"))
+        loss = f"integer {integer}, float {real} on {where}"
+        agreement = (
+            f"agreement {percent(judged['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
+        )
+        detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point less is allowed; {agreement}"
+        error = judged["logit_error"]
+        if error["max"] is not None:
+            figures = f"{error['mean']:.3f} on average, {error['max']:.2f} at most"
+            detail += f"; logit error {figures}, most from {error['stage']}"
+        name = "integer and float network agree" + ", recordings held back" * (judged is tested)
+        checks.append((name, evaluate.passes(judged), detail))
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue

@@ -65,6 +65,8 @@ def training_record(loaded: Recordings) -> dict[str, Any]:
         "integer_accuracy": 0.9642,
         "agreement": 0.9913,
         "integer_spread": 0.0234,
+        "standard_error": 0.021,
+        "range": [0.75, 1.0],
         "per_step": [
             {
                 "step": k + 1,

@@ -66,6 +66,7 @@ class Scene:
 
     config: the front end's. few: recordings (spread evenly) that the points of a curve take; the figure itself
     takes all. points: of a curve at most; 0 = all. turns: taxels that are disturbed in turn at most; 0 = all.
+    seed: of all that is random in a disturbance.
     """
 
     config: AcceleratorConfig
@@ -73,6 +74,7 @@ class Scene:
     few: int = 100
     points: int = 0
     turns: int = 0
+    seed: int = 1
 
     def __post_init__(self) -> None:
         # the frames that reach the chain are what is disturbed: a converter reads no others, a host sends no others
@@ -84,8 +86,8 @@ class Scene:
         return vars(self) | {"_memo": {}}
 
     def rng(self, *key: int) -> np.random.Generator:
-        """Random numbers that depend on ``key`` alone."""
-        return np.random.default_rng([1, *key])
+        """Random numbers that depend on ``key`` and the seed alone."""
+        return np.random.default_rng([self.seed, *key])
 
     def thin(self, levels: Sequence[float]) -> Sequence[float]:
         """The levels of a curve, the first ``points`` of them."""

@@ -29,20 +29,20 @@ def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.nd
     clipped to +-2**40."""
     scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
     features = config.features
-    if "integral" not in features.feature_kinds:
-        return scaled
-    # A gain acts on the integral, not on its logarithm: undo the companding, amplify, compand again.
+    integral = [features.feature_kinds[kind] == "integral" for kind in config.input_kinds]
+    # A gain acts on the integral, not on its logarithm: undo the companding, amplify, compand again. Other sums
+    # are no logarithms, and would be too large for it.
+    logarithms = sums[..., integral]
     unit = 1 << features.integral_frac
-    whole, part = np.divmod(np.abs(sums), unit)
-    before = np.sign(sums) * (
+    whole, part = np.divmod(np.abs(logarithms), unit)
+    before = np.sign(logarithms) * (
         (unit + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac)
         - 2.0**features.integral_knee
     )
-    after = preprocess.companded(
+    scaled[..., integral] = preprocess.companded(
         np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac
     )
-    integral = [features.feature_kinds[kind] == "integral" for kind in config.input_kinds]
-    return np.where(integral, after, scaled)
+    return scaled
 
 
 def _ideal(bench: Bench, codes: np.ndarray) -> np.ndarray:

@@ -18,14 +18,16 @@ from typing import Any
 
 import numpy as np
 
+from eskin.choose.candidate import mean_told
 from eskin.choose.first_touches import GATE_BATCH
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches
-from eskin.study.stability.core import Experiment, Mode, Played, Scene, why_not
+from eskin.study.stability.core import Experiment, Mode, Played, Scene, rebuilt, why_not
 from eskin.study.stability.table import MODES
 from eskin.study.touch_ends import touches_and_ends
 from eskin.training.datasets import front_end_key
+from eskin.training.judge import Decisions, FittedNetwork, Fold
 
 PANEL = (
     "one-sample glitch before the touch",
@@ -46,6 +48,9 @@ PANEL = (
 )
 """Modes that are judged, at the suite's own levels."""
 
+EXPERIMENTS = {name: (mode, mode.run) for name, mode in MODES.items() if isinstance(mode.run, Experiment)}
+"""Modes that play recordings, and how."""
+
 RECORDINGS = 60
 """Recordings that are disturbed at most, spread evenly over the classes."""
 
@@ -57,6 +62,9 @@ TURNS = 8
 
 BRIEF, BRIEF_TURNS = 16, 4
 """The same inside folds, and to look at gates."""
+
+OTHER_SEED = 2
+"""Seed of disturbances that no choice meets."""
 
 
 def panel_of(recordings: Recordings, asked: str) -> Panel | None:
@@ -102,7 +110,7 @@ class _OnFrontEnd:
 class Panel:
     """The panel on one set of recordings.
 
-    rows: those that are disturbed. weights: of the modes in a mean.
+    rows: those that are disturbed. weights: of the modes in a mean. seed: of the disturbances.
 
     Raises
     ------
@@ -116,29 +124,31 @@ class Panel:
         weights: Mapping[str, float] | None = None,
         count: int = RECORDINGS,
         turns: int = TURNS,
+        seed: int = 1,
     ) -> None:
         weights = dict.fromkeys(PANEL, 1.0) if weights is None else weights
         for name, weight in weights.items():
-            if name not in MODES or not isinstance(MODES[name].run, Experiment):
-                known = ", ".join(name for name, mode in MODES.items() if isinstance(mode.run, Experiment))
+            if name not in EXPERIMENTS:
+                known = ", ".join(EXPERIMENTS)
                 raise InputError(f"--stress, mode '{name}': is unknown here; the modes are {known}")
             if weight < 0:
                 raise InputError(f"--stress, mode '{name}': has the weight {weight}; give 0 or more")
         self.weights = {name: weight for name, weight in weights.items() if weight > 0}
         if not self.weights:
             raise InputError("--stress: gives no mode a weight above 0; give one, or --stress off")
-        self._turns, self._all = turns, recordings
-        self.rows = recordings.evenly(min(count, len(recordings)))
+        self._turns, self._all, self._seed = turns, recordings, seed
+        self.rows = recordings.evenly(count)
         self._recordings = recordings.subset(self.rows)
         self._known: dict[str, _OnFrontEnd] = {}
         self._gates: dict[Any, float] = {}
 
     def _modes(self, config: AcceleratorConfig) -> Iterator[tuple[Mode, Experiment]]:
         """The modes that apply to a front end."""
-        for name in self.weights:
-            mode = MODES[name]
-            if not why_not(mode, config) and isinstance(mode.run, Experiment):
-                yield mode, mode.run
+        modes = (EXPERIMENTS[name] for name in self.weights)
+        return (pair for pair in modes if not why_not(pair[0], config))
+
+    def _scene(self, config: AcceleratorConfig) -> Scene:
+        return Scene(config=config, recordings=self._recordings, turns=self._turns, seed=self._seed)
 
     def _on(self, config: AcceleratorConfig) -> _OnFrontEnd:
         key = front_end_key(config)
@@ -147,7 +157,7 @@ class Panel:
         return self._known[key]
 
     def _played(self, config: AcceleratorConfig) -> _OnFrontEnd:
-        scene = Scene(config=config, recordings=self._recordings, turns=self._turns)
+        scene = self._scene(config)
         on = _OnFrontEnd([], [], [])
         waiting: list[tuple[int, Played]] = []
 
@@ -177,8 +187,7 @@ class Panel:
         once."""
         key = config.rest_level, config.onset_rule
         if key not in self._gates:
-            brief = self.brief
-            scene, total = Scene(config=config, recordings=brief._recordings, turns=brief._turns), 0.0
+            scene, total = self.brief._scene(config), 0.0
             for mode, experiment in self._modes(config):
                 if experiment.gate_only or mode.name in LOUDER:
                     cases = experiment.cases(scene).values()
@@ -188,8 +197,56 @@ class Panel:
 
     @cached_property
     def brief(self) -> Panel:
-        """The same on fewer recordings."""
-        return Panel(self._all, self.weights, BRIEF, BRIEF_TURNS)
+        """The same on fewer recordings, half of all at most."""
+        return Panel(self._all, self.weights, min(BRIEF, -(-len(self._all) // 2)), BRIEF_TURNS)
+
+    def unseen(self, decisions: Decisions) -> Record:
+        """Figures of networks that `brief` chose, on test recordings that it does not have, under disturbances
+        drawn anew.
+
+        Parameters
+        ----------
+        decisions:
+            Of these networks without a disturbance.
+
+        Returns
+        -------
+        {stressed_accuracy, undisturbed_accuracy (of the same recordings, which the bounds refer to), stress, gate_modes
+        (as of ``figures``), stress_held, stress_modes (numbers of modes of ``stress``)}.
+        """
+        parts, wrong = [], dict[str, list[np.ndarray]]()
+        folds = dict[int, list[tuple[Fold, FittedNetwork]]]()
+        for fitted in decisions.fitted:
+            folds.setdefault(fitted[0].number, []).append(fitted)
+        correct = decisions.correct.reindex(range(len(self._all)), fill_value=0.0).to_numpy()
+        for networks in folds.values():
+            config = networks[0][1].real.config
+            if not len(rows := np.setdiff1d(networks[0][0].test, self.brief.rows)):
+                continue
+            count, fold = -(-RECORDINGS // len(folds)), self._all.subset(rows)
+            panel = Panel(fold, self.weights, count, self._turns, OTHER_SEED)
+            right = correct[rows[panel.rows]]
+            if not right.any():  # perhaps no touch is found, and then none can be disturbed
+                parts.append((right, right))
+                continue
+            share = np.mean([panel.wrong(config, one.integer, panel.rows) for _, one in networks], axis=0)
+            parts.append((right, panel.stressed(config, share)))
+            for name, cases in panel.cases(config, share).items():
+                wrong.setdefault(name, []).append(cases)
+        clean, stressed = map(np.concatenate, zip(*parts, strict=True))
+        accuracy = float(clean.mean())
+        # front ends may mask other taxels, so a fold may have fewer cases than another
+        pooled = {
+            name: np.array([*map(np.concatenate, zip(*of_folds, strict=False))])
+            for name, of_folds in wrong.items()
+        }
+        figures = self.figures(pooled, accuracy)
+        return figures | {
+            "stressed_accuracy": mean_told(stressed),
+            "undisturbed_accuracy": accuracy,
+            "stress_held": sum(row["held"] for row in figures["stress"]),
+            "stress_modes": len(figures["stress"]),
+        }
 
     def wrong(self, config: AcceleratorConfig, model: IntegerModel, test: np.ndarray) -> np.ndarray:
         """(cases, tests) 1 where the network is wrong on a disturbed recording, NaN where it is not disturbed.
@@ -211,28 +268,33 @@ class Panel:
             wrong[case[asked], some.recording] = ~right
         return wrong[:, test]
 
-    def stressed(self, config: AcceleratorConfig, wrong: np.ndarray) -> np.ndarray:
-        """(recordings) the share of disturbances under which each was decided rightly, NaN where it was not
-        disturbed. wrong (cases, recordings): as of ``wrong``, or a mean over networks."""
+    def cases(self, config: AcceleratorConfig, wrong: np.ndarray) -> dict[str, np.ndarray]:
+        """The rows of ``wrong`` of each mode that applies."""
         modes = np.array(self._on(config).modes)
+        return {name: wrong[modes == name] for name in self.weights if name in modes}
+
+    def stressed(self, config: AcceleratorConfig, wrong: np.ndarray, gates: bool = False) -> np.ndarray:
+        """(recordings) the share of disturbances under which each was decided rightly, NaN where it was not
+        disturbed. gates: a gate that stays shut, where no decision is looked at, counts as well. wrong (cases,
+        recordings): as of ``wrong``, or a mean over networks."""
         right, total = np.zeros(wrong.shape[1]), np.zeros(wrong.shape[1])
-        for name, weight in self.weights.items():
-            cases = wrong[modes == name]
-            if len(cases):
+        for name, cases in self.cases(config, wrong).items():
+            if gates or not EXPERIMENTS[name][1].gate_only:
                 told = ~np.isnan(cases).all(axis=0)
-                right[told] += weight * (1 - np.nanmean(cases[:, told], axis=0))
-                total += weight * told
+                right[told] += self.weights[name] * (1 - np.nanmean(cases[:, told], axis=0))
+                total += self.weights[name] * told
         return np.where(total > 0, right / np.maximum(total, 1e-12), np.nan)
 
-    def figures(self, config: AcceleratorConfig, wrong: np.ndarray, accuracy: float) -> list[Record]:
-        """{mode, figure, bound, held} of each mode; accuracy: on undisturbed recordings."""
-        names, clean, rows = np.array(self._on(config).modes), SimpleNamespace(clean_accuracy=accuracy), []
-        for mode, experiment in self._modes(config):
-            figure = experiment.figure(np.nanmean(wrong[names == mode.name], axis=1))
-            bound = mode.bound(clean)
-            rows.append(
-                {"mode": mode.name, "figure": figure, "bound": bound, "held": bool(mode.holds(figure, bound))}
-            )
+    def figures(self, wrong: Mapping[str, np.ndarray], accuracy: float) -> dict[str, list[Record]]:
+        """{mode, figure, bound, held} of each mode: of decisions as ``stress``, of gates alone as ``gate_modes``.
+        wrong: as of ``cases``. accuracy: on undisturbed recordings."""
+        rows: dict[str, list[Record]] = {"stress": [], "gate_modes": []}
+        for name, cases in wrong.items():
+            mode, experiment = EXPERIMENTS[name]
+            figure = experiment.figure(np.nanmean(cases, axis=1))
+            bound = mode.bound(SimpleNamespace(clean_accuracy=accuracy))
+            row = {"mode": name, "figure": figure, "bound": bound, "held": bool(mode.holds(figure, bound))}
+            rows["gate_modes" if experiment.gate_only else "stress"].append(row)
         return rows
 
 
@@ -240,13 +302,8 @@ def _first_touches(cases: Sequence[tuple[int, Played]]) -> tuple[Touches, np.nda
     """The first touches of cases under one configuration, and the case of each. A taxel that is masked is masked as
     the fault detector does, so that one model decides all cases."""
     config, parts = cases[0][1].config, [played.recordings for _, played in cases]
-    together = dataclasses.replace(
-        parts[0],
-        samples=np.concatenate([part.samples for part in parts]),
-        offsets=np.cumsum([0, *np.concatenate([part.lengths for part in parts])]),
-        labels=np.concatenate([part.labels for part in parts]),
-        groups={},
-    )
+    streams = [part.recording(number) for part in parts for number in range(len(part))]
+    together = rebuilt(parts[0], streams, np.zeros(len(streams), dtype=np.int64))  # labels are not looked at
     touches, _ = touches_and_ends(config, together, most=GATE_BATCH)
     faults = np.zeros(touches.sums.shape, dtype=bool) if touches.faults is None else touches.faults
     case = np.concatenate([np.full(len(played.rows), number) for number, played in cases])

@@ -14,11 +14,12 @@ from eskin.choose.networks import SearchOptions
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
 from eskin.requests import TrainRequest
+from eskin.training import splits as splitting
 from eskin.training import train
 from eskin.training.datasets import Datasets
 from eskin.training.integers import quantise
 from eskin.training.judge import CrossValidationSettings, cross_validate
-from eskin.training.splits import error_over_groups, split_folds
+from eskin.training.splits import over_groups, split_folds
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
@@ -165,12 +166,18 @@ def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypa
     for fold, test in zip(folds, 2 * split_folds(gripped, ["person"], 5, None), strict=True):
         assert (fold.test == test).all() and (fold.part == np.setdiff1d(np.arange(24), test)).all()
     assert record["seeds"] == [0, 1] and [fold["recordings"] for fold in record["per_fold"]] == [6] * 4
+    assert record["range"] == [
+        f([fold["integer_accuracy"] for fold in record["per_fold"]]) for f in (min, max)
+    ]
 
 
-def test_recordings_of_one_group_are_one_draw(gripped):
+def test_recordings_of_one_group_are_one_draw_and_a_fold_of_several_hides_the_worst(gripped, monkeypatch):
     """Of four persons one is right in every recording: a mean of four draws of 1, 0, 0 and 0."""
     right = (gripped.groups["person"] == gripped.groups["person"][0]).astype(float)
-    assert error_over_groups(gripped, ["person"], right) == pytest.approx(0.25)
+    monkeypatch.setattr(splitting, "LEAST_ALONE", 6)  # recordings of a person
+    splits: list[list[str]] = [["person"], [], ["label", "person"]]
+    of_persons, single, of_both = (over_groups(gripped, groups, [right >= 0], right) for groups in splits)
     alone = right.std(ddof=1) / np.sqrt(len(right))
-    assert error_over_groups(gripped, [], right) == pytest.approx(alone)
-    assert error_over_groups(gripped, ["label", "person"], right) > alone
+    assert (of_persons["standard_error"], single["standard_error"]) == pytest.approx((0.25, alone))
+    assert of_both["standard_error"] > alone
+    assert (of_persons["range"], single["range"], of_both["range"]) == ([0, 1], [0.25, 0.25], [0.25, 0.25])

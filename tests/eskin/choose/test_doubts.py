@@ -89,6 +89,15 @@ def test_a_choice_that_is_too_optimistic():
     ]
 
 
+def test_recordings_held_back_below_the_range():
+    of = split() | {"range": [0.7, 1.0], "nested": {"range": [0.8, 0.908]}}
+    assert doubts.below_range({"integer_accuracy": 0.8}, of) == []
+    (one,) = doubts.below_range({"integer_accuracy": 0.799}, of)
+    assert "79.9 %" in one["text"] and "promises 80.0 % to 90.8 %" in one["text"]
+    (seen,) = doubts.seen_in_training({"recordings": 356, "seen_in_training": 1}, "images")
+    assert "1 of the 356 images held back (0.3 %) are also in the training data" in seen["text"]
+
+
 @each_row(
     "on_smooth, on_rough, said",
     [
@@ -121,6 +130,7 @@ def test_accuracy_that_climbs_to_the_end_is_doubted(steps, right, brief, doubted
     found = doubts.still_climbing(rows)
     assert [one["code"] for one in found] == ["still_climbing"] * doubted
     assert all("record longer touches" in one["text"] for one in found)
+    assert all("the linear classifier that judges front ends" in one["text"] for one in found)
     # what scans less often may begin later
     seldom = CONFIG.replace(steps=1, scan_every=2), rows[1][1]
     assert doubts.still_climbing([rows[0], seldom]) == []
@@ -138,9 +148,12 @@ def sessions(shift: float, groups: dict | None = None, each: int = 30) -> Record
 def test_neighbours_that_look_alike():
     (one,) = doubts.look_alike(sessions(30.0), [], 5)
     assert "neighbouring recordings look alike" in one["text"] and "an array in the archive" in one["text"]
-    groups = {"session": np.arange(90) // 6}
-    assert "--group session" in doubts.look_alike(sessions(30.0, groups), [], 5)[0]["text"]
+    groups = {"session": np.arange(90) % 5}
     assert doubts.look_alike(sessions(30.0, groups), ["session"], 5) == []  # a group was left out
+    # what `run` would refuse is not advised
+    refused = {"source_file": np.arange(90), "sensor": np.zeros(90), "one_class": np.arange(90) // 15}
+    assert "an array in the archive" in doubts.look_alike(sessions(30.0, refused), [], 5)[0]["text"]
+    assert "--group session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell

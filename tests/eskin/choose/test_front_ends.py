@@ -22,6 +22,7 @@ from eskin.choose.front_ends import (
     listed,
 )
 from eskin.choose.sturdy import Hardening
+from eskin.data.folds import likely_groups
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
@@ -331,3 +332,13 @@ def test_the_first_group_that_can_be_left_out_is_taken(at_random):
     assert choose_split(recordings, None) == (["day"], "the archive's first group")
     assert choose_split(recordings, ["other"])[0] == ["other"]
     assert choose_split(replace(recordings, groups={}), None)[0] == []
+    # people are met anew, and a repetition is the last that tells
+    names = {"trial": count % 4, "speed": count // 3 % 2, "subject_id": count // 3 % 3} | groups
+    assert likely_groups(replace(recordings, groups=names)) == [
+        "subject_id",
+        "speed",
+        "day",
+        "other",
+        "trial",
+    ]
+    assert choose_split(replace(recordings, groups=names), None)[0] == ["subject_id"]

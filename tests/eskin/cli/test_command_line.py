@@ -93,13 +93,21 @@ def test_every_verb_explains_itself_with_an_example(call, verb):
 def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     samples = arrays()["samples"]
     samples[:, 2] = 7
-    touched = np.arange(800) % 100 >= 60
+    samples[40:100] = np.resize(samples[:40], (60, 4))  # no touch
+    touched = (np.arange(800) % 100 >= 60) & (np.arange(800) >= 100)
     samples[:, 3] = np.where(touched, 65535, samples[:, 3])  # clipped while the others move
-    np.savez("data.npz", **arrays(samples=samples))
+    np.savez("data.npz", **arrays(samples=samples, user=np.arange(8) // 2 % 2))
     status, out, _ = call(*"inspect data.npz --json figures.json".split())
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
     assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "unusual taxels" in out
     assert re.search(r"│ 2 +│ constant +│ 7 +│ 7 +│", out) and re.search(r"│ 3 +│ saturated ", out)
+    # what was masked need not be masked, who reads this has run it, and people come before repetitions
+    assert (
+        "taxel 2 never changes and is masked" in out
+        and "exclude" not in out
+        and "many recordings have no" in out
+    )
+    assert "eskin inspect" not in out and "--group user" in out
 
 
 def test_a_comparison_on_random_touches_tells_nothing_of_their_labels(call, folder, model):

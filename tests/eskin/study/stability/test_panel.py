@@ -2,8 +2,11 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from eskin.choose.candidate import CLEAN_LOSS, DEARER, Candidate, ScoredCandidate, choose, choose_stable
@@ -16,8 +19,9 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.requests import TrainRequest
 from eskin.study.stability.core import At, Scene
 from eskin.study.stability.disturbances import noisy
-from eskin.study.stability.panel import PANEL, Panel, panel_of
+from eskin.study.stability.panel import OTHER_SEED, PANEL, Panel, panel_of
 from eskin.study.stability.table import MODES
+from eskin.training.judge import Fold
 from eskin.training.recipe import RECIPES
 from tests.support import stability_case
 from tests.support.prices import cost_by_size, priced
@@ -38,7 +42,9 @@ def test_the_panel_gives_the_figures_of_the_suite(make):
     panel = Panel(bench.recordings, dict.fromkeys(names, 1.0))
     wrong = panel.wrong(bench.config, bench.model, np.arange(len(bench.recordings)))
     suite = replace(bench, few=len(bench.recordings))
-    figures = panel.figures(bench.config, wrong, bench.clean_accuracy)
+    found = panel.figures(panel.cases(bench.config, wrong), bench.clean_accuracy)
+    assert [row["mode"] for row in found["gate_modes"]] == [*PANEL[:3]]
+    figures = found["gate_modes"] + found["stress"]
     assert [row["mode"] for row in figures] == names
     for row in figures:
         mode = MODES[row["mode"]]
@@ -46,16 +52,49 @@ def test_the_panel_gives_the_figures_of_the_suite(make):
         assert row["bound"] == mode.bound(suite) and row["held"] == mode.holds(row["figure"], row["bound"])
     told = ~np.isnan(wrong)
     assert told.mean(axis=1).max() == 1 and 0 < np.nanmean(panel.stressed(bench.config, wrong)) <= 1
+    wrong[3:] = 1  # a gate that stays shut is no decision: a network that is always wrong has none right
+    assert (wrong[:3] < 1).any() and np.nanmax(panel.stressed(bench.config, wrong)) == 0
+
+
+def decisions(networks, correct):
+    """Of networks on 36 recordings, by the share of networks that decided each correctly."""
+    return SimpleNamespace(fitted=networks, correct=pd.Series(correct))
+
+
+@each_row("folds", [1, 3])
+def test_what_a_choice_has_not_seen_is_other_recordings_under_other_disturbances(folds):
+    """The suite's own figures on recordings left over, with the seed that no choice meets. The front ends of some folds
+    mask a taxel, so that these have a case less."""
+    bench, scene = stability_case.linear_bench(), stability_case.recordings(36)
+    panel, networks = Panel(scene), list[Any]()
+    for fold in range(folds):
+        config = bench.config.replace(masked_taxels=(5,)) if fold else bench.config
+        network = SimpleNamespace(integer=bench.model, real=SimpleNamespace(config=config))
+        networks.append((Fold(np.array([]), np.arange(fold, 36, folds), 0, fold), network))
+    found = panel.unseen(decisions(networks, np.ones(36)))
+    rows = np.setdiff1d(np.arange(36), panel.brief.rows)
+    figures = {row["mode"]: row["figure"] for row in found["stress"] + found["gate_modes"]}
+    assert len(rows) == 20 and figures.keys() == set(PANEL) and found["stress_modes"] == len(PANEL) - 3
+    if folds == 1:
+        suite = replace(bench, recordings=scene.subset(rows), few=len(rows), seed=OTHER_SEED)
+        assert figures == pytest.approx({name: MODES[name].run(suite).value for name in PANEL})
+        assert suite.rng(3).random() != bench.rng(3).random()
+    right = np.arange(36) % folds > 0.0  # where nothing is right there may be no touch to disturb
+    assert panel.unseen(decisions(networks, right))["stressed_accuracy"] <= np.mean(right[rows])
 
 
 class Disturbed:
     """Stress on every second recording: of each network the recordings that it has right."""
 
-    def stressed(self, config, wrong):
+    def stressed(self, config, wrong, gates=False):
         return 1 - wrong[0]
 
-    def figures(self, config, wrong, accuracy):
-        return [{"mode": "m", "figure": float(np.nanmean(1 - wrong)), "bound": 0.9, "held": False}]
+    def cases(self, config, wrong):
+        return {"m": wrong}
+
+    def figures(self, wrong, accuracy):
+        row = {"mode": "m", "figure": float(np.nanmean(1 - wrong["m"])), "bound": 0.9, "held": False}
+        return {"stress": [row], "gate_modes": []}
 
 
 def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> ScoredCandidate:
@@ -125,9 +164,10 @@ def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tm
     )
     assert refused["energy_touch_j"] == 1e-6 and refused["worst"]["mode"].startswith("one-sample glitch")
     assert refused["accuracy"] > 0.95 and refused["score"] < taken["score"] - 0.05
-    fails = where_it_fails(heeded["candidates"])
-    assert {row["mode"] for row in fails["rows"]} <= set(panel.weights) and fails["modes"] > 0
-    assert where_it_fails(calm["candidates"]) is None
+    unseen, without = (rec["cross_validation"][0]["nested"]["disturbed"] for rec in (heeded, calm))
+    fails = where_it_fails(heeded["candidates"], unseen)
+    assert {row["mode"] for row in fails["rows"]} == set(panel.weights)
+    assert unseen["stressed_accuracy"] > 0.5 and where_it_fails(calm["candidates"], without) is None
     moved = [
         "another front end than the linear classifier: tracked" in rec["reasons"][-1]
         for rec in (calm, heeded)

@@ -16,7 +16,7 @@ from eskin.requests import StabilityRequest
 from eskin.study.stability import core as stability
 from eskin.study.stability import disturbances
 from eskin.study.stability.core import GROUPS, Bench, Outcome, curve, judge, why_not
-from eskin.study.stability.numbers import flipped
+from eskin.study.stability.numbers import amplified, flipped
 from eskin.study.stability.table import MODES
 from eskin.verbs import stability_job
 from tests.support import stability_case
@@ -140,6 +140,13 @@ def test_a_mode_that_does_not_apply_or_needs_hardware_says_why():
         ),
     ):
         assert why_not(MODES[name], config) == why and not why_not(MODES["feature bits"], config)
+
+
+def test_a_strong_touch_has_more_of_every_sum_and_only_integrals_are_logarithms():
+    sums = np.array([3_000_000, 2000] * 6)
+    config = stability_case.CONFIG.replace(feature_kinds=("mean", "integral"), feature_shift=())
+    louder = amplified(config, sums, 2.0)
+    assert np.all(louder[::2] == 6_000_000) and np.all(abs(louder[1::2] - sums[1::2] - 256) < 4)  # an octave
 
 
 def test_flipping_a_bit_is_twos_complement():
