@@ -99,7 +99,7 @@ def replay(
             got = link.play(recordings.recording(number), report, look)
             ends = {"numbers": np.array([number]), "decision_offsets": np.array([0, len(arrays["decision"])])}
             scoreboard = Scoreboard(config, link.map, probes=False)
-            scoreboard.begin(Recording(arrays | ends, 0))
+            scoreboard.begin(Recording({**arrays, **ends}, 0))
             try:
                 scoreboard.check("decision", np.array(got.decisions, np.uint32))
                 for behind, status in got.looks.items():
