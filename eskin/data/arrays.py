@@ -83,7 +83,7 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, alon
     shapes = [table.frame.shape for table in tables]
     if not reading.columns and all(columns > rows for rows, columns in shapes):
         shape = f"{shapes[0][0]} x {shapes[0][1]}"
-        why = f"has more taxels than frames ({shape} in recording 1) in {root.listed()}"
+        why = f"has more taxels than frames ({shape} in recording 0) in {root.listed()}"
         refuse(f"{why}; frames must be rows; transpose the table, or name the taxels with --columns")
     return tables
 
@@ -154,7 +154,7 @@ class _Arrays:
         for number, part in enumerate(parts):
             attributes = {**shared, **{each: vector[number].item() for each, vector in own.items()}}
             attributes |= {self.reading.label or "class": str(values[number])}
-            where = f"array {name}, recording {number + 1}"
+            where = f"array {name}, recording {number}"
             tables.append(
                 self.table(part, where, (), attributes, notes=tuple(notes), class_names=tuple(names))
             )
@@ -176,7 +176,7 @@ class _Arrays:
                 f"{why}, frames, taxels), or one table and an array offsets that says where recordings begin",
                 name,
             )
-        for number, part in enumerate(parts, 1):
+        for number, part in enumerate(parts):
             if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
                 why = (
                     f"recording {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)"

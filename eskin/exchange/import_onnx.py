@@ -85,6 +85,8 @@ class Graph:
             onnx.checker.check_model(model)
             inferred = onnx.shape_inference.infer_shapes(model, data_prop=True).graph.value_info
         except Exception as error:
+            if found := self._named(error):
+                self.refuse(found, f"is not valid ONNX ({_first_line(error)}); save the network again")
             raise InputError(
                 f"network '{path}': is not valid ONNX ({_first_line(error)}); save it again"
             ) from None
@@ -108,6 +110,11 @@ class Graph:
         """An InputError that names the node, or its first output where it has no name."""
         name, kind = (_text(word) for word in (node.name or next(iter(node.output), ""), node.op_type))
         raise InputError(f"network '{self.path}', node '{name:.60}' of type {kind:.40}: {why}")
+
+    def _named(self, error: Exception) -> onnx.NodeProto | None:
+        """The node that an error of ONNX's own tools names."""
+        named = [node for node in self.graph.node if node.name and _text(node.name) in str(error)]
+        return max(named, key=lambda node: len(node.name), default=None)
 
     def _array(self, tensor: Any) -> np.ndarray:
         where = f"network '{self.path}', tensor '{_text(tensor.name):.60}'"
@@ -141,6 +148,11 @@ class Graph:
         where = f"network '{self.path}'"
         return AcceleratorConfig.from_dict(self.metadata["config"], where) if self.metadata else None
 
+    @property
+    def last(self) -> onnx.NodeProto:
+        """The node that gives the network's output."""
+        return next((node for node in self.graph.node if self.ends[-1] in node.output), self.graph.node[-1])
+
     def nodes(self, *kinds: str) -> list[onnx.NodeProto]:
         return [node for node in self.graph.node if node.op_type in kinds]
 
@@ -164,10 +176,10 @@ class Graph:
             )
             outputs = session.run(None, {self.input: values.astype(np.float32)})
         except Exception as error:  # onnxruntime's errors have no common class of their own
-            raise InputError(
-                f"network '{self.path}': cannot be computed on an input of shape {values.shape} ({_first_line(error)}); "
-                "save a network that takes one touch at a time"
-            ) from None
+            why = f"cannot be computed on an input of shape {values.shape} ({_first_line(error)})"
+            self.refuse(
+                self._named(error) or self.last, f"{why}; save a network that takes one touch at a time"
+            )
         return [np.asarray(output, dtype=np.float64) for output in outputs]
 
 
@@ -331,7 +343,8 @@ def _agree(graph: Graph, config: AcceleratorConfig, arrays: Arrays) -> tuple[str
             return min(alike), taken
     if len(failed) == len(fitting):
         raise failed[0]
-    raise InputError(
-        f"network '{graph.path}', output '{graph.ends[-1]:.60}': is not the dense layer behind the last step, or behind every "
-        f"step, of a network that begins at 0; save {TAKEN}"
+    graph.refuse(
+        graph.last,
+        f"gives output '{graph.ends[-1]:.60}', which is not the dense layer behind the last step, or behind every step, of "
+        f"a network that begins at 0; save {TAKEN}",
     )

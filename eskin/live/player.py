@@ -200,7 +200,7 @@ class Player:
                         names = ", ".join(name for name, stage in event.stages.items() if stage.wrong)
                         where = "global decision" if event.closing else "step"
                         sentence = (
-                            f"touch {event.touch}, {where} {event.step + 1}: {wrong} values differ ({names})"
+                            f"touch {event.touch}, {where} {event.step}: {wrong} values differ ({names})"
                         )
                         if self._say(sentence):  # viewers count the values themselves
                             self.hub.publish(Differs(sentence, mismatch=False))

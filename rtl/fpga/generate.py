@@ -56,6 +56,8 @@ SENSING = "sensing"
 DRIVER = sorted((Path(host.__file__).parent / "driver").glob("eskin.*"))
 BENCH = Path(__file__).parent / "templates" / "test_accelerator.py"
 MAKEFILE = BENCH.with_name("cocotb.mk")
+HEADERS = "load registers assert errno features limits signal stdbool stddef stdint stdio stdlib string time"
+"""Headers beside the driver, and those that it or a program around it reads from C's library."""
 MARK = "registers.json"
 """A folder with this file was generated and may be replaced."""
 
@@ -113,6 +115,10 @@ def generate(
         raise InputError(f"{out}: is a file; give a new folder with --out")
     if top is not None:
         check_prefix("--top", top)
+        if bus and top in HEADERS.split():
+            raise InputError(
+                f"--top {top}: names the driver {top}.h, which would hide another header; give another name"
+            )
     if axis and converter != "none":
         raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
     images = rom(config, arrays)
@@ -140,7 +146,9 @@ def generate(
         registers = entries(config, bus is not None, converter == "none" and not axis)
         prefix = top or PREFIX
         (folder / "registers.h").write_text(prefixed(c_header(config, registers), prefix))
-        (folder / "eskin.rdl").write_text(system_rdl(registers).replace("addrmap eskin", f"addrmap {prefix}"))
+        (folder / "eskin.rdl").write_text(
+            system_rdl(registers).replace("addrmap eskin", rf"addrmap \{prefix}")
+        )
         if bus:
             for source in DRIVER:
                 text = source.read_text().replace('"eskin.h"', f'"{prefix}.h"')

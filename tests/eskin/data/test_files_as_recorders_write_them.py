@@ -115,7 +115,7 @@ def test_more_taxels_than_frames_are_refused_unless_columns_are_named(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for number in range(4):
             file[f"{CLASSES[number % 2]}/r{number}"] = SIGNALS[number].T
-    with refused(r"more taxels than frames \(3 x 40 in recording 1\)"):
+    with refused(r"more taxels than frames \(3 x 40 in recording 0\)"):
         load_recordings(tmp_path / "a.h5", reading=Reading(rate_hz=100))
     assert load_recordings(tmp_path / "a.h5", reading=Reading(rate_hz=100, columns=("1-40",))).taxels == 40
 

@@ -71,11 +71,11 @@ BROKEN = [
     ({"labels": None}, "has no array of classes"),
     (
         {"samples": cells([PARTS[0], np.full((3, 4), np.nan), *PARTS[2:]])},
-        "recording 2, row 1: column 1 holds 'nan', which is not a finite number",
+        "recording 1, row 1: column 1 holds 'nan', which is not a finite number",
     ),
     ({"labels": np.array([1, 2, 1])}, "give one name or whole number for each of the 4 recordings"),
     ({"labels": np.array([1, 2, 1, 7])}, "runs from 1 to 7 and there are 2 class names, numbered 1 to 2"),
-    ({"samples": cells(["a", "b", "c", "d"])}, "recording 1 is"),
+    ({"samples": cells(["a", "b", "c", "d"])}, "recording 0 is"),
     ({"samples": PARTS[0]}, "or one table and an array offsets"),
     ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "does not rise after entry 1"),
     ({"fs": -3.0}, "must be one number above 0"),

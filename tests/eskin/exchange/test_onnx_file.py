@@ -181,9 +181,9 @@ def not_numbers(made):
 @each_row(
     "change, said",
     [
-        (first_step, "output 'logits': is not the dense layer behind the last step"),
+        (first_step, r"node '.+' of type \w+: gives output 'logits', which is not the dense layer"),
 
-        (biased_twice, "output 'logits': is not the dense layer behind the last step"),
+        (biased_twice, r"node '.+' of type \w+: gives output 'logits', which is not the dense layer"),
 
         (lambda made: setattr(made.opset_import[0], "version", 3), "has opset 3"),
 

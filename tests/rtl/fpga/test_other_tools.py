@@ -6,6 +6,7 @@ import sys
 
 import pyslang
 import pytest
+from systemrdl import RDLCompiler
 
 from eskin.cosim.runner import verilator_command
 from eskin.golden.core import PRESETS
@@ -109,7 +110,7 @@ def test_two_designs_go_into_one_system(tmp_path):
         folder = generate_design(model_of(kind), tmp_path / name, top=name, **system)
         files += sorted(folder.glob("*.sv"))
         assert (folder / "filelist.f").read_text() == f"{name}.sv\n"
-        assert (folder / "eskin.rdl").read_text().count(f"addrmap {name} ") == 1
+        assert (folder / "eskin.rdl").read_text().count(f"addrmap \\{name} ") == 1
     names = "left.sv left_accelerator.sv right.sv right_accelerator.sv third.sv"
     assert [file.name for file in files] == names.split()
     modules = [
@@ -126,3 +127,15 @@ def test_two_designs_go_into_one_system(tmp_path):
     assert done.returncode == 0, done.stdout
     with refused("--top '2': is not a prefix"):
         generate_design(model_of("linear"), tmp_path / "no", top="2")
+    with refused("--top stdint: names the driver stdint.h"):
+        generate_design(model_of("linear"), tmp_path / "no", top="stdint", bus="wishbone")
+
+
+def test_a_name_may_be_a_word_of_another_language(tmp_path):
+    """Of SystemRDL, where it is escaped, and of YAML, where it is quoted; Yosys escapes Verilog's."""
+    for name in ("signal", "reg", "true"):
+        folder = generate_design(model_of("linear"), tmp_path / name, top=name)
+        compiler = RDLCompiler()
+        compiler.compile_file(str(folder / "eskin.rdl"))
+        assert compiler.elaborate().top.inst_name == name
+        assert f'toplevel: "{name}"' in (folder / "eskin.core").read_text()
