@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from soc import CORE, LICENCE, LOADED_WORDS, Soc
 
+from eskin.cosim.flow import converter_model
 from eskin.cosim.netlist import netlist_hardware
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.core.converters import converter_plan
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, through_converter
 from eskin.golden.model.decision_word import decision_word
@@ -108,12 +108,10 @@ def prepare(options: argparse.Namespace) -> None:
     (folder / "expected.txt").write_text("".join(f"{word:08x}\n" for word in words))
     period = clock_hz / config.sensor.scan_rate_hz
     settings = {"FRAMES": len(pins), "PERIOD": round(period), "DIVISOR": uart_divisor(clock_hz, BAUD)}
-    settings["TAXELS"] = config.sensor.taxels
-    if options.feed == "converter":
-        settings |= {"CYCLE_PS": round(1e12 / config.hardware.clock_hz)}
-        settings |= converter_plan(config).parameters(config)
+    settings |= {"TAXELS": config.sensor.taxels, "CYCLE_PS": round(1e12 / clock_hz)}
+    sources, wired = converter_model(config) if options.feed == "converter" else ((), ())
     flags = [f"-G{name}={value}" for name, value in settings.items()]
-    flags += ["-DCONVERTER"] * (options.feed == "converter") + ["-DFLASH"] * (board == "icebreaker")
+    flags += [*wired, *map(str, sources)] + ["-DFLASH"] * (board == "icebreaker")
     (folder / "simulation.f").write_text("\n".join(flags) + "\n")
     # ---------------------------------------------------------------- the system
     flash = board == "icebreaker"

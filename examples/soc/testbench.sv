@@ -25,7 +25,7 @@ module testbench #(
     reg [32*TAXELS-1:0] analog;
     wire [31:0] violations;
     integer resting = 0;
-    converter #(.TAXELS(TAXELS), .CYCLE_PS(CYCLE_PS)) model (`MODEL_PINS, .analog(analog), .fault(3'd0), .violations(violations));
+    converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(3'd0), .violations(violations));
     always @(posedge clk) begin
         first <= first | `PORT_BUSY;
         resting <= `PORT_BUSY ? 0 : resting + 1;
