@@ -1,7 +1,7 @@
 """The cocotb bench: recorded frames go in, and every stage is compared with the golden trace as its values come.
 
 It runs in the simulator's own Python around cosim/wrapper.sv, in a work folder with ``bench.json``, the settings
-(`eskin.cosim.flow`), which name the file of vectors: the trace that torch computed. It leaves ``result.json``.
+(`eskin.cosim.flow`), which name the file of vectors: the trace that the golden model computed. It leaves ``result.json``.
 Any other scenario is its own cocotb test that starts from `Bench`.
 """
 

@@ -17,6 +17,8 @@ from eskin.cosim.scoreboard import KEPT
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, SimulationError
 from eskin.golden.core.converters import converter_plan
 
+GOLDEN = "torch: states, maps, logits; numpy: sums, features, distances, decisions"
+"""What computed the values of `eskin.verbs.flow.expected_of`."""
 SLOWEST_CYCLES_PER_S = {
     "rtl verilator": 50e3,
     "rtl icarus": 500,
@@ -211,7 +213,7 @@ def cosim(
     here = cocotb is not None and run.simulator == "verilator" and run.hardware.target in (None, "asic")
     here = here and not (stalls or probe or "codes" in run.settings["frames"])
     shown = everything & {*(cocotb or ())} if here else everything
-    given: Record = {"golden": "torch", "simulator": run.simulator, "level": run.hardware.level}
+    given: Record = {"golden": GOLDEN, "simulator": run.simulator, "level": run.hardware.level}
     given |= {"target": run.hardware.target, "pace": run.settings["pace"], "clock_hz": run.clock_hz}
     given |= {"lanes": run.config.hardware.lanes, "stalls": stalls, "seed": seed, "waves": None}
     given |= {"cocotb_recordings": 0, "bulk_recordings": 0}

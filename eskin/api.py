@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from eskin.choose.cost import Prefer
 from eskin.data import load_recordings
 from eskin.data.fit import check_fit, for_model
-from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, array_of
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Progress, Record, array_of
 from eskin.golden.data import Recordings
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import (
@@ -72,8 +72,9 @@ class Model:
 
     Load one (`Model.load`), or train one (`fit`). It keeps to what scikit-learn calls things: `fit`, `predict`,
     `decision_function`, `score`, `classes_`. A sample there is a recording here; the class of a recording is the
-    decision of its first touch, and -1 where there is no touch or none that
-    completes a window.
+    decision of its first touch. There is none where there is no touch, or none that completes a window: a
+    loaded model says -1 then, and a fitted one, whose answers are members of `classes_`, its most frequent
+    class.
 
     Parameters
     ----------
@@ -102,7 +103,8 @@ class Model:
     Attributes
     ----------
     classes_ : numpy.ndarray
-        Class names; what `predict` gives are indices into it. The name of -1, no decision, is "none".
+        Of a loaded model the class names, into which `predict` gives indices; the name of -1, no decision, is
+        "none". Of a fitted one the classes as `fit` was given them, sorted: `predict` gives these.
     config : Config
         Front end, network and formats.
     training_ : dict
@@ -134,6 +136,7 @@ class Model:
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
         self._training: Record = {}
+        self._fitted: tuple[np.ndarray, np.ndarray] | None = None  # of each class: label, share
 
     def _asked(self) -> tuple[AcceleratorConfig | None, Record]:
         """(configuration, options of `TrainRequest`) that the parameters ask for."""
@@ -233,7 +236,7 @@ class Model:
             What ``--data`` takes, loaded or by its name; one long table, whose labels are the classes then;
             or arrays (frames, taxels) of codes, then with the next two.
         labels : array of int or str
-            Of a list of arrays: the class of each, by index or by name.
+            Of a list of arrays: the class of each; with a configuration a name of its classes, or an index.
         sample_rate_hz : float
             Of a list of arrays: frames a second; None: the model's parameter, or its configuration's.
         progress : callable
@@ -260,6 +263,7 @@ class Model:
         from eskin.verbs.cost import cost_model
 
         asked, options = self._asked()
+        members = None
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":
             recordings = load_recordings(recordings, config=asked)
         elif not isinstance(recordings, Recordings):
@@ -269,7 +273,7 @@ class Model:
                 raise InputError(
                     "fit: arrays have neither classes nor a rate; give labels and sample_rate_hz, or Recordings"
                 )
-            names = asked.network.class_names if asked else None
+            members, names, labels = _targets(labels, asked)
             recordings = Recordings.of(recordings, labels, sample_rate_hz=rate, class_names=names)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
@@ -279,6 +283,12 @@ class Model:
             quantise(folder, recordings if load_config(folder).has_prototypes else None)
             fitted = Model.load(folder)
         self._integer, self._real, self._training = fitted._integer, fitted._real, fitted._training
+        names = self.config.network.class_names
+        counts = recordings.with_classes(names, "the model").class_counts + 1  # a share of 0 has no logarithm
+        members = np.array(names) if members is None else members
+        order = np.argsort(members)
+        usual = members[order[counts[order].argmax()]]
+        self._fitted = np.append(members, usual), counts / counts.sum()  # what -1 is given comes last
         return self
 
     # ------------------------------------------------------------------ what there is
@@ -310,8 +320,10 @@ class Model:
 
     @property
     def classes_(self) -> np.ndarray:
-        """Class names, in the order of the class indices; ``classes_[predict(frames)]`` says "none" where
-        `predict` says -1."""
+        """Of a fitted model what `predict` gives, sorted; of a loaded one the class names in the order of the
+        class indices, whose -1 is "none"."""
+        if self._fitted is not None:
+            return np.sort(self._fitted[0][:-1])
         return np.array(self.config.network.class_names).view(ClassNames)
 
     def __repr__(self) -> str:
@@ -335,16 +347,25 @@ class Model:
         Returns
         -------
         numpy.ndarray
-            int64 (recordings): class indices, -1 where no touch was found or none completed a window.
+            (recordings): of a loaded model class indices, int64, -1 where no touch was found or none completed
+            a window; of a fitted one members of `classes_`, there its most frequent class, with a warning.
 
         Raises
         ------
         InputError
             Frames of another array, rate or code range.
         """
-        if self.config.is_image:
-            return self.image_trace(frames, integer=integer).decision
-        return self.trace(frames, integer=integer).decision
+        decision, _ = self._decided(frames, integer)
+        if self._fitted is None:
+            return decision
+        named, _ = self._fitted
+        if undecided := int((decision < 0).sum()):
+            warnings.warn(
+                f"predict: {undecided} of {len(decision)} recordings have no decision and get {named[-1]}, the most "
+                "frequent class; trace tells which",
+                stacklevel=2,
+            )
+        return named[decision]
 
     def decision_function(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
         """Scores whose largest `predict` takes: logits of the deciding step (with prototypes, negative
@@ -359,13 +380,30 @@ class Model:
         -------
         numpy.ndarray
             float64 (recordings, classes); logits as real values. NaN where `predict` says -1. Largest minus
-            second largest is the margin.
+            second largest is the margin. Of a fitted model in the order of `classes_`, of two classes the
+            second's less the first's, (recordings,); without a decision what makes `predict_proba` the classes'
+            shares of the training.
         """
+        scores = self._scores(frames, integer)
+        return scores if self._fitted is None or scores.shape[1] != 2 else scores[:, 1] - scores[:, 0]
+
+    def _scores(self, frames: Frames, integer: bool) -> np.ndarray:
+        """Scores (recordings, classes) in the order of `classes_`."""
+        decision, scores = self._decided(frames, integer)
+        if self._fitted is None:
+            return scores
+        named, shares = self._fitted
+        scores[decision < 0] = shares if self._votes else np.log(shares)
+        return scores[:, np.argsort(named[:-1])]
+
+    def _decided(self, frames: Frames, integer: bool) -> tuple[np.ndarray, np.ndarray]:
+        """(decision, scores (recordings, classes)), both by class index; -1 and NaN where there is none."""
         if self.config.is_image:
-            logits = self.image_trace(frames, integer=integer).logits
-            return self.config.formats.logit_format.to_real(logits) if integer else logits
+            image = self.image_trace(frames, integer=integer)
+            to_real = self.config.formats.logit_format.to_real
+            return image.decision, to_real(image.logits) if integer else image.logits
         trace = self.trace(frames, integer=integer)
-        if self.config.network.decision == "vote":
+        if self._votes:
             scores = (trace.local[..., None] == np.arange(self.config.classes)).sum(axis=1).astype(np.float64)
         else:
             step = np.maximum(trace.global_step, 0)
@@ -374,7 +412,12 @@ class Model:
         scores_of_decisions = np.full((len(trace.first), self.config.classes), np.nan)
         decided = trace.decision >= 0
         scores_of_decisions[decided] = scores[trace.first[decided]]
-        return scores_of_decisions
+        return trace.decision, scores_of_decisions
+
+    @property
+    def _votes(self) -> bool:
+        """Do steps vote?"""
+        return not self.config.is_image and self.config.network.decision == "vote"
 
     def predict_proba(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
         """Shares of the classes: exp of `decision_function` over the sum of all, or the shares of the votes
@@ -383,18 +426,20 @@ class Model:
         Returns
         -------
         numpy.ndarray
-            float64 (recordings, classes); rows add up to 1, equal shares where `predict` says -1.
+            float64 (recordings, classes), in the order of `classes_`; rows add up to 1. Without a decision
+            equal shares, of a fitted model those of the training.
         """
-        votes = not self.config.is_image and self.config.network.decision == "vote"
-        return probabilities(self.decision_function(frames, integer=integer), votes=votes)
+        return probabilities(self._scores(frames, integer), votes=self._votes)
 
     def score(self, frames: Frames, labels: ArrayLike | None = None, *, integer: bool = True) -> float:
-        """Share of recordings that are decided rightly; no decision counts as wrong.
+        """Share of recordings that are decided rightly; no decision counts as wrong, also where `predict` of a
+        fitted model gives the class.
 
         Parameters
         ----------
         labels : array of int, or of str
-            The classes, by index or by name; of Recordings and DataFrames their own by default.
+            The classes, as `fit` was given them, by index or by name; of Recordings and DataFrames their own
+            by default.
 
         Raises
         ------
@@ -402,7 +447,7 @@ class Model:
             As `predict`; labels that are not classes of the model, or not one a recording.
         """
         frames = self._of_table(frames)
-        decision = self.predict(frames, integer=integer)
+        decision, _ = self._decided(frames, integer)
         return float(np.mean(decision == self._labels(decision, frames, labels, "score")))
 
     def _labels(self, each: Sized, frames: Frames, labels: ArrayLike | None, verb: str) -> np.ndarray:
@@ -412,7 +457,7 @@ class Model:
                 raise InputError(f"{verb}: arrays have no classes; give labels, or Recordings")
             frames = frames.with_classes(self.config.network.class_names, "the model")
             labels = frames.labels
-        indices = _places(labels, self.config.network.class_names, verb)
+        indices = self._places(labels, verb)
         if indices.shape != (len(each),):
             raise InputError(
                 f"{verb}: {indices.size} labels for {len(each)} recordings; give one per recording"
@@ -458,11 +503,29 @@ class Model:
         InputError
             A class that is not there; a model that cannot be taught.
         """
-        names = self.config.network.class_names
         self._integer = forget(
-            self.integer, None if label is None else int(_places([label], names, "forget")[0])
+            self.integer, None if label is None else int(self._places([label], "forget")[0])
         )
         return self
+
+    def _places(self, labels: ArrayLike, verb: str) -> np.ndarray:
+        """Indices of labels, which are names, or the classes that `fit` was given; where these are names, or
+        were not given, indices. One label alone is a list of it."""
+        names = self.config.network.class_names
+        numbers = list(range(len(names)))
+        if self._fitted is not None and self._fitted[0].dtype.kind not in "USO":
+            numbers = self._fitted[0][:-1].tolist()
+        array = array_of([labels] if isinstance(labels, str) else labels, "labels")
+        place: dict[Hashable, int] = {label: index for index, label in enumerate(numbers)}
+        place |= {name: index for index, name in enumerate(names)}
+        flat, truths = array.ravel().tolist(), isinstance(numbers[0], bool)
+        for label in flat:
+            if not isinstance(label, Hashable) or isinstance(label, bool) > truths or label not in place:
+                raise InputError(
+                    f"{verb}: label {label!r} is not a class; there are {', '.join(names)}, or "
+                    f"{', '.join(map(str, numbers))}"
+                )
+        return np.array([place[label] for label in flat], dtype=np.int64).reshape(array.shape)
 
     def stream(self, *, integer: bool = True) -> Stream:
         """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that
@@ -574,15 +637,24 @@ def probabilities(scores: np.ndarray, *, votes: bool) -> np.ndarray:
     return shares / shares.sum(axis=1, keepdims=True)
 
 
-def _places(labels: ArrayLike, names: Sequence[str], verb: str) -> np.ndarray:
-    """Indices of labels, which are names or indices; one label alone is a list of it."""
-    array = array_of([labels] if isinstance(labels, str) else labels, "labels")
-    place: dict[Hashable, int] = {name: index for index, name in enumerate(names)}
-    place |= {index: index for index in range(len(names))}
-    flat = array.ravel().tolist()
-    for label in flat:
-        if not isinstance(label, Hashable) or isinstance(label, bool) or label not in place:
-            raise InputError(
-                f"{verb}: label {label!r} is not a class; there are {', '.join(names)}, or their indices"
-            )
-    return np.array([place[label] for label in flat], dtype=np.int64).reshape(array.shape)
+def _targets(
+    labels: ArrayLike, config: AcceleratorConfig | None
+) -> tuple[np.ndarray, Sequence[str], np.ndarray]:
+    """(classes by their index, their names, the labels as `Recordings.of` takes them) of a list of arrays. A
+    preset has no classes of its own; a configuration's stay in its order, and numbers are their indices."""
+    from sklearn.utils import column_or_1d
+    from sklearn.utils.multiclass import check_classification_targets
+
+    try:
+        targets = column_or_1d(array_of(labels, "labels"), warn=True)
+        check_classification_targets(targets)
+    except ValueError as error:
+        raise InputError(f"fit, labels: {error}") from None
+    text = targets.dtype.kind in "USO"
+    if config is not None and config != PRESETS.get(config.name):
+        names = config.network.class_names
+        return np.array(names) if text else np.arange(len(names)), names, targets
+    members, indices = np.unique(targets, return_inverse=True)
+    if len(members) < 2:
+        raise InputError(f"fit, labels: are of one class, {members[0]}; give recordings of two or more")
+    return members, [str(label) if text else f"class{label}" for label in members], indices

@@ -171,8 +171,8 @@ def expected_of(
     numbers: Sequence[int] | np.ndarray | None = None,
     codes: np.ndarray | None = None,
 ) -> Path:
-    """The file of vectors of recordings or images: what goes in, and every stage of the integer model as torch
-    computes it; the rest as in `cosimulate`."""
+    """The file of vectors of recordings or images: what goes in, and every stage of the integer model, whose
+    states, maps and logits torch computes; the rest as in `cosimulate`."""
     from eskin.golden.model import torch_model  # only here: what writes files for others needs no torch
 
     if model.config.is_image:

@@ -108,11 +108,10 @@ def prepare(options: argparse.Namespace) -> None:
     (folder / "expected.txt").write_text("".join(f"{word:08x}\n" for word in words))
     period = clock_hz / config.sensor.scan_rate_hz
     settings = {"FRAMES": len(pins), "PERIOD": round(period), "DIVISOR": uart_divisor(clock_hz, BAUD)}
-    settings["TAXELS"] = config.sensor.taxels
-    settings["CYCLE_PS"] = round(1e12 / config.hardware.clock_hz)
+    settings |= {"TAXELS": config.sensor.taxels, "CYCLE_PS": round(1e12 / clock_hz)}
+    sources, wired = converter_model(config) if options.feed == "converter" else ((), ())
     flags = [f"-G{name}={value}" for name, value in settings.items()]
-    flags += converter_model(config)[1] if options.feed == "converter" else ()
-    flags += ["-DFLASH"] * (board == "icebreaker")
+    flags += [*wired, *map(str, sources)] + ["-DFLASH"] * (board == "icebreaker")
     (folder / "simulation.f").write_text("\n".join(flags) + "\n")
     # ---------------------------------------------------------------- the system
     flash = board == "icebreaker"

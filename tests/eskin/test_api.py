@@ -15,11 +15,13 @@ from tests.support.touch_scenes import SMALL, scene
 
 
 @pytest.fixture(scope="module")
-def model():
-    """Trained on the small scene."""
+def model(tmp_path_factory):
+    """Trained on the small scene, and loaded."""
+    folder = tmp_path_factory.mktemp("fitted") / "model"
     with pytest.MonkeyPatch.context() as patch:
         few_updates(patch, 200)
-        return eskin.Model(SMALL, folds=0).fit(scene(60))
+        eskin.Model(SMALL, folds=0).fit(scene(60)).save(folder)
+    return eskin.Model.load(folder)
 
 
 def test_every_public_name_is_there_and_no_other():
@@ -79,11 +81,12 @@ def test_a_saved_model_is_the_same(model, tmp_path, monkeypatch):
         floats.predict(recordings)
 
 
-def test_a_model_of_real_samples_takes_real_samples():
+def test_a_model_of_real_samples_takes_real_samples(tmp_path):
     """Its scale is that of the recordings it was trained on, for predictions and streams alike."""
     whole = scene(30)
     arrays = [whole.recording(index) / 37.0 for index in range(30)]
-    trained = eskin.Model(cell="linear", folds=0).fit(arrays, whole.labels, sample_rate_hz=1000)
+    eskin.Model(cell="linear", folds=0).fit(arrays, whole.labels, sample_rate_hz=1000).save(tmp_path / "m")
+    trained = eskin.Model.load(tmp_path / "m")
     worth, decided = trained.config.sensor.volt_per_code, trained.predict(arrays)
     assert worth > 0 and trained.score(arrays, whole.labels) > 0.6
     codes = [np.rint(array / worth).astype(int) for array in arrays]
