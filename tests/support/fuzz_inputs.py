@@ -15,7 +15,6 @@ import re
 import shutil
 import struct
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -61,17 +60,6 @@ VALUES = [
 CELLS = (
     *"nan inf -1e999 abc 1e5 -3 1_0 ١ 0x1 1,5 1,234".split(),
     *("", "9" * 400, DIGITS, f"x{DIGITS}", "1\t" * 2000, "1" * 131_073, f'"{"1" * 131_073}"'),
-)
-LINES = (
-    "***End_of_Header***",
-    "Channels\t4",
-    "\t\t\t",
-    "0\t1",
-    "x\ty",
-    "1;2;3;4;5",
-    "1,5\t2,5",
-    "\x0c",
-    "0,1,2,3,4",
 )
 NAMES = "file labels samples offsets class_names sample_rate_hz images lsb_volt label class time person channel_names data fs y".split()
 """Names of columns and arrays: many mean something to the archive."""
@@ -217,31 +205,19 @@ def damage_bytes(data: bytes, rng: random.Random) -> bytes:
     return rng.choice((*kinds, bytes(changed), bytes(changed), bytes(changed)))
 
 
-def damage_json(text: str, rng: random.Random) -> str:
-    """One to three fields of other values or types, gone, or new; now and then damage of the text itself."""
-    broken = damage_bytes(text.encode(), rng).decode("latin-1")
-    if rng.randrange(7) == 6:
+def damage_text(text: str, rng: random.Random) -> str:
+    """Words or whole lines of other values, gone, repeated, or new; now and then another encoding of decimals or lines."""
+    if rng.randrange(9) == 8:
+        old, new = rng.choice(((",", ";"), ("\t", ","), (".", ","), ("\n", "\r"), ("\n", "\n\0"), ("", "")))
         return rng.choice(
-            (broken, broken, broken, "[" * 100_000, '{"a":' * 50_000, "null", "[]", "3", '"x"', DIGITS)
+            (text.replace(old, new) if old else text * 40, "\ufeff" + text, text + "1" * 200_000)
         )
-    value = json.loads(text)
-    for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        holder, key = {"": value}, ""
-        while isinstance(holder[key], (dict, list)) and holder[key] and rng.randrange(10):
-            holder = holder[key]
-            key = rng.choice(list(holder)) if isinstance(holder, dict) else rng.randrange(len(holder))
-        if holder[key] is value:
-            continue
-        old, kind = holder[key], rng.randrange(6)
-        if kind == 0:
-            del holder[key]
-        elif kind == 1 and isinstance(holder, dict):
-            holder[rng.choice(("unknown", "", "name"))] = rng.choice(VALUES)
-        elif kind == 2 and isinstance(old, (int, float)) and math.isfinite(old):
-            holder[key] = rng.choice((-1, 2, 0.5, 1000)) * old + rng.choice((0, 1))
-        else:
-            holder[key] = rng.choice(VALUES)
-    return json.dumps(value)
+    for _ in range(rng.choice((1, 1, 2, 5))):
+        found = [*re.finditer(rng.choice((r"[^\s,:\[\]{}]+", r"[^\s,:\[\]{}]+", r".*\n?")), text)]
+        begin, end = rng.choice(found).span()
+        made = (*map(json.dumps, VALUES), *CELLS, *NAMES, "", 3 * text[begin:end], "[" * 100_000)
+        text = text[:begin] + rng.choice(made) + text[end:]
+    return text
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a type too narrow is one of the damages
@@ -287,78 +263,24 @@ def damage_arrays(arrays: dict[str, Any], rng: random.Random) -> dict[str, Any]:
 
 
 def damage_archive(data: bytes, rng: random.Random) -> bytes:
-    """An ``.npz`` whose bytes, members or arrays are wrong, or that is something else altogether."""
-    kind, file = rng.randrange(8), io.BytesIO()
-    if kind < 3:
+    """An ``.npz`` whose bytes or arrays are wrong."""
+    if rng.randrange(2):
         return damage_bytes(data, rng)
+    file = io.BytesIO()
     with np.load(io.BytesIO(data)) as archive:
         arrays = dict(archive)
-    if kind < 6:
-        with zipfile.ZipFile(file, "w") as archive:  # numpy.savez takes no array named file
-            for name, array in damage_arrays(arrays, rng).items():
-                archive.writestr(f"{name}.npy", _member(array))
-        return file.getvalue()
-    return _member(next(iter(arrays.values()))) if kind == 6 else lying_zip(data, rng.choice(LIES))
-
-
-def _member(array: np.ndarray) -> bytes:
-    file = io.BytesIO()
-    np.save(file, array)
+    with zipfile.ZipFile(file, "w") as archive:  # numpy.savez takes no array named file
+        for name, array in damage_arrays(arrays, rng).items():
+            member = io.BytesIO()
+            np.save(member, array)
+            archive.writestr(f"{name}.npy", member.getvalue())
     return file.getvalue()
-
-
-LIES = ((8, 1), (10, 1), (10, 97))
-"""Encrypted, or an unknown method."""
-
-
-def lying_zip(data: bytes, change: tuple[int, int]) -> bytes:
-    """An archive with the field at an offset of its directory's entries set to a value, and in its members
-    too."""
-    (offset, value), changed = change, bytearray(data)
-    for found in re.finditer(rb"PK(\x01\x02|\x03\x04)", data):
-        changed[found.start() + offset - (2 if found[1] == b"\x03\x04" else 0)] = value
-    return bytes(changed)
 
 
 def header(shape: tuple[int, ...]) -> bytes:
     """Of an ``.npy`` file of that shape, true or not."""
     text = f"{{'descr': '<i4', 'fortran_order': False, 'shape': {shape!r}, }}".encode().ljust(117) + b"\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text
-
-
-def damage_lines(data: bytes, rng: random.Random, mark: str) -> bytes:
-    """Cells, rows, header, separators, encodings."""
-    kind, text = rng.randrange(9), data.decode()
-    if kind == 0:
-        return damage_bytes(data, rng)
-    if kind == 1:
-        exchanged = {mark: rng.choice(";, "), ".": ",", "\n": rng.choice(("\r", "\r\n", "\n\0"))}
-        old = rng.choice(sorted(exchanged))
-        return rng.choice(
-            (
-                text.encode("utf-16"),
-                text.replace(old, exchanged[old]).encode(),
-                b"\xef\xbb\xbf" + data,
-                data + b"1" * 200_000,
-                data * 40,
-            )
-        )
-    lines = text.split("\n")
-    for _ in range(rng.choice((1, 1, 2, 5))):
-        at, kind = rng.choice((0, rng.randrange(len(lines)))), rng.randrange(7)
-        row = lines[at].split(mark)
-        place = rng.randrange(len(row))
-        if kind == 0:
-            lines.insert(at, rng.choice((*lines, *LINES)))
-        elif kind == 1 and len(lines) > 12:
-            del lines[at:][: rng.randint(1, 10)]
-        elif kind == 2:
-            # a column more
-            lines = [mark.join([*line.split(mark), rng.choice(("0", "1", "a", "b"))]) for line in lines]
-        else:
-            row[place] = rng.choice(NAMES if kind == 3 else CELLS)
-            lines[at] = mark.join(row[: place + 1] if kind == 4 else row)
-    return "\n".join(lines).encode("utf-8", "replace")
 
 
 def damage(path: Path, rng: random.Random) -> None:
@@ -385,13 +307,13 @@ def damage(path: Path, rng: random.Random) -> None:
         with contextlib.suppress(TypeError, ValueError):
             savemat(path, damage_arrays(arrays, rng))
         return
-    by_suffix: dict[str, Callable[[], bytes]] = {
-        ".json": lambda: damage_json(data.decode(), rng).encode(),
-        ".npz": lambda: damage_archive(data, rng),
-        ".csv": lambda: damage_lines(data, rng, ","),
-        ".lvm": lambda: damage_lines(data, rng, "\t"),
-    }
-    path.write_bytes(by_suffix.get(path.suffix, lambda: damage_bytes(data, rng))())
+    if path.suffix == ".npz":
+        data = damage_archive(data, rng)
+    elif path.suffix in (".json", ".csv", ".lvm") and rng.randrange(4):
+        data = damage_text(data.decode(), rng).encode("utf-8", "replace")
+    else:
+        data = damage_bytes(data, rng)
+    path.write_bytes(data)
 
 
 # ---------------------------------------------------------------------- who reads it
