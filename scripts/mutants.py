@@ -2,7 +2,8 @@
 broken file see it.
 
 A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``
-and conditions that only lead to one (error messages), assertions, decorators and default arguments: none of
+and conditions that only lead to one (error messages), assertions, decorators, default arguments, an input's
+first value (whoever drives it gives it) and ``reset_less`` (data that are written before they are read): none of
 them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
 judged beside those that are drawn.
 
@@ -104,6 +105,8 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
     function it is in."""
     below: list[Any] = list(ast.iter_child_nodes(node))
     match node:
+        case ast.keyword(arg="reset_less", value=ast.Constant()):
+            return
         case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.Import() | ast.ImportFrom():
             return
         case ast.FunctionDef(name=name, body=body):
@@ -121,7 +124,8 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
             yield "condition", test, f"not ({ast.unparse(test)})"
         case ast.Call(func=func, args=args, keywords=words):
             yield from _call_faults(node, names)
-            below = [func, *args, *(word.value for word in words if word.arg not in ("name", "dtype"))]
+            left = {"name", "dtype"} | ({"init"} if _name(func) == "In" else set())
+            below = [func, *args, *(word for word in words if word.arg not in left)]
         case _:
             yield from _value_faults(node)
     for part in below:
