@@ -5,7 +5,7 @@ That OFF follows another electrode, a fault and the time limit is proved in form
 """
 
 from eskin.golden.core.groups import Interface
-from eskin.rtl.interface.stimulator_frames import StimulatorFrames
+from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames
 from tests.support.stimulator import PLACES, StimulatorModel, table_frames
 from tests.support.stream_bench import put, simulate
 
@@ -49,5 +49,25 @@ def test_every_byte_for_every_electrode_is_that_of_the_table():
             assert taken == b">OFF<" * 2 and ctx.get(dut.resting)
             model.feed(taken)
         assert not model.is_on and model.frames.count("ON") == 24
+
+    play(body)
+
+
+def test_a_burst_has_the_settings_of_its_begin_within_their_limits():
+    async def body(ctx, dut, run):
+        await run(120)
+        over = {name: limit + 1 for name, limit in zip(SETTINGS, LIMITS, strict=True)}
+        for settings in (dict(zip(SETTINGS, LIMITS, strict=True)), over, {name: 0x81 for name in SETTINGS}):
+            put(ctx, dut, settings=settings, request=1, electrode=23)
+            taken = await run(1)
+            ctx.set(dut.settings, dict.fromkeys(SETTINGS, 1))
+            ctx.set(dut.byte.ready, 0)  # a byte stays until it is taken
+            await ctx.tick().repeat(3)
+            ctx.set(dut.byte.ready, 1)
+            taken += await run(160)
+            kept = [min(settings[name], limit) for name, limit in zip(SETTINGS, LIMITS, strict=True)]
+            assert taken == b"".join(table_frames(PLACES[5][3], *kept))
+            ctx.set(dut.request, 0)
+            assert await run(30) == b">OFF<" * 2
 
     play(body)
