@@ -1,6 +1,8 @@
 """rtl/interface/touch_position.py against the golden positions, bit for bit; the golden ones against where
 the touches were."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
@@ -94,7 +96,7 @@ def test_bit_exact_on_random_frames_of_other_samples(fields):
     samples[5] = high
     # touches of two frames of one cell each: ways up to the whole array's
     places = [cells - 1, 0, cells - 1, *rng.integers(0, cells, 4)]
-    for pair in zip(places, places[1:], strict=False):
+    for pair in pairwise(places):
         samples = np.vstack([samples, np.where(np.arange(cells) == np.array([[*pair, cells]]).T, high, low)])
     assert hardware(samples, config) == as_told(PositionStream(config).push(samples))
 
