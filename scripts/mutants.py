@@ -66,6 +66,8 @@ CHANGED = {
     "off-by-one": _signs("Lt:<=,LtE:<,Gt:>=,GtE:>"),
 }
 """Another sign between two operands, by kind of fault."""
+WIDTHS = "signed unsigned Signal QFormat replicate shape_of".split()
+"""What is called with a number of bits."""
 SWAPPED = _signs("Lt:<,LtE:<=,Gt:>,GtE:>=,Sub:-,FloorDiv://,Mod:%")
 
 
@@ -125,6 +127,8 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
         case ast.Call(func=func, args=args, keywords=words):
             yield from _call_faults(node, names)
             left = {"name", "dtype"} | ({"init"} if _name(func) == "In" else set())
+            if _name(func) in WIDTHS and isinstance([*args, None][0], ast.Constant):
+                args = args[1:]  # one bit less is drawn above; one more computes the same
             below = [func, *args, *(word for word in words if word.arg not in left)]
         case _:
             yield from _value_faults(node)
@@ -168,9 +172,8 @@ def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
     name, args, show = _name(node.func), node.args, ast.unparse
     swapped: list[ast.expr] = []
     match name, args:
-        case (
-            ("range" | "signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
-            [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size],
+        case (_, [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size]) if (
+            name in WIDTHS or name == "range"
         ):
             yield "off-by-one" if name == "range" else "width", size, f"({show(size)}) - 1"
         case "If", [test]:

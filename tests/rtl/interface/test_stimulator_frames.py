@@ -35,13 +35,17 @@ def play(body) -> None:
 
 def test_every_byte_for_every_electrode_is_that_of_the_table():
     async def body(ctx, dut, run):
-        ctx.set(dut.settings, {"amplitude": 17, "delay": 0x1234, "frequency": 9, "width": 255})
         assert await run(120) == b">OFF<" * 16
         model = StimulatorModel(LIMITS)
         for electrode in range(24):
-            put(ctx, dut, electrode=electrode, request=1)
-            taken = await run(160)
-            assert taken == b"".join(table_frames(PLACES[electrode // 4][electrode % 4], 17, 0x1234, 9, 255))
+            settings = [(17, 0x1234, 9, 255), LIMITS, [limit + 1 for limit in LIMITS]][electrode % 3]
+            written = dict(zip(SETTINGS, settings, strict=True))
+            put(ctx, dut, settings=written, electrode=electrode, request=1)
+            await run(1)
+            put(ctx, dut, settings=dict.fromkeys(SETTINGS, 1))  # for the next burst
+            taken = await run(159)
+            kept = map(min, settings, LIMITS)
+            assert taken == b"".join(table_frames(PLACES[electrode // 4][electrode % 4], *kept))
             model.feed(taken)
             assert model.is_on and not model.wrong
             ctx.set(dut.request, 0)
@@ -49,25 +53,5 @@ def test_every_byte_for_every_electrode_is_that_of_the_table():
             assert taken == b">OFF<" * 2 and ctx.get(dut.resting)
             model.feed(taken)
         assert not model.is_on and model.frames.count("ON") == 24
-
-    play(body)
-
-
-def test_a_burst_has_the_settings_of_its_begin_within_their_limits():
-    async def body(ctx, dut, run):
-        await run(120)
-        over = {name: limit + 1 for name, limit in zip(SETTINGS, LIMITS, strict=True)}
-        for settings in (dict(zip(SETTINGS, LIMITS, strict=True)), over, {name: 0x81 for name in SETTINGS}):
-            put(ctx, dut, settings=settings, request=1, electrode=23)
-            taken = await run(1)
-            ctx.set(dut.settings, dict.fromkeys(SETTINGS, 1))
-            ctx.set(dut.byte.ready, 0)  # a byte stays until it is taken
-            await ctx.tick().repeat(3)
-            ctx.set(dut.byte.ready, 1)
-            taken += await run(160)
-            kept = [min(settings[name], limit) for name, limit in zip(SETTINGS, LIMITS, strict=True)]
-            assert taken == b"".join(table_frames(PLACES[5][3], *kept))
-            ctx.set(dut.request, 0)
-            assert await run(30) == b">OFF<" * 2
 
     play(body)
