@@ -69,7 +69,7 @@ class MovingSums(wiring.Component):
         )
         total_read, total_write = totals.read_port(), totals.write_port()
         past_read, past_write = history.read_port(), history.write_port()
-        slot = Signal(range(blocks))
+        slot = Signal(range(blocks))  # of one block: no bits
         wrapped = Signal()
 
         fresh = self.fresh = Signal()
@@ -84,7 +84,7 @@ class MovingSums(wiring.Component):
         }
         m.d.sync += [fresh.eq(self.advance & self.coming_valid), added.eq(fresh)]
         drive(m, total_read, addr=self.coming_index, en=self.advance)
-        drive(m, past_read, addr=Cat(self.index, slot) if blocks > 1 else self.index, en=fresh)
+        drive(m, past_read, addr=Cat(self.index, slot), en=fresh)
         with m.If(fresh):
             m.d.sync += [
                 total.eq(Mux(self.settling, 0, total_read.data - ~self.complement)),
@@ -99,13 +99,7 @@ class MovingSums(wiring.Component):
         ]
         m.d.comb += self.holds.eq(fresh | added | moved_valid | moved_last | decided)
         drive(m, total_write, addr=held["index"], data=total, en=added)
-        drive(
-            m,
-            past_write,
-            addr=Cat(held["index"], slot) if blocks > 1 else held["index"],
-            data=total,
-            en=added & held["block_end"],
-        )
+        drive(m, past_write, addr=Cat(held["index"], slot), data=total, en=added & held["block_end"])
         limit = rule.onset_threshold * rule.onset_mean_frames
         m.d.comb += self.over.eq(moved_valid & (exceeds(moved, limit) | ~exceeds(moved, -limit - 1)))
         with m.If(moved_last):

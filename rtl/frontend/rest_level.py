@@ -100,7 +100,7 @@ class RestLevel(wiring.Component):
         config = self._config
         frames, low = config.rest_level.rest_frames, self.level_frac - 4
         settled = sample if self.reciprocal else sample << self.level_frac - ceil_log2(frames)
-        baseline = level[low:][: config.sensor.sample_bits + 4]
+        baseline = level[low:]
         if config.rest_level.rest == "tracked":
             # sign(16 sample - baseline): the sample equals the baseline's integer part, or the deviation's
             # sign shows it

@@ -9,18 +9,21 @@ from eskin.rtl.interface.matrix_converter import MatrixConverter
 from tests.support.converter_bench import play_frames
 from tests.support.table import each_row
 
-PLAN = converter_plan(
-    PRESETS["thesis"].replace(
-        converter="matrix",
-        rows=3,
-        columns=5,
-        taxels=15,
-        clock_hz=2e6,
-        sample_rate_hz=500.0,
-        sample_bits=12,
-        band_low=100,
-        band_high=4000,
-    )
+PLAN = replace(
+    converter_plan(
+        PRESETS["thesis"].replace(
+            converter="matrix",
+            rows=3,
+            columns=5,
+            taxels=15,
+            clock_hz=2e6,
+            sample_rate_hz=500.0,
+            sample_bits=12,
+            band_low=100,
+            band_high=4000,
+        )
+    ),
+    settle=32,  # takes one bit more than any number below it
 )
 
 

@@ -5,7 +5,7 @@ That OFF follows another electrode, a fault and the time limit is proved in form
 """
 
 from eskin.golden.core.groups import Interface
-from eskin.rtl.interface.stimulator_frames import StimulatorFrames
+from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames
 from tests.support.stimulator import PLACES, StimulatorModel, table_frames
 from tests.support.stream_bench import put, simulate
 
@@ -35,13 +35,17 @@ def play(body) -> None:
 
 def test_every_byte_for_every_electrode_is_that_of_the_table():
     async def body(ctx, dut, run):
-        ctx.set(dut.settings, {"amplitude": 17, "delay": 0x1234, "frequency": 9, "width": 255})
         assert await run(120) == b">OFF<" * 16
         model = StimulatorModel(LIMITS)
         for electrode in range(24):
-            put(ctx, dut, electrode=electrode, request=1)
-            taken = await run(160)
-            assert taken == b"".join(table_frames(PLACES[electrode // 4][electrode % 4], 17, 0x1234, 9, 255))
+            settings = [(17, 0x1234, 9, 255), LIMITS, [limit + 1 for limit in LIMITS]][electrode % 3]
+            written = dict(zip(SETTINGS, settings, strict=True))
+            put(ctx, dut, settings=written, electrode=electrode, request=1)
+            await run(1)
+            put(ctx, dut, settings=dict.fromkeys(SETTINGS, 1))  # for the next burst
+            taken = await run(159)
+            kept = map(min, settings, LIMITS)
+            assert taken == b"".join(table_frames(PLACES[electrode // 4][electrode % 4], *kept))
             model.feed(taken)
             assert model.is_on and not model.wrong
             ctx.set(dut.request, 0)

@@ -83,14 +83,18 @@ def as_told(golden: list[Position]) -> list[tuple]:
         dict(sample_signed=True, position_rest=-100, band_high=100),
         dict(sample_bits=16, position_rest=40_000, band_high=60_000),
         dict(columns=16, position_rest=0),
+        dict(rows=16, position_rest=0),
     ],
 )
 def test_bit_exact_on_random_frames_of_other_samples(fields):
     config = config_of(**dict(rows=4, columns=5) | fields)
-    low, high = config.sample_format.min_code, config.sample_format.max_code
-    samples = np.random.default_rng(2).integers(low, high + 1, (30, config.sensor.taxels))
-    samples[[3, 4, 9, 17]] = low
+    low, high, cells = config.sample_format.min_code, config.sample_format.max_code, config.sensor.taxels
+    samples = np.random.default_rng(2).integers(low, high + 1, (15, cells))
+    samples[[3, 4, 9, 12]] = low
     samples[5] = high
+    # one cell alone, or none: slides of the whole array's length
+    alone = np.where(np.eye(cells + 1, cells), high, low)
+    samples = np.vstack([samples, alone[[-2, 0, -1, 0, -2, -1, 3, 7, -1]]])
     assert hardware(samples, config) == as_told(PositionStream(config).push(samples))
 
 
