@@ -95,7 +95,9 @@ def test_a_fault_of_the_torch_model_alone_ends_the_verb_with_1(model, here, monk
         monkeypatch.setattr(Int64, "logit", lambda self, acc, error=error: logit(self, acc) + error)
         assert CliRunner().invoke(app, words).exit_code == error
         said = json.loads((here / "cosim.json").read_text())
-        assert said["golden"].startswith("torch: states, maps, logits; numpy:") and said["mismatches"] == error
+        assert (
+            said["golden"].startswith("torch: states, maps, logits; numpy:") and said["mismatches"] == error
+        )
     assert "stage logit, index 0" in said["mismatch_list"][0]
 
 
