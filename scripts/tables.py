@@ -39,7 +39,7 @@ import typer
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, Record
-from eskin.pages.views import GAP, percent, verdict
+from eskin.pages.views import GAP, count, percent, verdict
 from eskin.rtl.fpga.synthesis import ICE40, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, schedule
@@ -139,7 +139,7 @@ def run_figures(folder: Path, run: Record) -> Record:
         "own folds": percent(split["integer_accuracy"]),
         "standard error": percent(split.get("nested", chosen)["standard_error"]),
         "agreement": percent(split["agreement"]),
-        "hardware equals model": f"{verdict(played)}, {played['compared_values']} values",
+        "hardware equals model": f"{verdict(played)}, {count(played['compared_values'])} values",
         "last sample to decision": f"{1e6 * paced['cycles']['decision_latency_max'] / paced['clock_hz']:.3g} us",
     }
     if run.get("images"):
