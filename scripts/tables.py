@@ -11,8 +11,10 @@ designs [PRESET ...]
 features [KINDS ...]
     Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of
     another.
-runs FOLDER ...
-    Results of ``eskin run``, a row per result folder.
+runs RESULT ...
+    Every figure of a result that README.md, docs/results.md and docs/figures.md quote, a table for each page:
+    result folders of ``eskin run`` of recordings and of images, which this checkout's code made, baselines.json
+    of examples/thesis/run.py and the JSON of ``eskin enrol --evaluate``, in the order of the rows.
 stress FOLDER ...
     Of each result folder, or model folder of ``eskin train``, the network that clean accuracy alone would choose and
     the one chosen, under the panel of ``--stress``.
@@ -37,11 +39,13 @@ import typer
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, Record
+from eskin.pages.views import GAP, count, percent, verdict
 from eskin.rtl.fpga.synthesis import ICE40, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.verbs import build_job
+from eskin.verbs.main_job import CODE
 from scripts import ROOT
 from tests.support.random_models import random_integer_model
 
@@ -121,27 +125,67 @@ def features(kinds: str) -> Iterator[Row]:
     yield kinds, *cells, config.inputs, config.multiplies, plan.step_cycles, plan.decision_cycles, *frames
 
 
-def runs(name: str) -> Iterator[Row]:
-    """A result folder of ``eskin run``."""
-    names = "run.json", "cosim.json", "cosim_declared.json", "model/training.json"
-    run, played, paced, training = (json.loads((Path(name) / file).read_text()) for file in names)
+def run_figures(folder: Path, run: Record) -> Record:
+    """Figures of a result folder of ``eskin run`` by column."""
+    pace = "cosim.json" if run.get("images") else "cosim_declared.json"
+    names = "model/training.json", "cosim.json", pace
+    training, played, paced = (json.loads((folder / file).read_text()) for file in names)
+    split, source = training["cross_validation"][0], Path(run["data"]["source"])
     chosen = next(row for row in run["candidates"] if row["chosen"])
-    split, cycles = training["cross_validation"][0], paced["cycles"]["decision_latency_max"]
-    source = Path(run["data"]["source"])
-    yield (
-        f"{source.parent.name or source}, {run['data']['recordings']}",
-        ", ".join(split["groups"]),
-        f"{network_name(chosen)}, {chosen['front_end_words']}".replace("|", "\\|"),
-        *(f"{100 * split['nested'][kind]:.1f} %" for kind in ("integer_accuracy", "float_accuracy")),
-        *(f"{100 * split[kind]:.1f} %" for kind in ("integer_accuracy", "agreement")),
-        f"{1e6 * chosen['energy_touch_j']:.2f} uJ",
-        chosen["cells"],
-        chosen["block_memories"],
-        f"{chosen['decision_time_s']:.2f} s",
-        f"{played['compared_values']}, {played['mismatches']} differ",
-        f"{1e6 * cycles / paced['clock_hz']:.2f} us",
-        f"{1e-3 * run['lowest_clock_hz']:.0f} kHz",
-    )
+    figures = {
+        "recordings": f"{source.parent.name or source}, {run['data']['recordings']}",
+        "left out in turn": ", ".join(split["groups"]) or "recordings",
+        "network": network_name(chosen),
+        "own folds": percent(split["integer_accuracy"]),
+        "standard error": percent(split.get("nested", chosen)["standard_error"]),
+        "agreement": percent(split["agreement"]),
+        "hardware equals model": f"{verdict(played)}, {count(played['compared_values'])} values",
+        "last sample to decision": f"{1e6 * paced['cycles']['decision_latency_max'] / paced['clock_hz']:.3g} us",
+    }
+    if run.get("images"):
+        return figures
+    return figures | {
+        "accuracy on new ones": percent(split["nested"]["integer_accuracy"]),
+        "new, float": percent(split["nested"]["float_accuracy"]),
+        "front end": chosen["front_end_words"].replace("|", "\\|"),
+        "energy of a touch": f"{1e6 * chosen['energy_touch_j']:.2f} uJ",
+        "cells": chosen["cells"],
+        "block memories": chosen["block_memories"],
+        "onset to decision": f"{chosen['decision_time_s']:.2f} s",
+        "lowest clock": f"{1e-3 * run['lowest_clock_hz']:.0f} kHz",
+    }
+
+
+def quoted(names: Iterable[str]) -> Iterator[str]:
+    """The lines of ``runs``.
+
+    Raises
+    ------
+    typer.BadParameter
+        Other code than this checkout's made a result.
+    """
+    tables: dict[str, list[Record]] = {}
+    for path in map(Path, names):
+        result = json.loads((path / "run.json" if path.is_dir() else path).read_text())
+        if path.is_dir() and result.get("code") != CODE():
+            raise typer.BadParameter(f"{path}: other code than this checkout's made it; run it again")
+        if path.is_dir():
+            figures = run_figures(path, result)
+            for page, columns in PAGES.items() if "cells" in figures else [("docs/images.md", figures)]:
+                row = {column: figures[column] for column in columns or figures}
+                tables.setdefault(page, []).append(row)
+        for touches, row in result.get("mean", {}).items():
+            head = {"recordings": result["data"], "readout": result["readout"], "touches": touches}
+            shares = {name: percent(share) for name, share in row.items()}
+            tables.setdefault("docs/enrolment.md", []).append(head | shares)
+        for row in result.get("rows", []) if "left_out" in result else []:
+            columns = ("split", "label", "hardware", "multiplies")
+            row = {"accuracy": percent(row["accuracy"])} | {column: row[column] for column in columns}
+            tables.setdefault("docs/results.md, methods", []).append({"recordings": result["data"]} | row)
+    for page, rows in tables.items():
+        yield f"\n{page}, commit {commit()}\n"
+        for line in printed(" | ".join(rows[0]), (tuple(row.values()) for row in rows)):
+            yield line.replace(GAP, " ")
 
 
 def stress(name: str) -> Iterator[Row]:
@@ -201,12 +245,6 @@ TABLES: dict[str, tuple[Callable[[str], Iterator[Row]], Iterable[str], str]] = {
         STEPS,
         "cell | taxels | hidden | classes | lanes | cycles | ideal | ratio | busy share | features to decision",
     ),
-    "runs": (
-        runs,
-        (),
-        "recordings | left out | network | new, integer | new, float | own folds | agreement | a touch | cells "
-        "| block memories | onset to decision | values compared | last sample to decision | lowest clock",
-    ),
     "stress": (
         stress,
         (),
@@ -214,8 +252,16 @@ TABLES: dict[str, tuple[Callable[[str], Iterator[Row]], Iterable[str], str]] = {
     ),
 }
 """Of each table the rows of a name, its names, its columns."""
+NETWORK = ("recordings", "left out in turn", "network", "accuracy on new ones")
+COST = ("energy of a touch", "last sample to decision")
+PAGES: dict[str, tuple[str, ...]] = {
+    "README.md": (*NETWORK, *COST, "hardware equals model"),
+    "docs/results.md": (*NETWORK, "new, float", "own folds", "standard error", *COST),
+    "docs/figures.md": (),
+}
+"""Columns of each page's table of `quoted`; none: all."""
 MADE = re.compile(
-    r"^Made by `python -m scripts\.tables ((\w+).*?)` at commit `\w+`\.\n\n(?:\|.*\n)+", re.MULTILINE
+    r"^Made by `python -m scripts\.tables ((\w+).*?)` at commit `[\w-]+`\.\n\n(?:\|.*\n)+", re.MULTILINE
 )
 """A table of docs/figures.md, from the line that says how it was made."""
 
@@ -246,16 +292,21 @@ def rewritten(page: str, chosen: Iterable[str], commit: str) -> str:
     return MADE.sub(made, page)
 
 
+def commit() -> str:
+    """The checkout's; with -dirty behind it where files differ from it."""
+    words = "git describe --always --dirty --abbrev=8 --exclude *"
+    return subprocess.check_output(words.split(), text=True, cwd=ROOT).strip()
+
+
 def main(table: str, rows: Annotated[list[str] | None, typer.Argument()] = None) -> None:
     """Print the table row by row, or write the page of figures."""
-    if table not in (*TABLES, "figures"):
-        raise typer.BadParameter(f"give one of {', '.join(TABLES)}, figures")
+    if table not in (*TABLES, "runs", "figures"):
+        raise typer.BadParameter(f"give one of {', '.join(TABLES)}, runs, figures")
     if table != "figures":
-        for line in lines(table, *(rows or ())):
+        for line in quoted(rows or ()) if table == "runs" else lines(table, *(rows or ())):
             print(line, flush=True)
         return
-    commit = subprocess.check_output(["git", "rev-parse", "--short=8", "HEAD"], text=True).strip()
-    PAGE.write_text(rewritten(PAGE.read_text(), rows or [], commit))
+    PAGE.write_text(rewritten(PAGE.read_text(), rows or [], commit()))
 
 
 if __name__ == "__main__":

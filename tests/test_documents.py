@@ -99,6 +99,23 @@ def test_files_that_are_named_are_there(path):
     assert [name for name in named if not re.search("NAME|FOLDER", name) and not (ROOT / name).exists()] == []
 
 
+def test_pages_quote_one_result():
+    """Of each run the network, the accuracy, the energy and the latency are those of the page of results, and of figures."""
+
+    def rows(page: str, first: str) -> list[list[str]]:
+        table = re.search(
+            rf"^\| {first}.*\n\| ---.*\n((?:\|.*\n)+)", (ROOT / page).read_text(), re.MULTILINE
+        )[1]
+        return [re.split(r" +\| +", line.strip("| ")) for line in table.splitlines()]
+
+    figures = {tuple(row[-6:-1]) for row in rows("README.md", "recordings \\| left out")}
+    judged = ["\n".join(row) for row in rows("docs/results.md", "recordings \\| left out")]
+    every = ["\n".join(row) for row in rows("docs/figures.md", "recordings \\| left out")]
+    for run in figures:
+        for page in (judged, every):
+            assert any(all(figure in row for figure in run[1:]) for row in page), run
+
+
 # ------------------------------------------------------------------ commands
 @cache
 def verbs() -> dict[str, click.Command]:

@@ -71,6 +71,8 @@ one, at most PER_CLASS of each class."""
 FEWEST_WINDOWS = 3
 """Fewest windows of such a run: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
+CODE = partial(code_version, *LEARNING, "rtl", "cosim", "verbs")
+"""What a result depends on, for scripts/tables.py."""
 
 
 def run(request: RunRequest, console: Console | None = None) -> Record:
@@ -226,6 +228,7 @@ class _Steps:
         found = self._doubts(training, baselines, tested, judged, model)
         record = {
             "name": self.request.name,
+            "code": CODE(),
             "data": self._data(),
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
             "candidates": training.get("candidates"),

@@ -1,7 +1,10 @@
 """scripts/tables.py: the tables of designs; cycles and cells of three of them are held here, and a row of
 docs/figures.md."""
 
+import json
+
 import pytest
+import typer
 
 from eskin.choose.networks import network
 from eskin.golden.core import PRESETS
@@ -9,6 +12,7 @@ from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cyc
 from eskin.rtl.top.accelerator import Accelerator
 from scripts import tables
 from tests.support.random_models import random_integer_model
+from tests.support.result_case import make_result
 from tests.support.table import each_row
 
 KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", hop=144, window=288)
@@ -42,7 +46,36 @@ def test_a_table_of_the_page_is_replaced(monkeypatch):
 
 def test_the_page_of_figures_names_tables_that_there_are():
     made = {found[2] for found in tables.MADE.finditer(tables.PAGE.read_text())}
-    assert made == set(tables.TABLES) - {"runs", "stress"}
+    assert made == set(tables.TABLES) - {"stress"}
+
+
+def test_results_of_this_code_alone_fill_the_tables_of_every_page(tmp_path):
+    make_result(tmp_path)
+    result, file = json.loads((tmp_path / "run.json").read_text()), tmp_path / "run.json"
+    with pytest.raises(typer.BadParameter, match="other code than this checkout's made it"):
+        list(tables.quoted([str(tmp_path)]))
+    candidate = dict(
+        cell="gru", hidden=4, recipe="onset", chosen=True, front_end_words="a|b", energy_touch_j=1.234e-6
+    )
+    candidate |= dict(decision_time_s=0.5, cells=900, block_memories=9)
+    file.write_text(json.dumps(result | {"code": tables.CODE(), "candidates": [candidate]}))
+    training = json.loads((tmp_path / "model/training.json").read_text())
+    nested = dict(integer_accuracy=0.8712, float_accuracy=0.8823, standard_error=0.0345)
+    split = training["cross_validation"][0] | {"nested": nested}
+    (tmp_path / "model/training.json").write_text(json.dumps(training | {"cross_validation": [split]}))
+    enrolled = {"mean": {"1": {"before": 0.77, "after": 0.953}}, "data": "few", "readout": "dense"}
+    row = dict(label="GRU 12", split="seq", hardware=True, multiplies=10920, accuracy=0.823)
+    for name, content in (("enrol", enrolled), ("base", {"rows": [row], "left_out": [], "data": "few"})):
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    said = list(tables.quoted([str(tmp_path), *(f"{tmp_path}/{name}.json" for name in ("enrol", "base"))]))
+    heads = [line.split(",")[0].strip() for line in said if "commit" in line]
+    assert heads == [*tables.PAGES, "docs/enrolment.md", "docs/results.md"]
+    rows = [line.split(" | ") for line in said if line.startswith("| made-up")]
+    assert rows[0][2:5] == ["GRU 4", "87.1 %", "1.23 uJ"] and set(rows[0][2:-1]) <= set(rows[2])
+    assert (
+        "| few | dense | 1 | 77.0 % | 95.3 % |" in said
+        and "| few | 82.3 % | seq | GRU 12 | True | 10920 |" in said
+    )
 
 
 @pytest.mark.slow
