@@ -95,8 +95,16 @@ def library(corner: str) -> str:
     )
     for name, pin, value in (("tiehi", "L_HI", 1), ("tielo", "L_LO", 0)):
         text += _cell(name, 7.3, f'pin ({pin}) {{ direction : output; function : "{value}"; }}\n')
-    memory = _cell("ram", 9000, MEMORY, *map(_input, MEMORY_PINS)) if corner == "typ" else ""
-    return text + memory + "}\n"
+    return text + (_memory() if corner == "typ" else "") + "}\n"
+
+
+def _memory() -> str:
+    return _cell("ram", 9000, MEMORY, *map(_input, MEMORY_PINS))
+
+
+def memory_library() -> str:
+    """The memory in a file of its own, typical."""
+    return HEAD.format(corner="typ", voltage=1.2, temperature=25) + _memory() + "}\n"
 
 
 def liberty_files(process: str, folder: Path) -> list[Path]:
