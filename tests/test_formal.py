@@ -5,8 +5,10 @@ import pytest
 from formal import run
 from formal.proof import Proof
 
-SEEN = ["clock_gate", "stimulator_frames", "frame_guard"]
-GATE = {f"{proof.title} None": (proof.title, None) for proof in run.proofs(SEEN)}
+GATE = {
+    f"{proof.title} None": (proof.title, None)
+    for proof in run.proofs(["clock_gate", "stimulator_frames", "frame_guard"])
+}
 """Proofs that take up to a minute and see mutants that no test sees."""
 JOBS = run.jobs_of(run.proofs(quick=True)) | GATE
 

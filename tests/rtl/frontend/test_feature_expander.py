@@ -23,7 +23,7 @@ BLOCKS = {
     "pvdf": 2,
     "pvdf faults": 6,
     "synthetic faults": 1,
-    "two end together": 1,
+    "two taxels": 1,
     "fabric": 2,
     "band tracked": 1,
 }

@@ -39,8 +39,7 @@ def test_every_byte_for_every_electrode_is_that_of_the_table():
         model = StimulatorModel(LIMITS)
         for electrode in range(24):
             settings = [(17, 0x1234, 9, 255), LIMITS, [limit + 1 for limit in LIMITS]][electrode % 3]
-            written = dict(zip(SETTINGS, settings, strict=True))
-            put(ctx, dut, settings=written, electrode=electrode, request=1)
+            put(ctx, dut, settings=dict(zip(SETTINGS, settings, strict=True)), electrode=electrode, request=1)
             await run(1)
             put(ctx, dut, settings=dict.fromkeys(SETTINGS, 1))  # for the next burst
             taken = await run(159)
