@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -601,7 +601,9 @@ class Model:
             return replace(
                 fitting, labels=frames.labels, class_names=frames.class_names
             )  # maybe not the model's
-        sensor = self.config.sensor
+        sensor, array = self.config.sensor, cast(Any, frames)
+        if getattr(array, "ndim", 0) == 3 and array.shape[2] != sensor.taxels == array[0].size:
+            frames = [array]  # one recording of rows and columns
         if self.config.is_image:
             images = array_of(frames, "images", "give images of one size, (images, height, width)")
             images = images[None] if images.ndim == 2 else images

@@ -26,6 +26,7 @@ from eskin.golden.core import (
     check_target,
     write_json,
 )
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.pages.views import Rows, parts, terminal_table, words
 from eskin.verbs.milestones import shown
@@ -160,7 +161,13 @@ def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration of --config, if given."""
 
     chosen = AcceleratorConfig.load(config) if config else None
-    return load_recordings(data, config=chosen), chosen
+    return load(data, config=chosen), chosen
+
+
+def load(data: str | Path, **options: Any) -> Recordings:
+    """`load_recordings` with its progress shown."""
+    with progress_bars() as report:
+        return load_recordings(data, progress=report, **options)
 
 
 def show(name: str, /, **values: Any) -> None:
@@ -206,4 +213,4 @@ def integer_model(folder: Path):
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration; those of another scale are brought to its codes, which is said."""
 
-    return for_model(load_recordings(data, config=config), config, warn)
+    return for_model(load(data, config=config), config, warn)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from eskin.cli.common import app, load_data, messages, recordings_for, show, show_text, warn
+from eskin.cli.common import app, load, load_data, messages, recordings_for, show, show_text, warn
 from eskin.data import Reading, load_recordings
 from eskin.data.archive import save_archive
 from eskin.data.fit import for_model
@@ -72,7 +72,7 @@ def convert(request: ConvertRequest) -> None:
         clock=request.clock,
         scale=scale,
     )
-    recordings = load_recordings(request.source, reading=reading)
+    recordings = load(request.source, reading=reading)
     if request.like is not None:
         if unit and recordings.unit and unit != recordings.unit:
             raise InputError(

@@ -50,6 +50,7 @@ def save_archive(recordings: Recordings, path: str | Path) -> None:
             "sample_rate_hz": np.array(recordings.sample_rate_hz),
             **({"lsb_volt": np.array(volt)} if volt else {}),
             **({"channel_names": np.array(recordings.channel_names)} if recordings.channel_names else {}),
+            **({"grid_shape": np.array(recordings.grid)} if recordings.grid else {}),
             # volt is what a reader takes for granted beside lsb_volt
             **({"unit": np.array(unit)} if unit != ("V" if volt else "") else {}),
         }

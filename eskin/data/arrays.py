@@ -21,6 +21,8 @@ SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
 LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
 CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
 """Names of the array of class names, in the order of preference."""
+MOST_SIDE, MOST_TAXELS = 32, 256
+"""Rows or columns of a grid at most, which the frames of a recording exceed, and its taxels."""
 
 
 @dataclass
@@ -76,7 +78,7 @@ def tables_of(root: Group, path: Path, reading: Reading, refuse: Refuse, *, alon
     else:
         tables = [] if alone and label in root.arrays else [*found.group_tables(root, (), {})]
     if not tables:
-        asked = f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) a recording)"
+        asked = f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) or (frames, rows, columns) a recording)"
         if reading.samples:
             asked = f"--samples {reading.samples}: names no array of samples"
         refuse(f"{asked}; it has {root.listed()}: name it with --samples")
@@ -99,7 +101,8 @@ class _Arrays:
 
     def table(self, part: np.ndarray, where: str, above: Names, attributes: Record,
               clock: tuple[str, np.ndarray] | None = None, **more: Any) -> Table:  # fmt: skip
-        """A table of an array (frames, taxels), and of its clock, if it has one, behind them."""
+        """A table of an array (frames, taxels) or (frames, rows, columns), and of its clock, if it has one, behind
+        them."""
         import pandas as pd
 
         frame = pd.DataFrame(part.reshape(len(part), -1))
@@ -110,13 +113,22 @@ class _Arrays:
             of_name = TIME.match(name)
             units = (*[""] * taxels, (of_name and of_name[1]) or ("s" if name.lower() == "seconds" else ""))
         frame.index += 1
-        return Table(frame, (), f"'{self.path}', {where}", path=above, attributes=attributes,
+        grid = part.shape[1:] if part.ndim == 3 else ()
+        if grid and (max(grid) > MOST_SIDE or taxels > MOST_TAXELS):
+            shape, size = (
+                " x ".join(map(str, part.shape)),
+                f"of up to {MOST_SIDE}, {MOST_TAXELS} taxels in all",
+            )
+            why = f"has shape {shape}; of three dimensions the first is the frames, then come rows and columns {size}"
+            fix = "put its axes in this order, and each recording in a file or array of its own"
+            self.refuse(f"{why}: {fix}", where)
+        return Table(frame, (), f"'{self.path}', {where}", path=above, attributes=attributes, grid=grid,
                      units=units, clock=taxels if clock else None, row_is="row", **more)  # fmt: skip
 
     # ------------------------------------------------------------------ an array of all recordings
     def array_tables(self, name: str, label: str) -> list[Table]:
         """Samples as cells of (frames, taxels), as (recordings, frames, taxels), or one after the other with
-        offsets; labels; class names. Every other array of one value a recording is an attribute."""
+        offsets, each also of rows and columns for taxels; labels; class names. Every other array of one value a recording is an attribute."""
         arrays, parts = self.root.arrays, self.parts(self.root.arrays[name], name)
         if label not in arrays:
             asked = (
@@ -141,7 +153,8 @@ class _Arrays:
                 self.refuse("is not a list of text", named)
             names = texts
         if named and values.dtype.kind != "U":
-            first = int(self.path.suffix.lower() == ".mat")  # MATLAB counts from 1
+            first = int(self.path.suffix.lower() == ".mat")  # MATLAB counts from 1, unless the numbers tell
+            first = 0 if not values.min() else 1 if values.max() == len(names) else first
             last = len(names) - 1 + first
             if values.min() < first or values.max() > last:
                 why = f"runs from {values.min()} to {values.max()} and there are {len(names)} class names"
@@ -163,21 +176,21 @@ class _Arrays:
     def parts(self, samples: np.ndarray, name: str) -> list[np.ndarray]:
         """The recordings, numbers (frames, taxels) each."""
         offsets = _vector(self.root.arrays.get("offsets", np.array(None)))
-        if samples.dtype == object or samples.ndim == 3:
-            parts = [
-                np.asarray(part) for part in (samples.reshape(-1) if samples.dtype == object else samples)
-            ]
-        elif samples.ndim == 2 and offsets is not None:
+        if samples.dtype == object:
+            parts = [np.asarray(part) for part in samples.reshape(-1)]
+        elif samples.ndim in (1, 2, 3) and offsets is not None:
             check_offsets(offsets, len(samples), lambda array, why: self.refuse(why, array))
             parts = np.split(samples, offsets[1:-1])
+        elif samples.ndim in (3, 4):
+            parts = [*samples]
         else:
             why = f"holds {samples.dtype} of shape {samples.shape}; give a cell array of (frames, taxels), numbers (recordings"
-            self.refuse(
-                f"{why}, frames, taxels), or one table and an array offsets that says where recordings begin",
-                name,
-            )
+            other = "one table and an array offsets that says where recordings begin"
+            self.refuse(f"{why}, frames, taxels), of one taxel (recordings, frames, 1), or {other}", name)
+        if all(part.size == max(part.shape, default=0) for part in parts):
+            parts = [part.reshape(-1, 1) for part in parts]  # of one taxel
         for number, part in enumerate(parts):
-            if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
+            if part.ndim not in (2, 3) or part.dtype.kind not in "fiu" or not part.size:
                 why = (
                     f"recording {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)"
                 )
@@ -203,7 +216,9 @@ class _Arrays:
             name: array.reshape(-1) for name, array in arrays.items() if array.size == max(array.shape)
         }
         chosen = [name for name in arrays if TIME.match(name) or self.asked("/".join((*above, name)))]
-        tables = {name: arrays[name] for name in chosen if name not in vectors and arrays[name].ndim == 2}
+        tables = {
+            name: arrays[name] for name in chosen if name not in vectors and arrays[name].ndim in (2, 3)
+        }
         clock = self.clock(tables, vectors, group, above) if tables else None
         for name, array in tables.items():
             path = (*above, name)
@@ -229,7 +244,7 @@ class _Arrays:
               above: Names) -> tuple[str, np.ndarray] | None:  # fmt: skip
         """The time of a group's tables, where a vector is called like it. Several sensors are refused: tables
         of one length that are not called alike, or a vector beside a table that is no clock."""
-        lengths, widths = ({array.shape[axis] for array in tables.values()} for axis in (0, 1))
+        lengths, widths = ({array.shape[part] for array in tables.values()} for part in (0, slice(1, None)))
         of_class = {*CLASS, str(self.reading.label).lower()}
         described = all(of_class & {*map(str.lower, group.of_arrays.get(name, ()))} for name in tables)
         alike = len({re.sub(r"\d+", "#", name) for name in tables}) == 1 and len(above) < 2
@@ -399,9 +414,9 @@ def _take(group: Group, name: str, array: np.ndarray) -> None:
 
 # ---------------------------------------------------------------------- .npy
 def read_npy(path: Path, refuse: Refuse) -> Group:
-    """The array of a file, called as it."""
+    """The array of a file."""
     root = Group()
-    root.take(path.stem, np.load(path, allow_pickle=False))
+    root.take("array", np.load(path, allow_pickle=False))
     return root
 
 

@@ -9,12 +9,12 @@ from typing import NoReturn
 from eskin.data.archive import load_archive
 from eskin.data.arrays import ARRAYS, tables_of
 from eskin.data.logs import is_log, read_log
-from eskin.data.meaning import understand
+from eskin.data.meaning import check_rate, understand
 from eskin.data.table import DataFrame, Reading, Refuse, Table, check_regular, check_unpacked, table_of
 from eskin.data.text import read_text
 from eskin.data.turns import scene_of, turn_recordings
 from eskin.extras import without_extra
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig, InputError, Progress
 from eskin.golden.core.groups import MOST_CLASSES
 from eskin.golden.data.recordings import Recordings, natural
 
@@ -25,13 +25,23 @@ FORMS = (
     "an .npz archive, a folder with sub-folders by class (.csv, .lvm, .parquet, .mat, .h5, .npy or logs), "
     "a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, ROS bag) or the word synthetic"
 )
+OTHERS = dict.fromkeys(
+    (".json", ".cbor"),
+    "files like those of Edge Impulse are not read; write each recording as CSV, a line of names and a row a frame, in "
+    "sub-folders by class, and give --rate 1000 / interval_ms",
+)
+"""What to do with endings of other tools."""
 
 SCENE = "synthetic"
 """The word for a made-up scene."""
 
 
 def load_recordings(
-    data: str | Path | DataFrame, *, config: AcceleratorConfig | None = None, reading: Reading | None = None
+    data: str | Path | DataFrame,
+    *,
+    config: AcceleratorConfig | None = None,
+    reading: Reading | None = None,
+    progress: Progress | None = None,
 ) -> Recordings:
     """The recordings that ``--data`` names (docs/recordings.md), or the word SCENE.
 
@@ -44,6 +54,8 @@ def load_recordings(
         ``synthetic`` (`eskin.data.turns`).
     reading:
         What is said about tables and arrays; None: everything is found out.
+    progress:
+        Called with (what, done, total) while files of a folder are read.
 
     Raises
     ------
@@ -66,7 +78,7 @@ def load_recordings(
             f"recordings '{path}': {asked} is for one log, a .mcap file or a ROS bag; leave it out"
         )
     try:
-        return _load(path, reading, config)
+        return _load(path, reading, config, progress)
     except ModuleNotFoundError as error:
         sentence = without_extra(error)
         if sentence is None:
@@ -77,17 +89,20 @@ def load_recordings(
         raise InputError(f"recordings '{path}': {why}") from None
 
 
-def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Recordings:
+def _load(
+    path: Path, reading: Reading, config: AcceleratorConfig | None, progress: Progress | None
+) -> Recordings:
     if not path.exists():
         raise InputError(f"recordings '{path}': is not there; give {FORMS}")
     if path.is_dir() and not is_log(path):
-        return _folder(path, reading, config)
+        return _folder(path, reading, config, progress)
     if path.suffix == ".npz":
         worth = config.sensor.volt_per_code or None if config else None
         return load_archive(path, reading.scale or worth, asked=reading.scale is not None)
     if _kind(path) is None:
+        fix = OTHERS.get(path.suffix.lower(), f"give {FORMS}")
         raise InputError(
-            f"recordings '{path}': ends in '{path.suffix}', which is not a format of recordings; give {FORMS}"
+            f"recordings '{path}': ends in '{path.suffix}', which is not a format of recordings; {fix}"
         )
     tables = open_file(path, reading, alone=True)
     if is_log(path):
@@ -164,7 +179,9 @@ def _files(folder: Path, levels: int = 8) -> list[Path]:
     return files
 
 
-def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) -> Recordings:
+def _folder(
+    folder: Path, reading: Reading, config: AcceleratorConfig | None, progress: Progress | None
+) -> Recordings:
     """A folder with a sub-folder a class: a file below is a recording, or parts itself into some; the levels
     between are groups.
 
@@ -175,21 +192,22 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     """
 
     def refuse(where: Path, why: str) -> NoReturn:
-        raise InputError(f"recordings '{where}': {why}; give {FORMS}")
+        others = [OTHERS[file.suffix.lower()] for file in files if file.suffix.lower() in OTHERS]
+        raise InputError(f"recordings '{where}': {why}; {others[0] if others else f'give {FORMS}'}")
 
     def found(files: list[Path]) -> str:
         counts = Counter(file.suffix.lower() or file.name for file in files)
         return ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common(6)) or "nothing"
 
+    files = _files(folder)
     class_folders = [entry for entry in _visible(folder) if entry.is_dir() and not is_log(entry)]
     if not class_folders:
-        refuse(folder, f"has no sub-folder (it holds {found(_files(folder))}), so no classes")
+        refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
     if len(class_folders) > MOST_CLASSES and reading.label is None:
         refuse(
             folder,
             f"has {len(class_folders)} sub-folders, one per class; a classifier has 2 to {MOST_CLASSES}",
         )
-    files = _files(folder)
     kept = [file for file in files if file.parent != folder and _kind(file)]
     holding = {file.relative_to(folder).parts[0] for file in kept}
     for each in class_folders:
@@ -198,11 +216,15 @@ def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) ->
     if len(set(map(_kind, kept))) > 1:
         refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")
     tables = []
-    for file in kept:
+    for done, file in enumerate(kept):
+        if progress is not None:
+            progress("files read", done, len(kept))
         tables_of_file, parts = open_file(file, reading), file.relative_to(folder).parts
         for table in tables_of_file:
             inner = table.path if len(tables_of_file) > 1 else ()
             tables.append(replace(table, path=(*parts, *inner)))
+        if not done and config is None:
+            check_rate(tables, reading)
     left = len(files) - len(kept)
     notes = [f"{left} files that are not recordings were left out"] if left else []
     return understand(tables, reading, config, str(folder), notes=notes)

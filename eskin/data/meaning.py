@@ -7,6 +7,7 @@ class or the time of recording. The interpretation is recorded in ``Recordings.n
 """
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -33,6 +34,8 @@ _LETTERS = {"p": "person", "t": "trial", "s": "session"}
 """Group names for a letter before a number in a file's name."""
 _CALLED_AS_GROUP = re.compile(rf"(?:{'|'.join((*_LETTERS, *_GROUPS))})[ _-]?\d+", re.I)
 _LIKE_RATE = re.compile(r"(?:\b|_|sampl\w*?|frame)(?:rate|freq(?:uency)?|k?hz|fps|odr|fs)(?:\b|_)", re.I)
+_GLUED = re.compile(r"(?:[^\W\d]|:).*[\s>\])|=;]\s*[-+]?\d[\d.]*$")
+"""A number behind a text, in one cell."""
 RATE = re.compile(
     r"fs|fps|odr|(?:sampl\w*?|frame)?[_ ]?(?:rate|(?<=.)freq\w*)(?:[_ (\[]*hz[)\]]?)?|sampl\w*?[_ (\[]*hz[)\]]?",
     re.I,
@@ -86,6 +89,9 @@ def understand(
         "sample_rate_hz": np.array(rate),
         "unit": np.array(units or (said.pop() if len(said) == 1 else "")),
     }
+    if table.grid and np.prod(table.grid) == len(taxels):
+        arrays["grid_shape"] = np.array(table.grid)
+        notes = [f"taxels are {' x '.join(map(str, table.grid))} rows and columns, row by row", *notes]
     if of_one_file and table.class_names:
         arrays["class_names"] = np.array(table.class_names)
     if table.names:
@@ -96,12 +102,25 @@ def understand(
     return recordings_of(arrays, source, groups=found.groups, scale=scale, asked=asked, notes=told)
 
 
+def check_rate(tables: Sequence[Table], reading: Reading) -> None:
+    """Raise InputError where the first file of many tells that there is no rate, before the others are read."""
+    found = _Meaning(tables[:1], reading)
+    try:
+        found.part(of_one_file=False)
+        found.taxels()
+    except InputError:
+        return  # all files together may be understood
+    if found.time is None and len(found.table.frame) > LEAST_STEPS:
+        found.rate(None)
+
+
 class _Meaning:
     """Interpretation of a table so far.
 
     chosen: the columns of --columns. time: the column of the clock. taken: the columns that say recording and
     class. starts: the first row of each recording. labels: the class of each. groups: what recordings have in
-    common. rates: frames a second that columns and attributes say, and what says them.
+    common. series: how many names differ only by their numbers. rates: frames a second that columns and attributes
+    say, and what says them.
     """
 
     def __init__(self, tables: Sequence[Table], reading: Reading) -> None:
@@ -115,6 +134,7 @@ class _Meaning:
         every = [table.attributes for table in tables]
         self.attributes = [name for name in every[0] if all(name in each for each in every)]
         self.on_path = all(len(path) > 1 for path in self.paths)
+        self.series = Counter(re.sub(r"\d+", "#", name.lower()) for name in self.table.names)
         self.chosen = self._chosen()
         self.time = self._clock()
 
@@ -141,12 +161,17 @@ class _Meaning:
                 columns += [column for column in range(first, last + 1) if column in table.frame]
             else:
                 columns.append(table.find(word, "--columns"))
+        if table.clock in columns:  # a stamp in front of the samples is a column behind them
+            table.refuse(
+                f"--columns: {table.called(table.clock)} is time; the taxels are numbered without it"
+            )
         return columns
 
     def _named(self, words: Sequence[str]) -> list[int]:
         """Columns that are called by one of ``words``, in the words' order, and are no chosen taxels."""
         names = [name.lower() for name in self.table.names]
-        return [names.index(word) for word in words if word in names and names.index(word) not in self.chosen]
+        columns = [names.index(word) for word in words if word in names]
+        return [column for column in columns if column in self.table.frame and column not in self.chosen]
 
     def _clock(self) -> int | None:
         """The time column by the source's form or by name; text such as 2026-05-01T12:00:00.25 becomes a
@@ -166,9 +191,10 @@ class _Meaning:
     def _class(self) -> int | str | None:
         """Source of the class: a column, an attribute by its name, or None, the first level of the path."""
         table, asked = self.table, self.reading.label
-        there = ", ".join((*self.attributes, *table.names))[:300] or "no header, so no names"
+        there = ", ".join((*self.attributes, *table.names))[:300]
+        there = there or f"no header: give the number of a column, 1 to {table.width}"
         if asked is not None:
-            if self.attributes and asked not in (*self.attributes, *table.names):
+            if self.attributes and not asked.isdecimal() and asked not in (*self.attributes, *table.names):
                 fields = f"of a struct or group name a field, as in {asked[:40]}.label"
                 table.refuse(
                     f"--class {asked[:40]}: is not an attribute or column; there are {there}; {fields}"
@@ -201,7 +227,7 @@ class _Meaning:
         breaks = [] if named else self._breaks()
         if not named and not breaks and isinstance(label, int) and len(self.tables) == 1:
             why = f"has no column that names the recording of a row ({', '.join(_RECORDING[:4])}, ...)"
-            table.refuse(f"{why}; name it with --recording", 0)
+            table.refuse(f"{why}; give its name, or its number from 1, with --recording", 0)
         self.taken = [each for each in (*named, label) if isinstance(each, int)]
         changes = [row for column in named for row in self._changes(column).tolist()]
         self.starts = np.array(sorted({*table.firsts, *breaks, *changes}))
@@ -293,12 +319,15 @@ class _Meaning:
     def taxels(self) -> list[int]:
         """The taxels. Every other column is time, a group or left out, which is said."""
         table, taxels = self.table, [*self.chosen]
+        empty = [column for column in range(table.width) if column not in table.frame]
         for column in self._named(_GROUPS) if self.chosen else table.frame:
             if column == self.time or column in self.taken:
                 continue
             called, (role, why) = table.called(column), self._role(column)
-            if role == "refused":
-                table.refuse(f"{called} {why}, so is not a taxel; choose the taxels with --columns", 0)
+            if role == "empty":
+                empty.append(column)
+            elif role == "refused":
+                table.refuse(f"{called} {why}", 0)
             elif role == "time":
                 self.time = column
             elif role == "left out":
@@ -311,6 +340,9 @@ class _Meaning:
                 self._group(table.names[column], self.fact(column), called, why)
             elif not (self._inside(column).size or table.is_missing(column).any()):
                 self._group(table.names[column], self.fact(column), called)
+        if empty and not self.chosen:
+            more = f", as are {len(empty) - 1} more columns" * (len(empty) > 1)
+            self.notes.append(f"{table.called(min(empty))} is empty and was left out{more}")
         if not taxels:
             table.refuse(
                 "has no column left for taxels; choose them with --columns, or what separates them with --delimiter"
@@ -331,7 +363,7 @@ class _Meaning:
         """Role of a column (group, taxel, time, left out, refused), by the first rule that fits, and the
         reason."""
         table = self.table
-        name, *names = (name.lower() for name in (table.names[column], *table.names)) if table.names else [""]
+        names, name = table.names, table.names[column].lower() if table.names else ""
         if name in _GROUPS:
             return "group", ""
         text = table.is_text(column)
@@ -339,16 +371,19 @@ class _Meaning:
         course, same = _course(values, self.starts), not text and bool((values == values[0]).all())
         level, runs = course == "level", course in ("up", "down")
         said = name in (*_RECORDING, *CLASS, *_CLASS_TOO)
-        series = [re.sub(r"\d+", "#", each) for each in (name, *names)]
-        in_series = "#" in series[0] and series.count(series[0]) > 2
+        series = re.sub(r"\d+", "#", name)
+        in_series = series != name and self.series[series] > 1
         is_rate = level and not text and _LIKE_RATE.search(name)
         if is_rate and same and values[0] > 0 and RATE.fullmatch(name):
             self.rates.append((float(values[0]), "a column that is called like it"))
         is_clock = (
             runs and not names and column == 0 and self.time is None and np.median(np.diff(values)) != 1
         )
+        choose = f"choose the taxels with --columns, or the class with --class {column + 1}"
+        fix = "separate them, or choose the taxels with --columns"
         rules = (
-            (text and not any(table.frame[column]), "left out", "is empty"),
+            (text and not table.frame[column].astype(bool).any(), "empty", ""),
+            (runs and text and _GLUED.search(str(table.frame[column].iloc[0])), "refused", f"holds a number behind a text; {fix}"),
             (TIME.match(name), "left out", "is time, too,"),
             (said and level, "group", "describes a recording"),
             (said, "left out", "changes inside recordings, so is not a group"),
@@ -358,7 +393,7 @@ class _Meaning:
             (level and names, "group", "has one value in each recording and is a group"),
             (is_clock, "time", ""),
             (runs, "left out", "increases like a time or numbers the rows"),
-            (level, "refused", "has one value in each recording"),
+            (level, "refused", f"has one value in each recording, so is not a taxel; {choose}"),
             (True, "taxel", ""),
         )  # fmt: skip
         return next((role, why) for fits, role, why in rules if fits)

@@ -52,12 +52,13 @@ class Reading:
 class Table:
     """Rows of one source, or of several, one after the other.
 
-    frame: the cells; a column is called by its number in the source, from 0, and a row by its line, from 1. names:
-    the header, empty without one. source: what it is called in messages, in quotation marks. path: the class's
-    folder, levels between, file. attributes: values that hold for all rows. breaks: rows before which the source
-    itself has a blank line or a new head. units: of each column. clock: the time column, where the source's form
-    says it. class_names: the classes in order, where the source lists them. parts, firsts: of several sources the
-    tables, and the first row of each; source, path and attributes are then those of the first.
+    frame: the cells; a column is called by its number in the source, from 0, and a row by its line, from 1; columns that
+    are empty may be missing. width: the columns of the source. names: the header, empty without one. source: what it is
+    called in messages, in quotation marks. path: the class's folder, levels between, file. attributes: values that hold
+    for all rows. breaks: rows before which the source itself has a blank line or a new head. units: of each column.
+    clock: the time column, and grid: rows and columns of the taxels, where the source's form says them. class_names: the
+    classes in order, where the source lists them. parts, firsts: of several sources the tables, and the first row of
+    each; source, path and attributes are then those of the first.
     """
 
     frame: DataFrame
@@ -73,6 +74,11 @@ class Table:
     row_is: str = "line"
     class_names: Names = ()
     notes: Names = ()
+    width: int = 0
+    grid: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "width", self.width or self.frame.shape[1])
 
     @classmethod
     def joined(cls, tables: Sequence[Table]) -> Table:
@@ -88,9 +94,11 @@ class Table:
         first = tables[0]
         called = f"'{'/'.join(first.path)}'" if first.path else first.source
         for table in tables[1:]:
-            count, expected = table.frame.shape[1], first.frame.shape[1]
-            if count != expected:
-                table.refuse(f"has {count} columns where {called} has {expected}; all files must agree")
+            if table.width != first.width:
+                why = f"has {table.width} columns where {called} has {first.width}; all files must agree"
+                table.refuse(why)
+            if table.grid != first.grid:
+                table.refuse(f"is a grid {table.grid} where {called} is {first.grid}; all files must agree")
             if table.header() != first.header():
                 table.refuse(
                     f"its column names differ from those of {called}; give all files the same header"
@@ -98,7 +106,7 @@ class Table:
         firsts = np.cumsum([0, *(len(table.frame) for table in tables[:-1])]).tolist()
         return replace(
             first,
-            frame=pd.concat([table.frame.set_axis(first.frame.columns, axis=1) for table in tables]),
+            frame=pd.concat([table.frame for table in tables]).sort_index(axis=1),
             parts=tuple(tables),
             firsts=tuple(firsts),
             breaks=tuple(at + row for at, table in zip(firsts, tables, strict=True) for row in table.breaks),
@@ -112,7 +120,7 @@ class Table:
 
     def header(self) -> list[str]:
         """The columns' names; how a table calls its time may differ."""
-        return [TIME.sub("time", self.names[column]) for column in self.frame] if self.names else []
+        return [TIME.sub("time", name) for name in self.names]
 
     def units_of(self, columns: Sequence[int]) -> list[str]:
         """The unit of each column, or the one of all: as the source says it, or behind their names as in
@@ -154,13 +162,16 @@ class Table:
 
     def find(self, name: str, option: str) -> int:
         """The column that an option names, by its name or by its number from 1."""
-        if self.names.count(name) == 1:
+        if self.names.count(name) == 1 and self.names.index(name) in self.frame:
             return self.names.index(name)
         if re.fullmatch(r"\d{1,9}", name) and int(name) - 1 in self.frame:
             return int(name) - 1
-        there = ", ".join(self.names[:12]) or f"numbers 1..{self.frame.shape[1]}"
+        there = ", ".join(self.names[:12]) or f"numbers 1..{self.width}"
         several = "has several columns of that name; give a number from 1"
-        why = several if name in self.names else f"has no such column; it has {there}"
+        no_such = (
+            "has nothing in that column" if name in self.names else f"has no such column; it has {there}"
+        )
+        why = several if self.names.count(name) > 1 else no_such
         self.refuse(f"{option} {name[:40]}: the file {why}")
 
     def parsed(self, column: int) -> np.ndarray:

@@ -30,6 +30,19 @@ _HEAD = re.compile(
     r"(?:\A(?![-+\d\s])|^LabVIEW Measurement|^Channels\b).*?^\s*\*\*\*End_of_Header\*\*\*[^\n]*", re.M | re.S
 )
 """LabVIEW's head, of a file and of each segment."""
+_DATE = (
+    r"(?:[A-Za-z]{3},? +)?(?:[A-Za-z]{3} +\d{1,2}|\d{1,4}([-/.])(?:\d{1,2}|[A-Za-z]{3})\1\d{1,4})[T,;\t ]\s*"
+)
+_DAY = (
+    r"(?=(\d{1,2}:\d\d:\d\d(?:\.\d+|[,.]\d{3}(?=[;\s\])>]|->))?))\2(?: ?[AaPp][Mm])?(?:Z|[-+]\d\d:?\d\d\b)?"
+)
+_COUNT = r"(\d+(?:\.\d+)?)(?: ?s)?(?= *[\])]|\s*(?:[-=]*>|:\s))"
+_STAMP = re.compile(
+    rf"\s*[\[(<]? *(?:(?:{_DATE})?{_DAY}(?![\w.]|:\d)(?: \d{{4}}(?= *\]))?|{_COUNT})"
+    r" *[\])]?(?:\s*(?:[-=]*>|[:-](?=\s))\s*| *[,;\t]? *)"
+)
+"""What a serial monitor puts in front of a line, up to the samples: a time of day, which a date may precede, or in
+brackets or before an arrow a number."""
 
 
 def read_text(path: Path, reading: Reading) -> Table:
@@ -50,13 +63,13 @@ def read_text(path: Path, reading: Reading) -> Table:
     file = _File(path, reading.delimiter)
     names, units = file.header()
     comma = file.decimal_comma()
-    width, most = file.width(len(names))
+    width, most, filled = file.width(len(names))
     frame = pd.read_csv(
         StringIO("\n".join(file.lines[row] for row in file.rows)),
         sep=r"\s+" if file.delimiter == " " else file.delimiter,
         header=None,
         names=range(most),
-        usecols=range(width),
+        usecols=filled,
         index_col=False,
         keep_default_na=False,
         na_values=[],
@@ -77,8 +90,17 @@ def read_text(path: Path, reading: Reading) -> Table:
     if len(frame) > 1 and np.diff([0, *breaks, len(frame)]).max() < 2:
         breaks = []
     table = Table(
-        frame, names[:width], f"'{path}'", breaks=tuple(breaks), units=units[:width], notes=tuple(file.notes)
+        frame,
+        names[:width],
+        f"'{path}'",
+        breaks=tuple(breaks),
+        units=units[:width],
+        notes=tuple(file.notes),
+        width=width,
     )
+    if file.stamps:
+        frame[width] = file.clock()
+        table = replace(table, names=(*table.names, "time") if names else (), clock=width, width=width + 1)
     return _of_labview(table, file) if file.lvm else table
 
 
@@ -86,7 +108,7 @@ class _File:
     """Lines of a file, and the form that was found of them.
 
     rows: the places of lines that are frames, at first the header's, too. breaks: places that part the rows.
-    heads: LabVIEW's fields of each segment, the first with those of the file.
+    heads: LabVIEW's fields of each segment, the first with those of the file. stamps: a serial monitor's, of lines.
     """
 
     def __init__(self, path: Path, asked: str | None) -> None:
@@ -98,6 +120,7 @@ class _File:
         if excel:
             self.lines[0], asked = "", asked or excel[1]
         self.heads, self.breaks = self._without_heads() if self.lvm else ([{}], [])
+        self.stamps = {} if self.lvm else self._stamps()
         self.rows = self._rows()
         if asked is None and self.heads[0].get("Separator"):
             asked = {"Comma": ",", "Semicolon": ";"}.get(self.heads[0]["Separator"][0], "\t")
@@ -139,6 +162,27 @@ class _File:
         self.lines = _HEAD.sub(lambda match: "\n" * match[0].count("\n"), text).split("\n")
         return heads or [{}], ends
 
+    def _stamps(self) -> dict[int, re.Match[str]]:
+        """The stamps of a serial monitor by their lines, which lose them; none where most lines have none."""
+        stamps = {row: match for row, line in enumerate(self.lines) if (match := _STAMP.match(line))}
+        if 2 * len(stamps) <= sum(bool(line.strip()) for line in self.lines):
+            return {}
+        for row, match in stamps.items():
+            self.lines[row] = match.string[match.end() :]
+        return stamps
+
+    def clock(self) -> np.ndarray:
+        """The time of each row by its stamp, in seconds or in a unit that is not said; times of day go on after twelve
+        hours."""
+        odd = next((row for row in self.rows if row not in self.stamps), None)
+        if odd is not None:
+            self.refuse("has no time stamp where other lines have one; repair or remove the line", odd)
+        texts = [(self.stamps[row][2] or self.stamps[row][3]).replace(",", ".") for row in self.rows]
+        times = np.array([[float(part) for part in text.split(":")] for text in texts])
+        if times.shape[1] == 1:
+            return times[:, 0]
+        return np.unwrap(times @ [3600, 60, 1], period=12 * 3600)
+
     def _rows(self) -> list[int]:
         """The lines that hold something; comments above them, and titles of later segments, are left out."""
         rows: list[int] = []
@@ -171,7 +215,7 @@ class _File:
         """The cells of rows; text in quotation marks is one cell."""
         lines = (self.lines[row].rstrip(" \r") for row in rows)
         for cells in csv.reader(lines, delimiter=delimiter, skipinitialspace=True, quoting=self.quoting):
-            yield [cell.strip() for cell in cells]
+            yield [cell and cell.strip() for cell in cells]
 
     def _found(self, asked: str | None) -> str:
         """Separator of the cells: the one that splits most lines alike, into the largest share of numbers;
@@ -194,7 +238,10 @@ class _File:
             return (1 + _numeric(filled)) / (1 + len(filled))
 
         best = max(DELIMITERS, key=share_of_numbers)
-        if not share_of_numbers(best):
+        alone = not share_of_numbers(best)
+        if alone and all(NUMBER.fullmatch(self.lines[row].strip()) for row in shown[-1:] + shown[1:]):
+            return ","  # one taxel
+        if alone:
             why = "is one column when it is split at commas, semicolons, tabs or blanks"
             self.refuse(f"{why}; name what separates its cells with --delimiter", shown[0])
         if self.lvm and best == "," and not any("." in self.lines[row] for row in shown):
@@ -206,6 +253,8 @@ class _File:
     def header(self) -> tuple[Names, Names]:
         """Names and units of the columns; their lines no longer count as rows."""
         first, *rest = self._cells(self.delimiter, self.rows[:3])
+        if self.stamps and rest:
+            first = first[-len(rest[0]) :]  # the line had names for the stamps, too
         numbers = [cell for cell in first if NUMBER.fullmatch(cell)]
         counts = len(numbers) > 2 and numbers in (
             [*map(str, range(start, start + len(numbers)))] for start in (0, 1)
@@ -241,9 +290,9 @@ class _File:
             self.refuse(f"'{found[0]}' may have a decimal comma or separators of thousands; {fix}", row)
         return bool(found)
 
-    def width(self, names: int) -> tuple[int, int]:
-        """The cells of every row, and the most that one has: empty ones more, and in LabVIEW's form remarks
-        behind the numbers, are left out. A last row with fewer is dropped."""
+    def width(self, names: int) -> tuple[int, int, list[int]]:
+        """The cells of every row, the most that one has, and the columns that are not empty: empty cells more, and in
+        LabVIEW's form remarks behind the numbers, are left out. A last row with fewer is dropped."""
         first = next(self._cells(self.delimiter, self.rows))
         width = names or len(first)
         if self.lvm:
@@ -251,10 +300,11 @@ class _File:
             if 0 < names < width:
                 fix = "name every column in the line above it, or remove that line"
                 self.refuse(f"has {width} numbers where the header has {names} names; {fix}", self.rows[0])
-        most = 0
+        most, filled = 0, {0}  # LabVIEW's time may be blank
         remarks, last = 0, self.rows[-1]
         for row, cells in zip([*self.rows], self._cells(self.delimiter, self.rows), strict=True):
             most = max(most, len(cells))
+            filled |= {column for column, cell in enumerate(cells[:width]) if cell}
             while len(cells) > width and not cells[-1]:
                 cells.pop()
             if self.lvm and len(cells) > width and not NUMBER.fullmatch(cells[width]):
@@ -267,7 +317,7 @@ class _File:
                 self.refuse(f"has {len(cells)} cells where {of} has {width}; {fix}", row)
         if remarks:
             self.notes.append(f"remarks behind {remarks} rows of '{self.path.name}' were left out")
-        return width, most
+        return width, most, sorted(filled)
 
 
 def _of_labview(table: Table, file: _File) -> Table:
@@ -287,9 +337,10 @@ def _of_labview(table: Table, file: _File) -> Table:
         table.check_filled(0)
     unit = next((cell for cell in file.heads[0].get("Y_Unit_Label", []) if cell), "V")
     unit = "V" if unit.lower() in ("volts", "volt", "v") else unit
-    names = table.names or ("x_value", *[""] * (table.frame.shape[1] - 1))
+    names = table.names or ("x_value", *[""] * (table.width - 1))
     units = table.units or tuple("s" if name.lower().startswith("x_value") else unit for name in names)
-    return replace(table, frame=frame, units=units, clock=0 if 0 in frame else None, attributes=rate)
+    return replace(table, frame=frame, units=units, clock=0 if 0 in frame else None,
+                   attributes=rate, width=frame.shape[1])  # fmt: skip
 
 
 # ---------------------------------------------------------------------- cells

@@ -269,7 +269,8 @@ def watch(
     """
     config, controls = model.config, Controls()
     numbers = [] if recordings is None else in_turn(recordings)
-    shape = (config.interface.rows, config.interface.columns) if config.interface.position else None
+    shape = recordings.grid if recordings is not None and recordings.grid else None
+    shape = (config.interface.rows, config.interface.columns) if config.interface.position else shape
     drawn = {"shape": list(shape or guessed_shape(config.sensor.taxels)), "guessed": shape is None}
     with opened_source(request, model, recordings is not None, baud) as source:
         greeting = hello(config, recordings, numbers, source=source.kind, **drawn)

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -139,13 +140,13 @@ class _Steps:
         self.request, self.console, self.begin = request, console, time.perf_counter()
         self.timings: list[Record] = []
         config = AcceleratorConfig.load(request.config) if request.config else None
-        with self.progress("recordings"):
-            self.recordings = loaded = load_recordings(request.data, config=config)
+        with self.progress("recordings") as notify:
+            self.recordings = loaded = load_recordings(request.data, config=config, progress=notify)
             check_units(request.cell, request.hidden)
             self.prices = cost_model(request.prefer, request.fits)
             self.panel = panel_of(loaded, request.stress)
         with self.progress("configuration") as notify:
-            held = load_recordings(request.test, config=config) if request.test else None
+            held = load_recordings(request.test, config=config, progress=notify) if request.test else None
             if held is not None:
                 check_alike(held, loaded)
                 held = held.with_classes(loaded.class_names, f"--data {loaded.source}")

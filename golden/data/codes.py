@@ -14,6 +14,9 @@ MOST_CLIPPED = 0.01
 UNEVEN = 8.0
 """Largest ratio of the ranges of kinds of columns that one scale serves; beyond it each kind needs its
 own."""
+APART, NOISE, MOST_DEAD = 32.0, 16.0, 1 / 3
+"""Of columns without names that tell their kind: smallest ratio of the ranges of two kinds, below which one scale leaves
+the smaller one 500 codes; highest range of noise in medians of its steps; highest share of dead taxels."""
 Worth = float | tuple[float, ...]
 """Value of one code: one for all taxels, or one for each."""
 FEW_CODES = 16
@@ -58,15 +61,30 @@ def in_words(worth: Worth) -> str:
     return " to ".join(f"{value:.6g}" for value in sorted({float(np.min(worth)), float(np.max(worth))}))
 
 
-def scale_a_kind(values: np.ndarray, kinds: Sequence[str], top: int) -> tuple[float, ...] | None:
+def scale_a_kind(values: np.ndarray, kinds: Sequence[str | int], top: int) -> tuple[float, ...] | None:
     """A scale for each column, equal for columns of one kind. None if all columns are of one kind, or if the
-    largest values of the kinds differ by a factor of UNEVEN at most."""
+    largest values of the kinds differ by a factor of UNEVEN at most. Without kinds they are told by their ranges."""
     largest = np.abs(values).max(axis=0)
+    kinds = kinds or _kinds_by_range(values, largest)
     of_kind = {kind: max(largest[[kind == other for other in kinds]]) for kind in kinds}
     moving = [value for value in of_kind.values() if value > 1e-300]
     if len(moving) < 2 or max(moving) <= UNEVEN * min(moving):
         return None
     return tuple(round_step(HEADROOM * (of_kind[kind] or max(moving)), top) for kind in kinds)
+
+
+def _kinds_by_range(values: np.ndarray, largest: np.ndarray) -> list[int]:
+    """Kinds of columns that nothing names: sorted by their largest value, those above a step of APART or more are of
+    another kind. Columns of noise alone, MOST_DEAD of all at most, are dead taxels, of the kind above them."""
+    order = np.argsort(largest)
+    kinds = np.zeros(len(order), dtype=int)
+    kinds[order[1:]] = np.cumsum(largest[order[1:]] > APART * largest[order[:-1]])
+    steps = np.abs(np.diff(values[:100_000], axis=0, prepend=values[:1]))
+    noise = np.ptp(values, axis=0) <= NOISE * np.median(steps, axis=0)
+    for kind in range(kinds.max()):
+        if noise[kinds == kind].all() and (kinds == kind).mean() <= MOST_DEAD:
+            kinds[kinds == kind] = kind + 1
+    return kinds.tolist()
 
 
 def to_codes(
@@ -128,7 +146,7 @@ def to_codes(
         if largest < 1e-300:
             raise InputError(f"{source}: every sample is 0; nothing can be scaled")
         scale = scale_a_kind(values, kinds, bounds.max_code)
-        origin = f"twice the largest value of each of {len(set(kinds))} kinds of column fits 16 bits"
+        origin = "twice the largest value of each kind of column fits 16 bits"
         if scale is None:
             scale = round_step(HEADROOM * largest, bounds.max_code)
             origin = f"twice the largest value of {largest:.6g} fits 16 bits"

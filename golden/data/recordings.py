@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,7 +29,7 @@ ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz
 IMAGE_ARRAYS = ("images", "labels", "class_names")
 """The arrays that an archive of images must hold."""
 
-NOT_GROUPS = (*ARCHIVE_ARRAYS, "channel_names", "lsb_volt", "sample_rate_is_inferred", "images")
+NOT_GROUPS = (*ARCHIVE_ARRAYS, "channel_names", "grid_shape", "lsb_volt", "sample_rate_is_inferred", "images")
 """Arrays that are never a group, whatever their length."""
 
 MOST_NAMES = 1 << 12
@@ -74,6 +75,8 @@ class Recordings:
         the frames, from the top.
     channel_names:
         Names of the taxels in the source; may be empty.
+    grid:
+        Rows and columns of the taxels, taxel = row x columns + column; () where the source does not say it.
     scan_every:
         N: these frames are the first of every N of the source (`scanned`).
     """
@@ -93,6 +96,7 @@ class Recordings:
     image_shape: tuple[int, int] | None = None
     channel_names: tuple[str, ...] = ()
     scan_every: int = 1
+    grid: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Rename groups that have a name of one of the archive's own arrays: a group called labels would
@@ -135,7 +139,8 @@ class Recordings:
         ----------
         arrays:
             One recording (frames, taxels), or several: a list of such, or an array (recordings, frames,
-            taxels). Integers are A/D codes.
+            taxels). In lists, and in arrays of four dimensions, taxels may also be rows and columns. Of one taxel
+            also (frames,), with as many labels as a list has arrays. Integers are A/D codes.
         labels:
             The class of each, by index or by name; None: all are 0.
         sample_rate_hz:
@@ -152,13 +157,13 @@ class Recordings:
         InputError
             The arrays break a rule of recordings archives.
         """
-        parts = _parts(arrays, source)
+        parts = _parts(arrays, source, 0 if labels is None else np.size(labels))
         for number, part in enumerate(parts):
-            if part.ndim != 2 or part.shape[1] != parts[0].shape[1] or not len(part):
+            if part.ndim not in (1, 2, 3) or part.shape[1:] != parts[0].shape[1:] or not len(part):
                 shape = f"(frames, {parts[0].shape[1]})" if parts[0].ndim == 2 else "(frames, taxels)"
                 raise InputError(
                     f"{source}: array {number} has shape {part.shape}; every recording is an array {shape} "
-                    "with a frame at least"
+                    "with a frame at least, or all are (frames, rows, columns) of one size"
                 )
             if part.dtype.kind not in "iuf":  # numpy would not join them, or make numbers of them
                 raise InputError(
@@ -310,20 +315,25 @@ class Recordings:
         return np.sort(np.concatenate(chosen))
 
 
-def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndarray]:
-    """Recordings from an argument: one recording, or several."""
+def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str, labels: int) -> list[np.ndarray]:
+    """Recordings from an argument: one recording, or several. ``labels``: how many there are."""
+    sequence: Any = arrays
     try:
-        sequence: Any = arrays
-        if not hasattr(arrays, "ndim") and len(sequence) > 0 and np.ndim(sequence[0]) == 2:
-            return [np.asarray(part) for part in sequence]
+        if not hasattr(arrays, "ndim") and len(sequence) > 0:
+            vectors = all(getattr(part, "ndim", 0) == 1 for part in sequence)
+            of_one = vectors and (labels == len(sequence) or len({*map(len, sequence)}) > 1)  # taxel
+            if of_one or np.ndim(sequence[0]) in (2, 3):
+                return [np.asarray(part) for part in sequence]
         whole = np.asarray(arrays)
     except (TypeError, ValueError, KeyError):  # no sequence, or rows of several lengths
-        kind = type(arrays).__name__
+        whole = np.zeros(1, dtype=object)
+    if whole.dtype == object or not whole.ndim:
+        kind = type(arrays).__name__ + " of objects" * hasattr(arrays, "ndim")
         raise InputError(
             f"{source}: {kind} is not an array of numbers; give an array (frames, taxels), or a list of such "
             "arrays"
-        ) from None
-    return list(whole) if whole.ndim == 3 else [whole]
+        )
+    return list(whole) if whole.ndim > 2 else [whole]
 
 
 def recordings_of(
@@ -365,6 +375,10 @@ def recordings_of(
         if name not in arrays:
             refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
 
+    if arrays["samples"].ndim in (1, 3):
+        frames, *grid = arrays["samples"].shape
+        flat = arrays["samples"].reshape(frames, math.prod(grid))
+        arrays = arrays | {"samples": flat, "grid_shape": np.array(grid)}
     samples, volt, scaling = _samples(arrays, source, scale, asked, refuse)
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
@@ -391,6 +405,7 @@ def recordings_of(
         volt_per_code=volt,
         unit=_unit(arrays),
         channel_names=_channel_names(arrays, samples.shape[1]),
+        grid=_grid(arrays, samples.shape[1], refuse),
         sample_bits=bits,
         sample_signed=signed,
         notes=(*notes, *scaling),
@@ -408,7 +423,9 @@ def _samples(
             f"holds {samples.dtype}, not numbers; save A/D codes as integers, or real samples as floats",
         )
     if samples.ndim != 2 or samples.shape[1] < 1:
-        refuse("samples", f"has shape {samples.shape}; it must be (frames, taxels)")
+        refuse(
+            "samples", f"has shape {samples.shape}; it must be (frames, taxels), or (frames, rows, columns)"
+        )
     if not len(samples):
         refuse("samples", "holds no frame; an archive needs at least one recording")
     volt = _worth(arrays["lsb_volt"], samples.shape[1]) if "lsb_volt" in arrays else 0.0
@@ -466,6 +483,16 @@ def _channel_names(arrays: Arrays, taxels: int) -> tuple[str, ...]:
     return tuple(map(str, named.tolist())) if named.shape == (taxels,) and named.dtype.kind == "U" else ()
 
 
+def _grid(arrays: Arrays, taxels: int, refuse: Refuse) -> tuple[int, ...]:
+    """Rows and columns of the taxels; () without the array grid_shape."""
+    grid = arrays.get("grid_shape", np.zeros(0, dtype=int))
+    if grid.size and (
+        grid.shape != (2,) or grid.dtype.kind not in "iu" or grid.min() < 1 or grid.prod() != taxels
+    ):
+        refuse("grid_shape", f"is {grid.tolist()}; give rows and columns of {taxels} taxels, or leave it out")
+    return tuple(grid.tolist())
+
+
 def _unit(arrays: Arrays) -> str:
     """The unit of the samples: the text of the array unit, or the texts of all taxels joined by UNITS if they
     differ. Without that array: volt if there is lsb_volt, otherwise ""."""
@@ -478,14 +505,17 @@ def _unit(arrays: Arrays) -> str:
 
 def _kinds(arrays: Arrays, taxels: int) -> list[str]:
     """The kind of each taxel: its unit if units differ; otherwise its name without the number or the axis at
-    its end, if some taxels then share a name; otherwise an empty list."""
+    its end, if some taxels then share a name that says something; otherwise an empty list."""
     units = _unit(arrays).split(UNITS)
     if len(units) == taxels > 1:
         return units
     names = [re.sub(r"[\W_]*(\d+|[xyzXYZ])$", "", name) for name in _channel_names(arrays, taxels)]
-    return names if len(set(names)) < len(names) else []
+    says = len(set(names)) < len(names) and not {*map(str.lower, names)} <= _NUMBERED
+    return names if says else []
 
 
+_NUMBERED = {"", "c", "ch", "channel", "col", "column", "f", "field", "unnamed", "v", "value", "var", "x"}
+"""Words before a number that say nothing of a column."""
 UNITS = ", "
 """Separator between the units of taxels of different kinds."""
 

@@ -119,14 +119,6 @@ def test_decimal_commas_of_three_digits_beside_a_zero(tmp_path):
     assert recordings.recording(0)[0] @ [1, 1] * recordings.volt_per_code == pytest.approx(1.75)
 
 
-def test_a_column_without_a_name_that_tells_the_class(tmp_path):
-    text = lambda number: "\n".join(
-        f"{','.join(map(str, row))},{number % 2}" for row in CODES[number].tolist()
-    )
-    with refused(r"r0\.csv', line 1: column 4 has one value in each recording, so is not a taxel"):
-        texts(tmp_path, text, AT)
-
-
 @each_row("stem", ["labels", "file", "samples", "offsets", "images", "lsb_volt"])
 def test_groups_never_replace_arrays_of_an_archive(tmp_path, stem):
     save = lambda path, number: np.savetxt(path, CODES[number], delimiter=",", fmt="%d")

@@ -139,10 +139,10 @@ def test_columns_of_different_kinds_get_a_scale_each(tmp_path):
     units = np.array(["deg", "deg", "g", "g", "g"])
     by_unit = recordings_of(arrays | {"unit": units, "channel_names": np.array(list("abcde"))}, "units")
     assert by_unit.volt_per_code == made.volt_per_code and by_unit.unit == "deg, deg, g, g, g"
-    for names in (list("abcde"), ["taxel1", "taxel2", "taxel3", "taxel4", "taxel5"]):
-        assert isinstance(
-            recordings_of(arrays | {"channel_names": np.array(names)}, "one").volt_per_code, float
-        )
+    for stem in ("taxel", "col", "name"):  # a word of taxels; of nothing; five words
+        names = np.array(list("abcde") if stem == "name" else [f"{stem}{number}" for number in range(5)])
+        scale = recordings_of(arrays | {"channel_names": names}, "one").volt_per_code
+        assert isinstance(scale, float) if stem == "taxel" else scale == made.volt_per_code
     save_archive(by_unit, tmp_path / "kept.npz")
     with np.load(tmp_path / "kept.npz") as kept:
         assert kept["lsb_volt"].shape == (5,) and kept["unit"].tolist() == units.tolist()

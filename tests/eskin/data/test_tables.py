@@ -249,12 +249,12 @@ def test_real_samples_get_a_scale_or_that_of_the_configuration(tmp_path):
 
 
 def test_whole_numbers_are_codes_and_others_are_not():
-    table = np.array([[1.0, 65535.0], [0.0, 7.0]])
+    table = np.array([[1.0, 65535.0], [7000.0, 0.0]])
     assert to_codes(table, "x")[0].tolist() == table.tolist() and to_codes(table, "x")[1] == 0
     assert to_codes(table - 1, "x")[1] == 5  # signed codes end at 32767
     wide, step, notes = to_codes(table * 10, "x")
     assert step == 20 and wide.max() == round(655350 / 20) and "one code is" in notes[0]
-    assert to_codes(table, "x", 2.0)[0].tolist() == [[0, 32768], [0, 4]]
+    assert to_codes(table, "x", 2.0)[0].tolist() == [[0, 32768], [3500, 0]]
     held, _, notes = to_codes(table, "x", 0.5)
     assert held.max() == 65535 and "0.25 of the samples lie beyond" in notes[1]
     with refused("every sample is 0"):

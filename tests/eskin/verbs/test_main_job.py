@@ -43,7 +43,7 @@ class Chain:
         self.doubts: list[dict] = []
         self.played: dict[str, tuple[list[int], int]] = {}
         stand_ins = {
-            "load_recordings": lambda data, config: self.recordings,
+            "load_recordings": lambda data, **_: self.recordings,
             "configure": lambda loaded, asked, prices, **options: Plan(
                 self.config, ["made up"], ["person"], "the archive's first group", prices
             ),
@@ -299,7 +299,7 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
 def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch, tmp_path):
     loaded = chain.recordings
     held = replace(loaded, samples=loaded.samples ^ 1, source="held")
-    monkeypatch.setattr(main_job, "load_recordings", lambda data, config: held if data == "held" else loaded)
+    monkeypatch.setattr(main_job, "load_recordings", lambda data, **_: held if data == "held" else loaded)
     judge = Mock(wraps=chain.evaluate)
     monkeypatch.setattr(main_job.evaluate, "evaluate", judge)
     for seen in (0, 12):

@@ -76,7 +76,7 @@ REFUSALS = [
     ("offsets", None, "array offsets: is missing"),
     ("samples", np.full((30, 4), np.nan), "array samples: holds nan at row 0, taxel 0"),
     ("samples", np.zeros((30, 4), bool), "array samples: holds bool, not numbers"),
-    ("samples", np.zeros(30, np.int16), r"array samples: has shape \(30,\)"),
+    ("samples", np.zeros((30, 2, 2, 1), np.int16), r"array samples: has shape \(30, 2, 2, 1\)"),
     ("samples", np.zeros((30, 0), np.int16), r"array samples: has shape \(30, 0\)"),
     ("samples", np.zeros((0, 4), np.int16), "array samples: holds no frame"),
     ("samples", np.full((30, 4), 65536), "array samples: runs from 65536 to 65536, beyond 16 bits"),
