@@ -2,8 +2,7 @@
 broken file see it.
 
 A mutant replaces one expression, found in a file's syntax tree. Excluded are strings, type hints, ``raise``
-and conditions that only lead to one (error messages), assertions, decorators, default arguments, an input's
-first value (whoever drives it gives it) and ``reset_less`` (data that are written before they are read): none of
+and conditions that only lead to one (error messages), assertions, decorators and default arguments: none of
 them changes what the hardware computes. Faults that somebody thought of (``named`` in tests/mutants.toml) are
 judged beside those that are drawn.
 
@@ -66,8 +65,6 @@ CHANGED = {
     "off-by-one": _signs("Lt:<=,LtE:<,Gt:>=,GtE:>"),
 }
 """Another sign between two operands, by kind of fault."""
-WIDTHS = "signed unsigned Signal QFormat replicate shape_of".split()
-"""What is called with a number of bits."""
 SWAPPED = _signs("Lt:<,LtE:<=,Gt:>,GtE:>=,Sub:-,FloorDiv://,Mod:%")
 
 
@@ -107,8 +104,6 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
     function it is in."""
     below: list[Any] = list(ast.iter_child_nodes(node))
     match node:
-        case ast.keyword(arg="reset_less", value=ast.Constant()):
-            return
         case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.Import() | ast.ImportFrom():
             return
         case ast.FunctionDef(name=name, body=body):
@@ -126,10 +121,7 @@ def _walk(node: ast.AST, skip: frozenset[str], names: list[str]) -> Iterator[Fau
             yield "condition", test, f"not ({ast.unparse(test)})"
         case ast.Call(func=func, args=args, keywords=words):
             yield from _call_faults(node, names)
-            left = {"name", "dtype"} | ({"init"} if _name(func) == "In" else set())
-            if _name(func) in WIDTHS and isinstance([*args, None][0], ast.Constant):
-                args = args[1:]  # one bit less is drawn above; one more computes the same
-            below = [func, *args, *(word for word in words if word.arg not in left)]
+            below = [func, *args, *(word.value for word in words if word.arg not in ("name", "dtype"))]
         case _:
             yield from _value_faults(node)
     for part in below:
@@ -172,8 +164,9 @@ def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
     name, args, show = _name(node.func), node.args, ast.unparse
     swapped: list[ast.expr] = []
     match name, args:
-        case (_, [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size]) if (
-            name in WIDTHS or name == "range"
+        case (
+            ("range" | "signed" | "unsigned" | "Signal" | "QFormat" | "replicate" | "shape_of"),
+            [ast.Name() | ast.BinOp() | ast.Constant() | ast.Attribute() as size],
         ):
             yield "off-by-one" if name == "range" else "width", size, f"({show(size)}) - 1"
         case "If", [test]:
