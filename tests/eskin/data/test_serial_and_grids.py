@@ -5,6 +5,7 @@ from scipy.io import savemat
 
 from eskin.data import Reading, load_recordings
 from eskin.data.archive import load_archive, save_archive
+from eskin.data.text import read_text
 from eskin.golden.data import Recordings
 from tests.support.table import each_row, refused
 from tests.support.written import by_class, texts
@@ -103,6 +104,7 @@ def test_hundreds_of_empty_columns_are_one_note(tmp_path, head):
     row = lambda codes: ",".join(map(str, codes)) + "," * 400
     made = texts(tmp_path, lambda n: "\n".join([head, *map(row, FLAT[n].tolist())]), AT)
     assert made.taxels == 6
+    assert read_text(tmp_path / "a" / "r0.csv", AT).frame.shape == (40, 6)  # the empty ones are not parsed
     assert any("is empty and was left out, as are 399 more columns" in note for note in made.notes)
     seen = []
     load_recordings(tmp_path, reading=AT, progress=lambda *now: seen.append(now))
