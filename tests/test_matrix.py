@@ -31,13 +31,13 @@ from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
 from eskin.verbs import energy_job
+from scripts import ROOT
 from tests.support.link_device import Device, golden_decisions
 from tests.support.recipes import few_updates
 from tests.support.small_designs import TRACKED
 from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
 
-ROOT = Path(__file__).resolve().parents[1]
 IMAGES = AcceleratorConfig.of_image(8, 8, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
 TOUCHES = TRACKED.replace(sample_rate_hz=2000.0, steps=3, clock_hz=1e6)
 WIDE = {"state_format": QFormat(4, 12)}
