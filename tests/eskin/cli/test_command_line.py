@@ -261,22 +261,15 @@ def test_an_interrupt_while_modules_are_loaded_ends_with_130(module):
     assert done.stderr.startswith("eskin: stopped by the user") and done.stderr.count("\n") == 1
 
 
-def without_room(*words):
-    """The command where no file may hold more than 4 kB."""
-    return subprocess.run(
-        [sys.executable, "-m", "eskin.cli.start", *words],
-        capture_output=True,
-        text=True,
-        timeout=600,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"},
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
-    )
-
-
-def test_a_full_disk_leaves_no_folder(model):
-    before = contents(model.parent)
-    done = without_room("generate", "model", "--out", "new/er")
-    assert done.returncode == 2 and "File too large" in done.stderr, done.stderr
+def test_a_full_disk_leaves_no_folder(call, model):
+    """No file may hold more than 4 kB."""
+    before, limits = contents(model.parent), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+    try:
+        status, _, err = call("generate", "model", "--out", "new/er")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert status == 2 and "File too large" in err, err
     assert not Path("new").exists() and contents(model.parent) == before
 
 
