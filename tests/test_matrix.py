@@ -31,18 +31,23 @@ from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, load_config
 from eskin.verbs import energy_job
+from scripts import ROOT
 from tests.support.link_device import Device, golden_decisions
 from tests.support.recipes import few_updates
 from tests.support.small_designs import TRACKED
 from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
 
-ROOT = Path(__file__).resolve().parents[1]
 IMAGES = AcceleratorConfig.of_image(8, 8, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
 TOUCHES = TRACKED.replace(sample_rate_hz=2000.0, steps=3, clock_hz=1e6)
 WIDE = {"state_format": QFormat(4, 12)}
 KINDS: dict[str, dict[str, Any]] = {
-    "linear": {"cell": "linear", "feature_kinds": ("mean", "activity", "integral"), "decision": "last"},
+    "linear": {
+        "cell": "linear",
+        "feature_kinds": ("mean", "activity", "integral"),
+        "feature_scale": "taxel",
+        "decision": "last",
+    },
     "gru-before": {},
     "gru-after": {"reset": "after", **WIDE},
     "lstm": {"cell": "lstm", **WIDE},
@@ -60,12 +65,9 @@ KINDS: dict[str, dict[str, Any]] = {
     "prototypes": {},
     "image": {},
     "chosen": {},
-    "chosen-kinds": {},
 }
 """Kinds of model: the fields in which each differs from TOUCHES; ``image`` is IMAGES, ``chosen`` what the main job
-itself makes of the synthetic scene, ``chosen-kinds`` what train makes of touches whose classes are two kinds of feature."""
-CHOSEN = ("chosen", "chosen-kinds")
-"""Kinds of which a verb is tried in one row alone, or as the row says."""
+itself makes of the synthetic scene, of which a verb is tried in one row alone."""
 
 JUDGED = "--data {data} --config {config} --group person --seeds 1"
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -126,7 +128,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1", ("image",)),
     "stability": (
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}",
-        ("chosen-kinds", "image"),
+        ("linear", "image"),
     ),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
@@ -140,7 +142,7 @@ it on all."""
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (
         ("import",),
-        tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", *CHOSEN)),
+        tuple(kind for kind in KINDS if kind not in ("linear", "gru-after", "lstm", "image", "chosen")),
         "has reset after, not before; use --reset after",
     ),
     (("import",), ("linear",), "is to be a linear cell, which is read from ONNX"),
@@ -167,7 +169,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     ),
     (
         ("enrol --teach",),
-        tuple(kind for kind in KINDS if kind not in ("prototypes", "image", *CHOSEN)),
+        tuple(kind for kind in KINDS if kind not in ("prototypes", "image", "chosen")),
         "field readout: is 'dense', which cannot be taught",
     ),
     (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
@@ -223,22 +225,6 @@ def archives(folder: Path) -> None:
         images[index, index % 3 * 2 : index % 3 * 2 + 3, 2:6] += 150
     names, person = IMAGES.network.class_names, np.arange(24) // 8
     np.savez(folder / "images.npz", images=images, labels=np.arange(24) % 3, class_names=names, person=person)
-
-
-def pushed_or_shaken() -> Recordings:
-    """Touches of four taxels that answer differently: how hard two of them are pushed, slowly, tells one half of the
-    class, whether the other two shake the other half."""
-    rng, gains, samples = np.random.default_rng(0), np.array([400, 40, 4000, 100]), []
-    push, shake = (np.arange(48) // step % 2 for step in (1, 2))
-    frame = np.arange(90)[:, None]
-    grip = np.clip(np.minimum(frame, frame[::-1]) / 40, 0, 1)
-    for index in range(48):
-        force = grip * (0.5 + push[index] * np.array([0, 1, 0, 1]) + 0.1 * rng.normal(size=(1, 4)))
-        force = force + 0.3 * shake[index] * rng.choice([-1, 1], (90, 4)) * np.array([1, 0, 1, 0])
-        touch = np.concatenate([np.zeros((30, 4)), gains * force])
-        samples.append(np.rint(8000 + touch + rng.normal(0, 1, touch.shape)).astype(int))
-    person = {"person": np.arange(48) % 12 // 4}
-    return Recordings.of(samples, 2 * push + shake, sample_rate_hz=500, groups=person)
 
 
 def weights_of(config: AcceleratorConfig, path: Path) -> Path:
@@ -317,8 +303,6 @@ class Case:
         if self.kind == "chosen":
             scene = turns.turn_recordings(persons=2, trials=2)
             return self.made("scene.npz", lambda path: save_archive(scene, path))
-        if self.kind == "chosen-kinds":
-            return self.made("touches.npz", lambda path: save_archive(pushed_or_shaken(), path))
         return self.shop / ("images.npz" if self.kind == "image" else "data.npz")
 
     def job(self) -> Path:
@@ -342,17 +326,12 @@ class Case:
             return Path(shutil.copytree(self.job() / "model", self.out / "trained"))
 
         def train(path: Path) -> None:
-            assert call("train", "--data", f"{self.data()}", *self.asked(), "--out", f"{path}") == 0
+            asked = "--data", f"{self.data()}", "--config", f"{self.config()}", "--folds", "0"
+            assert call("train", *asked, "--out", f"{path}") == 0
             made_of = f"--data {self.data()} --readout prototypes --group person"
             assert call("quantise", f"{path}", *made_of.split() * (self.kind == "prototypes")) == 0
 
         return Path(shutil.copytree(self.made("model", train), self.out / "trained"))
-
-    def asked(self) -> tuple[str, ...]:
-        """What train is asked: the kind's configuration, or to choose one."""
-        if self.kind == "chosen-kinds":
-            return ("--group", "person", "--folds", "3", "--seeds", "1", "--cell", "linear")
-        return ("--config", f"{self.config()}", "--folds", "0")
 
     def result(self) -> Path:
         return Path(shutil.copytree(self.job(), self.out / "result"))
@@ -420,7 +399,7 @@ def cells() -> list[Any]:
     return [
         pytest.param(*cell, id=" ".join(cell), marks=() if cell in quick else pytest.mark.slow)
         for cell in itertools.product(ROWS, KINDS)
-        if cell in quick | chosen or cell[1] not in CHOSEN
+        if cell in quick | chosen or cell[1] != "chosen"
     ]
 
 
@@ -479,9 +458,3 @@ def test_the_slower_run_of_energy_is_slower(held):
     by."""
     full = {"frames": 80, "simulated_cycles": 80 * held * TOUCHES.sensor.taxels}
     assert 80 * energy_job.slower_cycles(TOUCHES, full) >= 1.5 * full["simulated_cycles"]
-
-
-def test_several_kinds_of_feature_and_a_scale_a_taxel_were_chosen(case_of):
-    """Else the row of stability on ``chosen-kinds`` shows nothing."""
-    features = load_config(case_of("chosen-kinds").model()).features
-    assert len(features.feature_kinds) > 1 and features.feature_scale == "taxel"

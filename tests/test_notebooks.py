@@ -1,12 +1,12 @@
 """The notebooks of docs/notebooks: their cells run from top to bottom, and a cell that fails is seen."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+from scripts import ROOT
+
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 

@@ -5,7 +5,8 @@ import re
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from scripts import ROOT
+
 FOLDERS = ("golden", "rtl", "cosim", "scripts", "tests", "formal", "docs", "eskin")
 WRITTEN = {"builds.md", "fit.md", "mutants.md", "proofs.md", "ratios.md", "registers.md"}
 """Pages that commands write into build folders."""

@@ -35,24 +35,14 @@ def test_what_is_taught_in_hardware_is_what_the_stream_is_taught(cell, taught_sh
     assert both.decisions > 150 and both.refused > 5 and both.taught > 5
 
 
-DATA = {"pvdf": 34, "fabric": 33, "biotac": 33}
+DATA = {"pvdf": 34, "fabric": 33}
 """Recordings of each data set."""
 
 
 def data_case(name: str, folder: Path) -> tuple[IntegerModel, Recordings]:
     """Random weights and prototypes, nothing taught, and recordings around their touches."""
     recordings = load_archive(next(folder.glob(f"{name}_*")) / "recordings.npz")
-    config = PRESETS["pvdf" if name == "pvdf" else "fabric"]
-    if name == "biotac":
-        config = config.replace(
-            taxels=19,
-            sample_signed=False,
-            sample_rate_hz=100.0,
-            hop=24,
-            window=48,
-            class_names=recordings.class_names,
-        )
-    config = config.with_readout(
+    config = PRESETS[name].with_readout(
         readout="prototypes", prototypes=1, taught=2, state_code_bits=4, state_code_shift=9
     )
     model = forget(random_integer_model(config, 5))

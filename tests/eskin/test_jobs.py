@@ -14,9 +14,8 @@ import pytest
 from eskin.golden.core import InputError
 from eskin.jobs import Jobs
 from eskin.memo import Memo
+from scripts import ROOT
 from tests.support.table import each_row, refused
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 # What workers do: top level, so that another process finds it.

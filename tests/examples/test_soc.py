@@ -3,14 +3,13 @@
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
+from scripts import ROOT
 from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import SMALL, archived, scene
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "soc"
 WORDS = [1 | 3 << 7 | 749 << 15, 2 | 19 << 7 | 16383 << 15 | 1 << 29 | 1 << 31]
 LINES = [
     "class 01 margin 00749 step 003 global 0 partial 0 unsure 0 time 0000815277 us",
@@ -30,7 +29,7 @@ def compare(folder, lines):
     (folder / "simulation.f").write_text("-GFRAMES=2\n-GPERIOD=4000\n")
     (folder / "said.txt").write_text("\n".join(["ready", *lines]) + "\n")
     call = [sys.executable, "build.py", "compare", str(folder / "said.txt"), "--out", str(folder)]
-    done = subprocess.run(call, cwd=EXAMPLE, capture_output=True, text=True, timeout=600)
+    done = subprocess.run(call, cwd=ROOT / "examples/soc", capture_output=True, text=True, timeout=600)
     return done.returncode, done.stdout + done.stderr
 
 
@@ -51,7 +50,9 @@ def test_each_decision_is_compared(tmp_path, lines, said):
 
 def made(*words):
     """What `make` says of a target."""
-    done = subprocess.run(["make", *words], cwd=EXAMPLE, capture_output=True, text=True, timeout=3600)
+    done = subprocess.run(
+        ["make", *words], cwd=ROOT / "examples/soc", capture_output=True, text=True, timeout=3600
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -10,17 +10,16 @@ from pathlib import Path
 import pytest
 import torch
 
+from scripts import ROOT
 from tests.support.recipes import few_updates
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import archived, scene
-
-FOLDER = Path(__file__).resolve().parents[2] / "examples/thesis"
 
 
 @pytest.fixture
 def thesis(monkeypatch):
     """Its module ``run``."""
-    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.syspath_prepend(str(ROOT / "examples/thesis"))
     yield importlib.import_module("run")
     for name in ("run", "images", "tensor", "frames"):
         sys.modules.pop(name, None)

@@ -4,13 +4,12 @@ survives and is explained."""
 import subprocess
 import sys
 from collections import Counter
-from pathlib import Path
 
 import pytest
 
+from scripts import ROOT
 from scripts.mutants import OUT, Scope, choose, judge, mutants, report
 
-ROOT = Path(__file__).resolve().parents[2]
 CODE = '''"""One unit: 1 + 1."""
 
 

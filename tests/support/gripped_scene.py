@@ -5,44 +5,32 @@ from dataclasses import replace
 import numpy as np
 
 from eskin.golden.data import Recordings
+from eskin.training.datasets import Datasets
+from eskin.training.judge import CrossValidationSettings
 
 GRIP_COUNTS, GRIP_NOISE, GRIP_OFFSET = 24.0, 0.6, 3.0
 """Counts that a firm grip gives the taxel under its middle; standard deviation of a sample's noise; counts of
 a taxel that nothing touches."""
+PERSONS, TRIALS, SEED, RATE_HZ = 4, 2, 1, 200.0
+"""People, recordings for each person and class, what everything follows from, frames a second."""
 
 
-def gripped_recordings(
-    *,
-    persons: int = 10,
-    trials: int = 5,
-    seed: int = 1,
-    rows: int = 5,
-    columns: int = 8,
-    classes: int = 5,
-    sample_rate_hz: float = 200.0,
-) -> Recordings:
-    """Objects held in a grip on a capacitive array: a sensor unlike the presets' (persons x classes x trials,
+def gripped_recordings(rows: int = 3, columns: int = 4, classes: int = 3) -> Recordings:
+    """Objects held in a grip on a capacitive array: a sensor unlike the presets' (PERSONS x classes x TRIALS,
     2.2 to 3 s each).
 
     The hand holds the object from the first frame to the last, so there is no lead-in and no touch to wait
     for, and a taxel gives few counts. An object is where it presses: two bumps whose places and widths belong
-    to the class (drawn from ``seed``), a little apart in every trial. The level that the first frame has
+    to the class (drawn from SEED), a little apart in every trial. The level that the first frame has
     already is therefore all there is to tell classes by. The rest is the hand's: force that differs by person
     and trial, sways by a tenth and trembles at 5 to 9 Hz, drift of each taxel, noise.
 
     Parameters
     ----------
-    persons, trials:
-        People, and recordings for each person and class.
-    seed:
-        Everything follows from it.
     rows, columns:
         Taxels of the array, 2..8 each; taxel = row * columns + column.
     classes:
         Objects, 2..32.
-    sample_rate_hz:
-        Frames a second.
-
     Returns
     -------
     Recordings
@@ -53,16 +41,16 @@ def gripped_recordings(
         (2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1
     )
     grid = np.stack([across.ravel(), down.ravel()], axis=1)
-    objects = np.random.default_rng([seed, 0])
+    objects = np.random.default_rng([SEED, 0])
     places, widths = objects.uniform(-0.8, 0.8, (classes, 2, 2)), objects.uniform(0.3, 0.6, (classes, 2))
     weights = objects.uniform(0.5, 1.0, (classes, 2))
     parts, labels, of_person, of_trial = [], [], [], []
-    for person in range(persons):
-        rng = np.random.default_rng([seed, 1 + person])
+    for person in range(PERSONS):
+        rng = np.random.default_rng([SEED, 1 + person])
         firm, hold = np.exp(rng.normal(0, 0.2)), rng.normal(0, 0.06, 2)  # how this hand grips, and where
-        for trial in range(trials):
+        for trial in range(TRIALS):
             for label in range(classes):
-                time = np.arange(round(rng.uniform(2.2, 3.0) * sample_rate_hz))[:, None] / sample_rate_hz
+                time = np.arange(round(rng.uniform(2.2, 3.0) * RATE_HZ))[:, None] / RATE_HZ
                 centres = places[label] + hold + rng.normal(0, 0.06, (2, 2))
                 distance = ((grid[:, None] - centres) ** 2).sum(axis=-1) / widths[label] ** 2
                 shape = (weights[label] * np.exp(-0.5 * distance)).sum(axis=1)
@@ -84,8 +72,15 @@ def gripped_recordings(
         parts,
         labels,
         class_names=[f"object{label}" for label in range(classes)],
-        sample_rate_hz=sample_rate_hz,
+        sample_rate_hz=RATE_HZ,
         groups={"person": of_person, "trial": of_trial},
         source="gripped objects",
     )
     return replace(made, sample_bits=8)
+
+
+def by_person(recordings: Recordings, seeds: list[int]) -> CrossValidationSettings:
+    """Persons are left out, with networks of these seeds."""
+    return CrossValidationSettings(
+        recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=seeds
+    )

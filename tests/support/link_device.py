@@ -9,7 +9,6 @@ import select
 import threading
 import tty
 from collections.abc import Callable
-from types import TracebackType
 
 import numpy as np
 
@@ -57,8 +56,6 @@ class Device:
         )
         self.registers = {Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE} | (registers or {})
         self.writes: list[tuple[int, int]] = []
-        self.spoiled: dict[int, int] = {}
-        """Bits of a register that read wrong."""
         self._arm()
         self.taken = self.expected = self.decisions = 0
         self.packets = {True: 0, False: 0}
@@ -74,9 +71,7 @@ class Device:
         self.thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         os.write(self.stop_write, b"x")
         self.thread.join(20)
         for handle in {self.master, self.slave, self.stop_read, self.stop_write} - {-1}:
@@ -112,7 +107,7 @@ class Device:
             address = command & 0x3F
             if address == Register.STATUS:
                 self.registers[address] = self._status()
-            word = self.registers.get(address, 0) ^ self.spoiled.get(address, 0)
+            word = self.registers.get(address, 0)
             self._send(word | self.expected << 16 | address << 24)
         elif number == self.expected and len(words) == (
             self.config.sensor.taxels if command & link.FRAME else 1

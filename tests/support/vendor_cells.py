@@ -12,9 +12,10 @@ from amaranth.back import rtlil
 
 from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.fpga.tools import run_tool
+from scripts import ROOT
 
 CELLS = Path(yosys.__file__).parent / "share" / "ice40" / "cells_sim.v"
-BUILD = Path(__file__).resolve().parents[2] / "build"
+BUILD = ROOT / "build"
 BUILD.mkdir(exist_ok=True)
 SETTLED = 3  # operations until every register has been written
 BENCH = """`timescale 1ns / 1ps

@@ -28,7 +28,6 @@ from eskin.choose.front_ends import FrontEndSearch
 from eskin.cli import main as command_line
 from eskin.study.stability import core as stability
 
-ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S, PROCESSOR_S = 150.0, 40
 """Time without an answer, and processor time, of one input; the longest takes a quarter of it."""
 ROUNDS = 20

@@ -16,12 +16,11 @@ from eskin.golden.model import FloatModel
 from eskin.requests import TrainRequest
 from eskin.training import splits as splitting
 from eskin.training import train
-from eskin.training.datasets import Datasets
 from eskin.training.integers import quantise
-from eskin.training.judge import CrossValidationSettings, cross_validate
+from eskin.training.judge import cross_validate
 from eskin.training.splits import over_groups, split_folds
 from tests.eskin.choose.test_candidate import CONFIG
-from tests.support.gripped_scene import gripped_recordings
+from tests.support.gripped_scene import by_person, gripped_recordings
 from tests.support.prices import priced
 from tests.support.table import refused
 
@@ -30,7 +29,7 @@ FEW = {"folds": 2, "seeds": 1}
 
 @pytest.fixture(scope="module")
 def gripped() -> Recordings:
-    return gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
+    return gripped_recordings()
 
 
 def trained(recordings, asked, tmp_path, **options):
@@ -130,9 +129,7 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, opt
 
     def chosen(recordings):
         plan = configure(recordings, None, priced())
-        settings = CrossValidationSettings(
-            recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0]
-        )
+        settings = by_person(recordings, [0])
         tests = split_folds(recordings, ["person"], 5, None)
         parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
         return Searched(plan, settings, options).choose(parts), tests
@@ -154,9 +151,7 @@ def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value
 
 def test_a_fold_is_judged_by_what_was_chosen_without_it(gripped, quick, monkeypatch):
     """The candidate of each fold is trained on the rest and judged on the fold."""
-    settings = CrossValidationSettings(
-        recordings=gripped, groups=["person"], datasets=Datasets(gripped), seeds=[0, 1]
-    )
+    settings = by_person(gripped, [0, 1])
     judge = Mock(wraps=choosing.judge)
     monkeypatch.setattr(choosing, "judge", judge)
     plan = configure(gripped, CONFIG, priced())

@@ -207,7 +207,7 @@ def test_a_part_is_searched_as_if_it_were_all_there_is(at_random, found):
 
 # ---------------------------------------------------------------------- choices whose truth is known
 def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
-    front_end = choose_front_end(gripped_recordings(persons=4, trials=2, classes=4), priced())
+    front_end = choose_front_end(gripped_recordings(5, 8, classes=4), priced())
     chosen, rivals = (front_end.record()[name] for name in ("chosen", "rivals"))
     assert (chosen["rest"], chosen["onset"]) == ("none", "immediate")
     without = max(

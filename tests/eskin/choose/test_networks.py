@@ -21,11 +21,10 @@ from eskin.choose.networks import (
     choose_networks,
 )
 from eskin.choose.search import search
-from eskin.training.datasets import Datasets
-from eskin.training.judge import CrossValidationSettings, Decided, Decisions, folds_of
+from eskin.training.judge import Decided, Decisions, folds_of
 from eskin.training.recipe import AS_RECORDED
 from tests.eskin.choose.test_candidate import CONFIG
-from tests.support.gripped_scene import gripped_recordings
+from tests.support.gripped_scene import by_person, gripped_recordings
 from tests.support.prices import priced
 from tests.support.table import each_row, refused
 
@@ -155,7 +154,7 @@ def test_inside_folds_a_choice_is_short():
 
 def test_of_two_parts_no_kind_of_fit_is_chosen():
     """Each network would learn from one group alone."""
-    recordings = gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
+    recordings = gripped_recordings()
     first, second, third, last = (np.flatnonzero(recordings.groups["person"] == k) for k in range(4))
     for effort in (INSIDE, WHOLE):
         for parts in ([first, second, third], [np.r_[first, second], np.r_[third, last]], [first, first]):
@@ -178,13 +177,11 @@ def test_what_does_not_fit_a_named_board_is_not_judged():
 
 
 def test_choices_made_side_by_side_are_those_made_alone(quick):
-    recordings = gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
+    recordings = gripped_recordings()
     persons = recordings.groups["person"]
     parts = [np.flatnonzero(persons != value) for value in (0, 1)]
     folds = [[part[persons[part] == value] for value in np.unique(persons[part])] for part in parts]
-    settings = CrossValidationSettings(
-        recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0]
-    )
+    settings = by_person(recordings, [0])
 
     def start(number):
         return started(DEAR, [CONFIG, DEAR], OPEN, INSIDE, parts[number], folds[number])

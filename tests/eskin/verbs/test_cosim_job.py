@@ -11,13 +11,13 @@ from eskin.data.archive import save_archive
 from eskin.golden.model import IntegerModel
 from eskin.jobs import Jobs
 from eskin.verbs import flow
+from scripts import ROOT
 from tests.support.random_models import random_integer_model
 from tests.support.touch_scenes import SMALL, scene
 
 TIMES = ("wall_s", "cycles_per_s")
 LOADING = ("simulated_cycles", "input_stalls")
 """What a run counts for the loading of a design too, so that parts have more of it than a whole."""
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def without(result, *names):

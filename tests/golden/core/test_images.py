@@ -17,13 +17,7 @@ def tiny(**fields) -> AcceleratorConfig:
 
 @each_row(
     "size, parameters, multiplies",
-    [
-        (SIZES[0], 25862, 1122240),
-        (SIZES[1], 23046, 1007792),
-        (SIZES[2], 20230, 883200),
-        (SIZES[3], 17414, 706560),
-        (SIZES[4], 14598, 604416),
-    ],
+    zip(SIZES, (25862, 23046, 20230, 17414, 14598), (1122240, 1007792, 883200, 706560, 604416), strict=True),
 )
 def test_tactnet_has_the_published_parameters_at_each_of_its_sizes(size, parameters, multiplies):
     config = AcceleratorConfig.of_image(*size, network("tactnet", 22), OBJECTS)

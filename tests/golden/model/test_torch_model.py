@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from eskin.data.load import load_recordings
-from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import run, run_images
 from eskin.golden.model.torch_model import Int64, on_torch, run_images_on_torch
 from eskin.training.formats import with_network
@@ -36,26 +35,6 @@ def test_random_designs(network):
     for seed in range(4):
         model = random_integer_model(with_network(SMALL, **network), seed)
         assert check(model, random_recordings(model.config, (400, 700), seed)) > 20
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "pvdf_indent",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("fabric_slide", "biotac_slide")),
-    ],
-)
-def test_all_recordings_of_a_data_set(name, shared_data):
-    recordings = load_recordings(shared_data / name / "recordings.npz")
-    if name == "biotac_slide":
-        config = PRESETS["fabric"].replace(
-            taxels=recordings.taxels,
-            sample_rate_hz=recordings.sample_rate_hz,
-            sample_bits=recordings.sample_bits,
-        )
-    else:
-        config = PRESETS[name.partition("_")[0]]
-    assert check(random_integer_model(config, 3), recordings) > 1000
 
 
 def test_images_too():

@@ -13,10 +13,8 @@ from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.fpga.tools import run_tool
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row
-from tests.support.vendor_cells import run_bench
+from tests.support.vendor_cells import BUILD, run_bench
 
-BUILD = Path(__file__).resolve().parents[3] / "build"
-BUILD.mkdir(exist_ok=True)
 WORDS, ACCESSES = 24, 3000
 
 

@@ -71,22 +71,6 @@ class Tiny(wiring.Component):
         return m
 
 
-class TwoBlocks(wiring.Component):
-    """A classifier that counts, a control that counts what the classifier says, and a register of its own."""
-
-    def __init__(self) -> None:
-        super().__init__({"i": In(1), "o": Out(1)})
-
-    def elaborate(self, platform):
-        m = Module()
-        m.submodules.classifier = first = Counter(8)
-        m.submodules.control = second = Counter(12)
-        shift = Signal(8)
-        m.d.sync += shift.eq(Cat(self.i, shift))
-        m.d.comb += [first.step.eq(shift), second.step.eq(first.total), self.o.eq(second.total[-1])]
-        return m
-
-
 NO_MULTIPLIERS = replace(
     target("icebreaker"),
     name="small",
@@ -281,20 +265,22 @@ def test_a_gowin_part_gets_a_bitstream(tmp_path):
     """Blocks add up as on the other parts; a memory's LUTs and the LUTs in front of flip-flops are no LUTs of the
     design."""
     board = target("tangnano9k")
-    design = PoweredOn(TwoBlocks())
-    netlist = synthesise(design, board.family, tmp_path / "net", top="two")
-    pins = dict(zip(("clk", "i", "o"), (board.clock_pin, *board.pins), strict=False))
+    design = PoweredOn(Tiny())
+    netlist = synthesise(design, board.family, tmp_path / "net", top="tiny")
+    pins = dict(
+        zip(("clk", "shift_in", "capture", "shift_out"), (board.clock_pin, *board.pins), strict=False)
+    )
     result = place(netlist, board, pins, tmp_path / "placed", seed=1)
     assert {name: counts["ff"] for name, counts in result.blocks.items()} == {
+        "cell": 8,
         "classifier": 8,
-        "control": 12,
-        "top": 8,
+        "top": 16,
     }
     for column, what in (("cells", "logic cells"), ("ff", "flip-flops")):
         assert sum(counts[column] for counts in result.blocks.values()) == result.utilisation[what][0] > 0
     luts = sum(count for name, count in netlist.cells.items() if name.startswith("LUT"))
     assert sum(counts["lut"] for counts in result.blocks.values()) == luts
-    assert "to control" in result.path and result.utilisation["logic cells"][1] == 8640
+    assert "to classifier" in result.path and result.utilisation["logic cells"][1] == 8640
     constraints = (tmp_path / "placed" / "pins.cst").read_text()
     assert constraints.startswith('IO_LOC "clk" 52;\nIO_PORT "clk" IO_TYPE=LVCMOS33;\n')
     lines = result.bitstream.read_text().splitlines()

@@ -4,16 +4,14 @@ import hashlib
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import generate
+from scripts import ROOT
 from tests.support.random_models import random_integer_model
 from tests.support.small_designs import SMALL, behind
 from tests.support.table import refused
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_a_converter_changes_no_text_of_the_chain(tmp_path):

@@ -191,14 +191,13 @@ LENGTHS = [
 EARLY = frame(1, [7, 7, 0x0201, 0x1111])
 LINES = {
     "the first packet after a reset needs no flag in front": (PACKETS[0][1:], 0, SAMPLES[:1], [], 1),
-    "a flipped bit makes a frame nothing": (
-        flipped(PACKETS[0]) + frame(0, SAMPLES[1]),
+    "a flipped bit makes a frame or a write nothing": (
+        flipped(PACKETS[0]) + flipped(write(0, 2, 5)) + frame(0, SAMPLES[1]),
         0,
         SAMPLES[1:2],
         [],
         1,
     ),
-    "and a write": (flipped(write(0, 2, 5)) + frame(0, SAMPLES[1]), 0, SAMPLES[1:2], [], 1),
     "a number that is not due does nothing": (
         PACKETS[1] + PACKETS[2] + frame(255, SAMPLES[0]) + PACKETS[0] + PACKETS[0] + PACKETS[2],
         0,
