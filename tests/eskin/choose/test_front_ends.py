@@ -23,7 +23,6 @@ from eskin.choose.front_ends import (
 )
 from eskin.choose.sturdy import Hardening
 from eskin.data.folds import likely_groups
-from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches
 from eskin.training.judge import folds_of, judge
@@ -31,6 +30,7 @@ from eskin.training.linear_fit import discriminants
 from eskin.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
+from tests.support.small_designs import TRACKED
 from tests.support.table import each_row
 
 archive = partial(Recordings.of, sample_rate_hz=200.0)
@@ -71,23 +71,16 @@ def moving(count: int = 40, seed: int = 4) -> Recordings:
     return archive(np.rint(500 + spread * rng.standard_normal((count, 400, 5)) + levels), labels)
 
 
-BASE = AcceleratorConfig.of(
+BASE = TRACKED.replace(
     name="derived",
     taxels=6,
     sample_rate_hz=200.0,
-    window_mode="free",
-    pretrigger_frames=0,
-    hop=8,
-    window=16,
     steps=10,
-    rest="tracked",
     rest_frames=13,
-    onset="baseline",
     onset_mean_frames=8,
     onset_check_frames=2,
     onset_threshold=10,
     rearm_frames=32,
-    hidden=4,
     class_names=("class0", "class1", "class2"),
 )
 

@@ -67,7 +67,6 @@ class Chain:
 
     def train(self, loaded, asked, prices, request, *, progress, **network):
         self.call("train")
-        self.asked = asked, request, network
         progress("training", 1, 2)
         float_model().save(request.out, training_record(loaded) | {"doubts": self.doubts})
 

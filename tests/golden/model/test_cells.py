@@ -10,9 +10,8 @@ from eskin.golden.model import Fixed, Float, network_formats, run_cell
 from eskin.training.formats import with_network
 from eskin.training.network import RecurrentClassifier
 from tests.support.random_models import random_integer_model
+from tests.support.small_designs import CELLS
 from tests.support.table import each_row
-
-CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
 
 # ---------------------------------------------------------------------- float cells
