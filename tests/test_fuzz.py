@@ -19,6 +19,7 @@ from eskin.cli import common as reader
 from eskin.data import load_recordings, turns
 from eskin.golden.core import ArchiveError, InputError, read_arrays
 from eskin.golden.core.files import MOST_UNPACKED_BYTES
+from scripts import ROOT
 from tests.support import doors, watched
 from tests.support.fuzz_inputs import commands, damaged, header, make_case, make_corpus
 from tests.support.result_case import CONFIG
@@ -173,7 +174,7 @@ def test_an_odd_argument_from_python_is_refused_in_a_sentence(corpus, bounded_me
 
 BREAKS = {
     "traceback": "def broken(*a, **k): return 1 / 0\n",
-    "wrote outside": f"def broken(*a, **k): open({str(watched.ROOT)!r} + '/README.md', 'a').close(); raise "
+    "wrote outside": f"def broken(*a, **k): open({str(ROOT)!r} + '/README.md', 'a').close(); raise "
     "SystemExit(2)\n",
     "hang": "def broken(*a, **k):\n    while True: pass\n",
     "long work": "def broken(*a, **k):\n    for done in range(1, 3): print(f'recordings: {done} of 9', flush=True)\n"

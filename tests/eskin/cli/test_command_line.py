@@ -2,7 +2,6 @@
 and no changed file."""
 
 import json
-import os
 import re
 import resource
 import shutil
@@ -208,10 +207,14 @@ def test_what_is_refused_is_one_sentence_and_changes_no_file(call, folder, model
 # ---------------------------------------------------------------------- interrupts and full disks
 def test_an_interrupt_ends_with_130_and_one_sentence(call, folder, monkeypatch):
     """It comes while recordings are read."""
-    interrupt = lambda *_, **__: os.kill(os.getpid(), signal.SIGINT)
-    monkeypatch.setattr("eskin.data.load.load_archive", interrupt)
+    monkeypatch.setattr("eskin.data.load.load_archive", lambda *_, **__: signal.raise_signal(signal.SIGINT))
     before = contents(folder)
-    status, out, err = call(*"train --data data.npz --out new".split())
+    # a process of xdist ignores an interrupt; a user at a terminal does not
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        status, out, err = call(*"train --data data.npz --out new".split())
+    finally:
+        signal.signal(signal.SIGINT, handler)
     assert (status, out, err.count("\n")) == (130, "", 1) and err.startswith("eskin: stopped by the user")
     assert contents(folder) == before
 
