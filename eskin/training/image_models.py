@@ -180,7 +180,7 @@ def train_image_model(
 @dataclass(frozen=True, eq=False)
 class ImageDecider:
     """Decisions of one network on the images that it was trained without. result: as of
-    `eskin.training.train_images.judge`."""
+    `eskin.training.train_images.judge_fold`."""
 
     fold: ImageFold
     result: Record
