@@ -7,8 +7,9 @@ rule chooses front ends, which are evaluated with a linear network in closed for
 whole networks (`eskin.choose.networks`), and both again inside the training part of every fold.
 
 With a panel (`eskin.study.stability.panel`), networks decide disturbed recordings too; the score is the mean of both accuracies.
-Candidates may lose at most CLEAN_LOSS of accuracy against the choice of the rule and cost at most DEARER
-times as much. The cheapest of those that tie with the best score is chosen (`choose_stable`).
+Candidates may lose at most CLEAN_LOSS of accuracy against the choice of the rule, take at most DEARER times its
+average power and at most ENERGY times its energy of a touch. The cheapest of those that tie with the best score is
+chosen (`choose_stable`).
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ from eskin.training.recipe import Recipe
 if TYPE_CHECKING:
     from eskin.study.stability.panel import Panel
 
-CLEAN_LOSS, DEARER = 0.007, 4 / 3
-"""Largest loss of accuracy on undisturbed recordings, and largest factor of cost, at which a design that does
-better under disturbance is taken."""
+CLEAN_LOSS, DEARER, ENERGY = 0.007, 4 / 3, 4.0
+"""Largest loss of accuracy on undisturbed recordings, and largest factors of average power (or of the preferred
+cost) and of the energy of a touch, at which a design that does better under disturbance is taken."""
 
 SCREENED = Recipe(name="ridge regression", squares=True)
 """Recipe by which front ends are judged without a network: closed form, float."""
@@ -247,14 +248,16 @@ def choose(judged: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandid
 
 def _cheapest(level: Sequence[ScoredCandidate], prices: CostModel) -> ScoredCandidate:
     """The cheapest of tied candidates; one that fits the board goes first."""
-    level = sorted(level, key=lambda one: prices.price(one.config))
+    level = prices.sorted(level, lambda one: one.config)
     return next((one for one in level if prices.fits(one.config)), level[0])
 
 
 def affordable(config: AcceleratorConfig, calm: ScoredCandidate, prices: CostModel) -> bool:
-    """True if ``config`` costs at most DEARER times as much as ``calm``, the choice of `choose`."""
-    dearest = DEARER * prices.price(calm.config)[0]
-    return prices.is_candidate(config) and prices.price(config)[0] <= dearest * (1 + 1e-9)
+    """True if ``config`` costs at most DEARER and ENERGY times as much as ``calm``, the choice of `choose`."""
+    own, other = prices.cost_of(config), prices.cost_of(calm.config)
+    within = prices.first(own) <= DEARER * (1 + 1e-9) * prices.first(other)
+    within &= own.energy_touch_j <= ENERGY * (1 + 1e-9) * other.energy_touch_j
+    return prices.is_candidate(config) and within
 
 
 def in_reach(
@@ -275,7 +278,7 @@ def choose_stable(
 ) -> ScoredCandidate:
     """The cheapest of the candidates that tie with the best score; at equal cost the one with the higher
     score. Candidates are left out if, compared with ``calm`` (the choice of `choose`), they lose more than
-    CLEAN_LOSS of accuracy on undisturbed recordings or cost more than DEARER times as much."""
+    CLEAN_LOSS of accuracy on undisturbed recordings or are not `affordable`."""
     ranked = sorted(in_reach(judged, calm, prices), key=lambda one: -one.score)
     return _cheapest([one for one in ranked if is_level(ranked[0].scores, one.scores)], prices)
 
@@ -288,6 +291,7 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
         row["onset_threshold"] = onset.onset_threshold
     row |= {"onset_hits": onset.onset_hits, "onset_span": onset.onset_span, "clip": config.rest_level.clip}
     row |= {"scan_every": config.sensor.scan_every}
+    row |= {"window_mode": windows.window_mode} if config.follows_touch else {}
     row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
     row["feature_kinds"] = list(features.feature_kinds)
     if "activity" in features.feature_kinds:

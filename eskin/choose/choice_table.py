@@ -29,6 +29,8 @@ def front_end_words(row: Record) -> str:
     every, steps = row.get("scan_every", 1), row["steps"]
     scans = "" if every == 1 else f", one frame in {every} scanned"
     windows = f"{steps} window{'s' * (steps != 1)} of {row['window']} every {row['hop']}{scans}"
+    if row.get("window_mode") == "whole":
+        windows = f"{steps} windows that divide the touch{scans}"
     return (
         f"{preset}{levels}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}{defences}"
     )
@@ -41,9 +43,9 @@ def windows_brief(row: Record, rows: Sequence[Record] = ()) -> str:
     fields = row["front_end"]
     kinds = "+".join(kind[0] for kind in fields["feature_kinds"])
     every = fields.get("scan_every", 1)
-    brief = (
-        f"{fields['steps']} x {fields['window']}/{fields['hop']}{'' if every == 1 else f' 1/{every}'} {kinds}"
-    )
+    follows = fields.get("window_mode") == "whole"
+    length = "whole" if follows else f"{fields['window']}/{fields['hop']}"
+    brief = f"{fields['steps']} x {length}{'' if every == 1 else f' 1/{every}'} {kinds}"
     alike = [set(other["front_end_words"].split(", ")) for other in rows if windows_brief(other) == brief]
     own = row["front_end_words"].split(", ") if alike else []
     return ", ".join([brief, *(words for words in own if words not in set.intersection(*alike))])
@@ -101,7 +103,7 @@ def where_it_fails(candidates: Sequence[Record], unseen: Record) -> Record | Non
     -------
     {rows: [{mode, name (with what a figure counts), figure, bound, held, taken, plain (figures of both networks, None:
     not judged)}] of the modes that apply to the network taken, the weakest first; gates: those of gates alone;
-    held: all rows are; plain: name of the other network; sentence: remedy for the weakest mode}.
+    beyond: number of rows beyond their bounds; plain: name of the other network; sentence: remedy for the weakest mode}.
     """
     taken = next((row for row in candidates if row["chosen"]), None)
     if taken is None or "gate_modes" not in unseen:
@@ -121,7 +123,7 @@ def where_it_fails(candidates: Sequence[Record], unseen: Record) -> Record | Non
     return {
         "rows": rows,
         "gates": gates,
-        "held": all(row["held"] for row in rows),
+        "beyond": sum(not row["held"] for row in rows),
         "plain": f"{network_name(plain)}, {plain['front_end_words']}",
         "sentence": _mended(rows[0], taken, candidates),
     }
@@ -144,13 +146,23 @@ def _mended(weakest: Record, taken: Record, candidates: Sequence[Record]) -> str
     highest, _, best = max(found, key=lambda one: one[:2])
     if highest - sign * own < 0.005:
         return f"{name} No candidate does better in this mode."
-    joule = 1e6 * (best["energy_touch_j"] - taken["energy_touch_j"])
+    joule, watt = (1e6 * (best[cost] - taken[cost]) for cost in ("energy_touch_j", "average_w"))
     points = 100 * (best["accuracy"] - taken["accuracy"])
     return (
-        f"{name} On the folds of the choice it is {own:.1%}, and {sign * highest:.1%} with the best candidate: {network_name(best)}, "
-        f"{front_end_words(best['front_end'])}. Compared with the chosen network it needs {joule:+.2f} uJ a touch and "
-        f"{best['cells'] - taken['cells']:+d} logic cells; its accuracy without disturbance differs by {points:+.1f} points."
+        f"{name} On the folds of the choice it is {own:.1%}, and {sign * highest:.1%} with the best candidate: "
+        f"{network_name(best)}, {front_end_words(best['front_end'])}. Compared with the chosen network it needs "
+        f"{joule:+.2f} uJ a touch, {watt:+.2f} uW on average and {best['cells'] - taken['cells']:+d} logic cells; its "
+        f"accuracy without disturbance differs by {points:+.1f} points."
     )
+
+
+def decides_early(candidates: Sequence[Record]) -> Record | None:
+    """The candidate with the best score of those that decide in half the time of the one taken, which
+    ``--prefer latency`` finds; None: there is none."""
+    timed = [row for row in candidates if row.get("decision_time_s") is not None]
+    latest = next((row["decision_time_s"] / 2 for row in timed if row["chosen"]), 0.0)
+    early = [row for row in timed if row["decision_time_s"] <= latest]
+    return max(early, key=lambda row: row["score"], default=None)
 
 
 def left_out(groups: Sequence[str]) -> str:

@@ -7,21 +7,25 @@ through the functions of a `CostModel`, so this module imports no hardware.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, InputError
 
 Prefer = Literal["energy", "cells", "latency"]
-"""Cost to minimise among candidates that are tied in accuracy."""
+"""Cost to minimise among candidates that are tied in accuracy; energy: average power, then energy of a touch."""
 PREFERENCES: tuple[Prefer, ...] = get_args(Prefer)
+EQUAL = 1.01
+"""Largest ratio of two average powers that count as equal."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
     """energy_touch_j: of a touch, from its first frame to its decision, joule. cells: logic cells, onset to
     decision. latency_s: from the last sample to the decision, at the board's clock. touch_s: from the onset
-    to the last sample. average_w: average power with one touch a second, at the cheapest of the part's
-    clocks. It includes the scans of the configuration's converter if its data sheet gives a power."""
+    to the last sample. average_w: average power with one touch a second, on the board's clock, which always runs.
+    It includes the scans of the configuration's converter if its data sheet gives a power."""
 
     energy_touch_j: float
     cells: int
@@ -46,15 +50,39 @@ class CostModel:
     prefer: Prefer = "energy"
     named: bool = False
 
+    def first(self, cost: Cost) -> float:
+        """The preferred cost."""
+        return {
+            "energy": cost.average_w,
+            "cells": float(cost.cells),
+            "latency": cost.touch_s + cost.latency_s,
+        }[self.prefer]
+
     def price(self, config: AcceleratorConfig) -> tuple[float, ...]:
-        """Sort key: the preferred cost, then energy, then the time from onset to last sample."""
+        """Sort key of designs of equal average power: the preferred cost, energy, cells, time from onset to last
+        sample."""
         cost = self.cost_of(config)
-        first = {"energy": cost.energy_touch_j, "cells": cost.cells, "latency": cost.latency_s}[self.prefer]
-        return (first, cost.energy_touch_j, cost.touch_s)
+        rest = cost.energy_touch_j, float(cost.cells), cost.touch_s
+        return rest if self.prefer == "energy" else (self.first(cost), *rest)
+
+    def sorted(self, designs: Sequence[T], config_of: Callable[[T], AcceleratorConfig]) -> list[T]:
+        """Cheapest first. With ``prefer`` energy, average powers within EQUAL of the least count as equal."""
+        power = [self.cost_of(config_of(design)).average_w for design in designs]
+        least = EQUAL * min(power, default=0.0)
+        dear = [self.prefer == "energy" and own > least and own for own in power]
+        order = sorted(range(len(designs)), key=lambda i: (dear[i], *self.price(config_of(designs[i]))))
+        return [designs[i] for i in order]
 
     def is_candidate(self, config: AcceleratorConfig) -> bool:
         """False if the user named a board that is too small for ``config``."""
         return not self.named or self.fits(config)
+
+    def can_build(self, config: AcceleratorConfig) -> bool:
+        """False if no hardware has these windows."""
+        try:
+            return self.blocks_of(config) >= 0
+        except InputError:
+            return False
 
     def row(self, config: AcceleratorConfig) -> dict[str, Any]:
         """The costs of a candidate as training.json has them."""

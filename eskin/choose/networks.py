@@ -45,7 +45,7 @@ from eskin.choose.candidate import (
 from eskin.choose.choice_table import network_name
 from eskin.choose.front_ends import Listed
 from eskin.choose.search import Move, Request, Search, search
-from eskin.choose.sturdy import Hardening
+from eskin.choose.sturdy import SPREAD, Hardening
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.training.formats import with_network
@@ -67,11 +67,13 @@ where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving 
 both, 100 level."""
 
 STURDY: dict[str, Record] = {
-    f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.3, 0.1, 0.03)
+    f"sturdy {strength:g}": {"squares": True, "sturdy": strength} for strength in (0.1, 0.3, 1.0)
 }
 """Fits of a linear cell that are tried if it is judged under disturbance."""
 ROBUST, ROBUST_UPDATES = "robust", 800
 """Recipe of recurrent cells that are judged under disturbance, and its updates."""
+GATES_AHEAD, RECURRENT = 2, 4
+"""Numbers of front ends that recurrent cells are tried on under disturbance, and of these cells."""
 AGAIN = 2
 """Maximum number of candidates under disturbance that are scored with other seeds."""
 
@@ -107,7 +109,7 @@ class Effort:
     fits, units: of linear cells and of GRUs. share: divisor of a recurrent network's number of updates.
     probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds:
     number for candidates that can still be taken. brief: nothing dearer is tried once no other can be better
-    by a standard error, and no longer windows. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: number
+    by a standard error. sturdy, robust: fits of linear and of recurrent cells under disturbance. ends: number
     of front ends that are made sturdier.
     """
 
@@ -145,8 +147,7 @@ INSIDE = Effort(
     probe=8,
     probe_share=4,
     brief=True,
-    sturdy=("sturdy 0.1",),
-    robust=(),
+    sturdy=("sturdy 0.1", "sturdy 1"),
     ends=2,
 )
 """Effort inside folds, where there are many choices."""
@@ -392,19 +393,42 @@ def sturdier_networks(search: NetworkSearch) -> Request:
     return search.request(search.in_price(search.like_calm(on, fit) for on in ends for fit in fits))
 
 
-def longer_or_larger(search: NetworkSearch) -> Request:
-    """The best so far with longer windows, which regain some of the accuracy that a sturdier fit loses; a recurrent
-    one with four more units."""
+def more_windows(search: NetworkSearch) -> Request:
+    """The best linear cells so far with more windows, which regain some of the accuracy that a sturdier fit loses."""
     calm, hardening = search.calm, search.hardening
-    if calm is None or hardening is None or search.effort.brief:
+    if calm is None or hardening is None or calm.config.recurrent:
         return Request()
-    ahead = max(in_reach(search.tried, calm, search.prices, 2 * CLEAN_LOSS), key=lambda one: one.score)
-    on, fit, network = ahead.candidate.front_end, fit_of(ahead), ahead.config.network
-    if calm.config.recurrent:
-        further = [search.options.possible(on, network.cell, network.hidden + 4, fit)]
-    else:
-        further = [search.like_calm(longer, fit) for longer in hardening.longer(on)]
-    return search.request(search.in_price(further))
+    ahead = ahead_of(search)[0].candidate.front_end
+    spread = search.in_price(search.like_calm(on) for on in hardening.spread(ahead))
+    ons = [one.front_end for one in spread][:: 2 if search.effort.brief else 1]
+    return search.request(
+        search.in_price(search.like_calm(on, fit) for on in ons for fit in search.effort.sturdy)
+    )
+
+
+def robust_recurrent(search: NetworkSearch) -> Request:
+    """GRUs trained with failing taxels, on the sturdiest front ends."""
+    calm, hardening, options = search.calm, search.hardening, search.options
+    if calm is None or hardening is None:
+        return Request()
+    ons = list(dict.fromkeys(one.candidate.front_end for one in ahead_of(search)))[:GATES_AHEAD]
+    ons += [few for on in ons for few in hardening.spread(on) if few.windows.steps == SPREAD[0]]
+    units = search.effort.units[-2:]
+    fitting = search.in_price(
+        options.possible(on, "gru", count, fit)
+        for on in dict.fromkeys(ons)
+        for fit in search.effort.robust
+        for count in reversed(units)
+    )
+    return search.request(fitting[: 1 if search.effort.brief else RECURRENT])
+
+
+def ahead_of(search: NetworkSearch) -> list[ScoredCandidate]:
+    """Those that lose at most twice CLEAN_LOSS, by their score."""
+    assert search.calm is not None
+    return sorted(
+        in_reach(search.tried, search.calm, search.prices, 2 * CLEAN_LOSS), key=lambda one: -one.score
+    )
 
 
 def seeds_under_stress(search: NetworkSearch) -> Request:
@@ -442,7 +466,8 @@ MOVES: tuple[Move[NetworkSearch], ...] = (
     Move("a larger GRU", larger_gru),
     Move("further seeds", other_seeds),
     Move("sturdier designs", sturdier_networks),
-    Move("longer windows, more units", longer_or_larger, repeats=2),
+    Move("more windows", more_windows),
+    Move("recurrent cells trained under disturbance", robust_recurrent),
     Move("further seeds under disturbance", seeds_under_stress),
     Move("what a higher cost gains", robust_dearer),
 )

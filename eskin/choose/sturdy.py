@@ -1,8 +1,8 @@
 """Sturdier front ends, on which networks are tried if they are judged under disturbance.
 
 An onset rule that checks several times, a tracked rest level, and a clip near the largest deviations cost logic
-cells and no energy. More scans and longer windows cost energy; they are tried only as far as the rule allows.
-No label is used.
+cells and no energy. More scans and more windows cost energy of a touch; they are tried only as far as the rule
+allows. No label is used.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eskin.choose.candidate import CLEAN_LOSS
-from eskin.choose.front_ends import Screen, block_of, scanning_half, valid
+from eskin.choose.front_ends import Screen, block_of, valid
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.codes import UNEVEN
 
@@ -40,8 +40,8 @@ SELDOM = 0.1
 CLIPPED, CLIPS = 0.01, (1.5, 0.75)
 """A tighter clip is a factor times the level that this share of a touch's samples exceeds."""
 
-LONGER = (1.15, 1.33, 2.0)
-"""Ratios of the hops that are tried to the one before."""
+SPREAD = (10, 20, 31)
+"""Numbers of windows over more of a touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,26 +125,19 @@ class Hardening:
         )
         return [one] if one else []
 
-    def longer(self, config: AcceleratorConfig) -> Iterator[AcceleratorConfig]:
-        """``config`` with longer windows, with fewer kinds of feature and longer windows, and with half the
-        scans in windows of as many frames, as far as recordings go."""
+    def spread(self, config: AcceleratorConfig) -> list[AcceleratorConfig]:
+        """``config`` with each of SPREAD windows of its hop or shorter, which nearly all touches complete: with its
+        kinds of feature, and with means alone."""
         if self.screen is None or config.windows.window_mode != "free":
-            return
-        ends = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[-1]
-        kinds = config.features.feature_kinds
-        alike = [
-            config,
-            *([valid(config, feature_kinds=("mean",))] if len(kinds) > 1 and "mean" in kinds else []),
-        ]
-        for one in filter(None, alike):
-            for factor in LONGER:
-                if longer := _with_hop(one, round(factor * one.windows.hop)):
-                    yield from [longer] * (longer.last_frame <= ends)
-        if (half := scanning_half(config)) and (longer := _with_hop(half, config.windows.hop)):
-            yield from [longer] * (longer.last_frame <= ends // 2)
-
-
-def _with_hop(config: AcceleratorConfig, hop: int) -> AcceleratorConfig | None:
-    hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)
-    block = block_of(hop) if config.features.activity_block > 1 else 1
-    return valid(config, hop=hop, window=2 * hop, activity_block=block)
+            return []
+        longest = self.screen.ends(self.screen.touches(config), config.sensor.scan_every)[0]
+        own, kinds = config.windows.hop, config.features.feature_kinds
+        found: list[AcceleratorConfig | None] = []
+        for some in dict.fromkeys((kinds, ("mean",))):
+            for steps in SPREAD:
+                for hop in dict.fromkeys((min(own, longest // (steps + 1)), longest // (steps + 1))):
+                    hop -= hop % (8 if hop >= 32 else 4 if hop >= 8 else 1)
+                    block = block_of(hop) if hop and config.features.activity_block > 1 else 1
+                    windows = dict(hop=hop, window=2 * hop, steps=steps, activity_block=block)
+                    found += [valid(config, feature_kinds=some, **windows)] if hop else []
+        return [one for one in dict.fromkeys(found) if one]

@@ -2,7 +2,7 @@
 
 from eskin.cli.common import app, messages, progress_bars, recordings_for, say, show, show_text
 from eskin.golden.core import Record
-from eskin.golden.model import load_config
+from eskin.golden.model import load_config, load_training
 from eskin.requests import ReportRequest, RunRequest, StabilityRequest
 
 
@@ -15,7 +15,9 @@ def stability(request: StabilityRequest) -> Record:
     recordings = recordings_for(request.data, load_config(request.model))
     with progress_bars() as report:
         result = stability_job.run(request, recordings, progress=report)
-    show("stability", **result, figure=figure_in_words, page=request.out / PAGE)
+    training = load_training(request.model)
+    known = (training.get("data"), training.get("recordings")) == (result["data"], result["recordings"])
+    show("stability", **result, known=known, figure=figure_in_words, page=request.out / PAGE)
     return result
 
 

@@ -26,6 +26,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from eskin.choose.choice_table import (
+    decides_early,
     front_end_table,
     front_end_words,
     network_name,
@@ -230,6 +231,7 @@ def _values(folder: Path) -> Record:
         "unseen": unseen,
         "candidates": candidates,
         "fails": where_it_fails(candidates, run),
+        "early": decides_early(candidates),
         "network_name": network_name,
         "windows_brief": windows_brief,
     }

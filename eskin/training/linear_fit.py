@@ -190,24 +190,19 @@ def fit_average(
     return {name: (odds[name] + scale * squares[name]) / 2 for name in odds}
 
 
-LOST, CUT = 0.5, 0.5
-"""Shares of the touches that the fit assumes with a lost taxel, and cut short to each of CUT_AFTER."""
-CUT_AFTER = (0.4, 0.6, 0.8)
-"""Shares of the windows that remain of a touch that is cut short."""
-RATE, RATES = 0.25, (0.94, 1.07)
+LOST = 2.0
+"""Weight of the loss of one taxel, as often as any other, beside the recorded touches."""
+CUT, CUT_AFTER = 0.1, (0.4, 0.6, 0.8)
+"""Share of the touches that the fit assumes cut short to each of CUT_AFTER of their length."""
+RATE, RATES = 0.1, (0.94, 1.07)
 """Share of the touches that are fitted as sampled at each of RATES."""
-OFFSET, COMMON, DRIFT = 0.7, 0.3, 0.3
-"""Standard deviations of an offset of one taxel, of all together and of their drift in a touch, in those of the
-means."""
-
-
-OVERLAP, OVERLAP_AFTER = 0.5, 0.7
+OVERLAP, OVERLAP_AFTER = 0.1, 0.7
 """Share of the touches that are fitted with the beginning of another one over their windows from there on."""
+OFFSET, COMMON, DRIFT = 0.3, 0.06, 0.1
+"""Variances of an offset of one taxel, of all together and of their drift in a touch, in those of the means."""
 SPIKED = 0.02
 """Share of the samples that are fitted as beyond the clip."""
-
-
-SMOOTH = 1e-2
+SMOOTH = 0.1
 """Ridge penalty, which stands for noise and spikes, as a share of the mean squared length of a touch's inputs."""
 
 
@@ -223,12 +218,11 @@ def fit_sturdy(
     strength: float,
 ) -> dict[str, np.ndarray]:
     """Weights and bias of the least-squares linear cell for recorded and disturbed touches, in closed form:
-    expected products of inputs under the disturbances replace the recorded ones.
+    expected products of inputs under the disturbances are added to the recorded ones.
 
-    A taxel is lost in a share LOST of the touches, each as often: it reads rest, or is masked. A share CUT of
-    the touches ends after some of their windows, a share RATE is sampled at another rate, and to the last
-    windows of a share OVERLAP the beginning of another touch is added. A share SPIKED of the samples lies at
-    the clip. An offset and a drift are taken to the first order, so each adds the products of its derivative.
+    Shares CUT, RATE and OVERLAP of the touches end early, are sampled at another rate, and end with the beginning
+    of another touch. What the loss of a taxel (which then reads rest, or is masked), an offset, a drift, spikes at the
+    clip and noise add to the logits is penalised by its expected square.
 
     Parameters
     ----------
@@ -239,7 +233,7 @@ def fit_sturdy(
     scales:
         (mu, sigma) of the normaliser.
     strength:
-        Factor for the shares and squared deviations of all disturbances and for SMOOTH.
+        Factor for these penalties.
     """
     (touches, steps, width), kinds = features.shape, config.kinds
     mu, sigma = (real_by_input(config, np.asarray(scale)) + np.zeros(width) for scale in scales)
@@ -267,20 +261,13 @@ def fit_sturdy(
     rest = shaped(np.broadcast_to(at_rest, features.shape)).mean(axis=0)
     number = max(len(config.sensor.live), 1)
     ways: list[tuple[float, Moments]] = []
-    for level in (rest, np.zeros_like(rest)):
-        outer = np.outer(sums, level)
-        apart = (number - 2) * gram + outer + outer.T
-        within = (number - 1) * gram + np.outer(level, level)
-        products = np.where(alike, within, apart) / number
-        classes = ((number - 1) * cross + np.outer(level, share)) / number
-        ways.append((strength * LOST / 2, (products, ((number - 1) * sums + level) / number, classes)))
     for part in CUT_AFTER:
         begun = features * (np.arange(steps) < max(round(part * steps), 1))[:, None]
         if config.follows_touch:  # its windows divide what there is of it
             begun = _at_rate(features, part)
-        ways.append((strength * CUT, moments_of(shaped(begun))))
+        ways.append((CUT, moments_of(shaped(begun))))
     rates = () if config.follows_touch else RATES
-    ways += [(strength * RATE, moments_of(shaped(_at_rate(features, factor)))) for factor in rates]
+    ways += [(RATE, moments_of(shaped(_at_rate(features, factor)))) for factor in rates]
     late = min(max(round(OVERLAP_AFTER * steps), 1), steps)
     still = features[:, :1] if config.rest_level.rest == "none" else at_rest
     over = np.zeros_like(features)
@@ -288,11 +275,15 @@ def fit_sturdy(
     added, moved, _ = moments_of(shaped(over))
     across = np.outer(sums, moved)
     overlapped = gram + across + across.T + added, sums + moved, cross + np.outer(moved, share)
-    ways.append((strength * OVERLAP, overlapped))
-    total, moments, targets, weight = gram, sums, cross, 1.0
-    for of, (products, means, classes) in ways:
-        total, moments, targets = total + of * products, moments + of * means, targets + of * classes
-        weight += of
+    ways.append((OVERLAP, overlapped))
+    weight = 1.0 + sum(of for of, _ in ways)
+    total, moments, targets = (
+        (own + sum(of * moved[place] for of, moved in ways)) / weight
+        for place, own in enumerate((gram, sums, cross))
+    )
+    centred = total - np.outer(moments, moments)
+    levels = [level - moments for level in (rest, np.zeros_like(rest))]
+    lost = centred + sum(np.outer(level, level) for level in levels) / 2
     # what one deviation of the means does to each input
     slopes = np.zeros_like(features)
     kind_of = np.arange(width) % kinds
@@ -309,19 +300,17 @@ def fit_sturdy(
     slopes *= live
     time = (np.arange(steps) + 0.5)[:, None]
     offset, drift = shaped(slopes), shaped(slopes * time / steps)
-    of_taxel = np.where(alike, offset.T @ offset / touches, 0.0) / number
-    total += strength * OFFSET**2 * of_taxel
-    for size, slope in ((COMMON, offset), (DRIFT, drift)):
-        total += strength * size**2 * slope.T @ slope / touches
-    total, moments, targets = total / weight, moments / weight, targets / weight
-    centred = total - np.outer(moments, moments)
+    common = offset.T @ offset / touches
+    penalty = np.where(alike, LOST * lost + OFFSET * common, 0.0) / number
+    penalty += COMMON * common + DRIFT * drift.T @ drift / touches
     unit = max(float(x.var(axis=0).sum()), 1e-12)
     noise = np.full(len(centred), SMOOTH * unit / touches)
     if config.rest_level.clip and "mean" in config.features.feature_kinds:
         clipped = config.rest_level.clip / np.where(kind_of == 0, sigma, np.inf)
-        noise += SPIKED * by_taxel(clipped**2) / config.windows.window
-    centred[np.diag_indices_from(centred)] += strength * noise
-    weights = solve(centred, targets - np.outer(moments, share), assume_a="pos")
+        frames = config.window_lengths[-1] if config.follows_touch else config.windows.window
+        noise += SPIKED * by_taxel(clipped**2) / frames
+    penalty[np.diag_indices_from(penalty)] += noise
+    weights = solve(centred + strength * penalty, targets - np.outer(moments, share), assume_a="pos")
     bias = share - moments @ weights
     turn, other = discriminants_of(targets.T @ weights + np.outer(share, bias), indicators.sum(axis=0))
     return _arrays(config, turn.T @ weights.T, bias @ turn + other)

@@ -56,8 +56,7 @@ def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
         cells=cells_of(config),
         latency_s=decision_cycles(config) / target.clock_hz,
         touch_s=config.touch_s,
-        average_w=min(choice["average_w"] for choice in energy["choices"])
-        + ((energy["interface"] or {}).get("scanning_w") or 0.0),
+        average_w=energy["choices"][0]["average_w"] + ((energy["interface"] or {}).get("scanning_w") or 0.0),
     )
 
 

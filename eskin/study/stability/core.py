@@ -131,6 +131,14 @@ class Scene:
         return np.maximum(find_onsets(self.config, self.clean), 1)
 
     @cached_property
+    def touch_frames(self) -> np.ndarray:
+        """Frames of the first touch of each clean recording: its own with ``window_mode`` whole, else all alike."""
+        frames, touches = np.full(len(self.clean), self.config.last_frame), self.touches
+        if touches.ended is not None:
+            frames[touches.recording] = touches.ended - touches.start_frame + 1
+        return frames
+
+    @cached_property
     def sigma(self) -> np.ndarray:
         """(taxels) standard deviation of the window means, codes: one for all taxels, or with columns of different
         kinds (`per_kind`) one per taxel."""
@@ -235,6 +243,11 @@ class At(NamedTuple):
     place: int
     onset: int
     rng: np.random.Generator
+
+    @property
+    def frames(self) -> int:
+        """Frames of the recording's touch."""
+        return int(self.scene.touch_frames[self.place])
 
 
 Change = Callable[[np.ndarray, At], np.ndarray]

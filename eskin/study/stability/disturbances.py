@@ -26,7 +26,7 @@ def stuck(stream: np.ndarray, at: At, end: str = "high") -> np.ndarray:
     """Taxels held at an ``end`` of their range, ``high`` or ``low``, or at their ``rest`` level without noise, from
     ``level`` touch lengths after the onset on."""
     config, columns = at.scene.config, list(at.taxels)
-    begin = max(0, at.onset - 1 + round(at.level * config.last_frame))
+    begin = max(0, at.onset - 1 + round(at.level * at.frames))
     held = {"high": config.sample_format.max_code, "low": config.sample_format.min_code}
     stream[begin:, columns] = held.get(end, rest_of(stream, at.scene)[columns])
     return stream
@@ -163,7 +163,7 @@ def ramp(stream: np.ndarray, at: At, frames: float | None = None) -> np.ndarray:
 
 def drift(stream: np.ndarray, at: At) -> np.ndarray:
     """The same during a touch."""
-    return ramp(stream, at, at.scene.config.last_frame)
+    return ramp(stream, at, at.frames)
 
 
 def hum(stream: np.ndarray, at: At) -> np.ndarray:
@@ -185,7 +185,7 @@ def frames_repeated(stream: np.ndarray, at: At) -> np.ndarray:
 
 def gap(stream: np.ndarray, at: At) -> np.ndarray:
     """A share of a touch's frames is missing in one piece, at a random place in the touch."""
-    touch = at.scene.config.last_frame
+    touch = at.frames
     begin = at.onset + int(at.rng.integers(0, touch))
     return np.concatenate([stream[:begin], stream[begin + round(at.level * touch) :]])
 
@@ -200,8 +200,10 @@ def rate_off(stream: np.ndarray, at: At) -> np.ndarray:
 
 def cut_short(stream: np.ndarray, at: At) -> np.ndarray:
     """Streams that end after a share of the touch's steps."""
-    windows, touches = at.scene.config.windows, at.scene.touches
-    last = at.scene.config.window_spans[max(1, round(at.level * windows.steps)) - 1][1]
+    config, touches = at.scene.config, at.scene.touches
+    last = config.window_spans[max(1, round(at.level * config.windows.steps)) - 1][1]
+    if config.follows_touch:  # as much of its own length
+        last = max(round(at.level * at.frames), config.windows.hop)
     for start in touches.start_frame[touches.recording == at.place]:  # none without a completed step
         stream = stream[: start - 1 + last]
     return stream
@@ -217,7 +219,7 @@ def overlapped(stream: np.ndarray, at: At) -> np.ndarray:
     clean, config = at.scene.clean, at.scene.config
     others = np.roll(clean.labels, -at.place) != clean.labels[at.place]
     partner = (at.place + int(np.argmax(others))) % len(clean)  # itself where there is no other class
-    begin = at.onset + round(at.level * config.last_frame)
+    begin = at.onset + round(at.level * at.frames)
     first = max(int(at.scene.onsets[partner]) - config.onset_rule.onset_mean_frames, 1) - 1
     neighbour = clean.recording(partner).astype(np.float32)[first:]
     length = min(max(len(stream) - begin, 0), len(neighbour))

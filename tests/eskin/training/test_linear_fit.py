@@ -119,8 +119,8 @@ def test_touches_that_end_early_are_decided_on_what_they_have():
 
 @each_row("clip", [0, 9])
 def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, clip):
-    """In closed form and copy by copy: a taxel lost, at rest or masked; touches cut short, at other rates, and
-    with the beginning of another one over their end; samples at the clip."""
+    """In closed form and copy by copy: touches cut short, at other rates, and with the beginning of another one over
+    their end; and what a lost taxel, at rest or masked, changes in the logits, as a penalty."""
     for name in ("OFFSET", "COMMON", "DRIFT"):
         monkeypatch.setattr(linear_fit, name, 0.0)
     rng = np.random.default_rng(4)
@@ -129,11 +129,6 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     config = CONFIG.replace(rest="initial", rest_frames=4, clip=clip)
     arrays = linear_fit.fit_sturdy(config, features, np.ones((50, 6)), labels, (3.0, 2.0), 1.0)
     copies = [(1.0, features)]
-    for taxel in range(4):
-        for level in (-1.5, 0.0):
-            lost = features.copy()
-            lost[:, :, taxel] = level
-            copies.append((linear_fit.LOST / 8, lost))
     for part in linear_fit.CUT_AFTER:
         copies.append((linear_fit.CUT, features * (np.arange(6) < round(part * 6))[:, None]))
     for factor in linear_fit.RATES:
@@ -150,9 +145,22 @@ def test_the_sturdy_fit_is_least_squares_over_every_disturbed_copy(monkeypatch, 
     indicators = np.tile(np.eye(2)[labels], (len(copies), 1))
     unit = features.reshape(50, -1).var(axis=0).sum()
     penalty = linear_fit.SMOOTH * unit / 50 + linear_fit.SPIKED * (clip / 2.0) ** 2 / config.windows.window
-    ridge = Ridge(penalty, solver="cholesky").fit(x, indicators, sample_weight=weight)
-    turn, bias = linear_fit.discriminants_of(
-        (weight[:, None] * indicators).T @ ridge.predict(x), np.array([25, 25])
-    )
-    due = ridge.predict(features.reshape(50, -1)) @ turn + bias
+    # rows of a design whose squares are the penalty, with a target of 0: the loss of each taxel, in mean 0
+    mean, root = weight @ x, np.sqrt(linear_fit.LOST / 4)
+    changes = []
+    for taxel in range(4):
+        own = np.tile(np.arange(4) == taxel, 6)
+        changes.append(np.sqrt(weight)[:, None] * (x - mean) * own)
+        changes += [(np.sqrt(0.5) * (level - mean) * own)[None] for level in (-1.5, 0.0)]
+    centred = np.concatenate([np.sqrt(weight)[:, None] * (x - mean), *(root * rows for rows in changes)])
+    share = weight @ indicators
+    targets = np.zeros((len(centred), 2))
+    targets[: len(x)] = np.sqrt(weight)[:, None] * (indicators - share)
+    ridge = Ridge(penalty, solver="cholesky", fit_intercept=False).fit(centred, targets)
+
+    def fitted(rows: np.ndarray) -> np.ndarray:
+        return (rows - mean) @ ridge.coef_.T + share
+
+    turn, bias = linear_fit.discriminants_of((weight[:, None] * indicators).T @ fitted(x), np.array([25, 25]))
+    due = fitted(features.reshape(50, -1)) @ turn + bias
     assert np.allclose(logits(arrays, features), due, rtol=1e-6, atol=1e-9)

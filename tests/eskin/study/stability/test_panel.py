@@ -9,10 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from eskin.choose.candidate import CLEAN_LOSS, DEARER, Candidate, ScoredCandidate, choose, choose_stable
+from eskin.choose.candidate import (
+    CLEAN_LOSS,
+    DEARER,
+    ENERGY,
+    Candidate,
+    ScoredCandidate,
+    choose,
+    choose_stable,
+)
 from eskin.choose.choice import train_chosen
 from eskin.choose.choice_table import where_it_fails
-from eskin.choose.cost import Cost
+from eskin.choose.cost import EQUAL, Cost
 from eskin.choose.front_ends import Screen
 from eskin.choose.sturdy import SELDOM, Hardening
 from eskin.golden.core import AcceleratorConfig
@@ -39,7 +47,7 @@ def undetected():
 def test_the_panel_gives_the_figures_of_the_suite(make):
     """Touches are found once for a front end there and here for each mode; all recordings in both."""
     bench, names = make(), [*PANEL, MASKED]
-    panel = Panel(bench.recordings, dict.fromkeys(names, 1.0))
+    panel = Panel(bench.recordings, dict.fromkeys(names, 1.0), seed=bench.seed)
     wrong = panel.wrong(bench.config, bench.model, np.arange(len(bench.recordings)))
     suite = replace(bench, few=len(bench.recordings))
     found = panel.figures(panel.cases(bench.config, wrong), bench.clean_accuracy)
@@ -105,12 +113,13 @@ def judged(hidden: int, right: int, disturbed: int, count: int = 1000) -> Scored
     return ScoredCandidate(candidate, correct, stress=Disturbed(), disturbed=lambda: wrong)  # type: ignore[arg-type]
 
 
-def energy(dear: float):
-    """Prices by which 8 units cost so many times as much as 4."""
+def energy(dear: float, power: float = 1.0):
+    """Prices by which 8 units take so many times the energy and the average power of 4."""
 
     def cost_of(config: AcceleratorConfig) -> Cost:
-        price = dear if config.network.hidden == 8 else 1.0
-        return replace(cost_by_size(config), energy_touch_j=1e-6 * price)
+        joule, watt = (dear, power) if config.network.hidden == 8 else (1.0, 1.0)
+        cells = 30  # as many for both
+        return replace(cost_by_size(config), energy_touch_j=1e-6 * joule, average_w=1e-4 * watt, cells=cells)
 
     return priced(cost_of=cost_of)
 
@@ -127,23 +136,30 @@ def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
 
 
 @each_row(
-    "right, dear, taken",
+    "right, dear, power, taken",
     [
-        (1000 * (1 - CLEAN_LOSS), DEARER, True),
-        (1000 * (1 - CLEAN_LOSS) - 1, DEARER, False),
-        (1000, DEARER + 0.01, False),
+        (1000 * (1 - CLEAN_LOSS), ENERGY, DEARER, True),
+        (1000 * (1 - CLEAN_LOSS) - 1, ENERGY, DEARER, False),
+        (1000, ENERGY + 0.01, 1.0, False),
+        (1000, 1.0, DEARER + 0.01, False),
     ],
 )
-def test_disturbances_cost_no_more_than_the_rule_says(right, dear, taken):
+def test_disturbances_cost_no_more_than_the_rule_says(right, dear, power, taken):
     fragile, sturdy = judged(4, 1000, 300), judged(8, right, 1000)
-    assert choose_stable([fragile, sturdy], fragile, energy(dear)) is (sturdy if taken else fragile)
+    assert choose_stable([fragile, sturdy], fragile, energy(dear, power)) is (sturdy if taken else fragile)
+
+
+def test_average_powers_within_a_hundredth_are_equal_and_then_energy_decides():
+    first, second = judged(4, 1000, 0), judged(8, 1000, 0)
+    assert choose([first, second], energy(0.5, EQUAL)) is second
+    assert choose([first, second], energy(0.5, EQUAL + 0.001)) is first
 
 
 # ---------------------------------------------------------------------- a fragile scene
 def gate_costs(config: AcceleratorConfig) -> Cost:
     """A clip costs something here, and a gate that is always open too much."""
     dear = 1e-6 * (1 + 0.2 * (config.rest_level.clip > 0) + 2 * config.opens_at_once)
-    return replace(cost_by_size(config), energy_touch_j=dear)
+    return replace(cost_by_size(config), energy_touch_j=dear, average_w=1e-4)
 
 
 def test_the_cheapest_is_refused_where_it_is_fragile_and_taken_without_stress(tmp_path, quick):
