@@ -411,8 +411,15 @@ def robust_recurrent(search: NetworkSearch) -> Request:
     calm, hardening, options = search.calm, search.hardening, search.options
     if calm is None or hardening is None:
         return Request()
-    ons = list(dict.fromkeys(one.candidate.front_end for one in ahead_of(search)))[:GATES_AHEAD]
-    ons += [few for on in ons for few in hardening.spread(on) if few.windows.steps == SPREAD[0]]
+    gates: dict[Any, AcceleratorConfig] = {}
+    for one in sorted(search.tried, key=lambda one: -one.accuracy):
+        on = one.candidate.front_end
+        if not on.opens_at_once:
+            gates.setdefault((on.rest_level, on.onset_rule), on)
+    sturdiest = sorted(gates.values(), key=hardening.stress.false_onsets)[:GATES_AHEAD]
+    ons = [ahead_of(search)[0].candidate.front_end, *sturdiest]
+    ons = [few for on in ons for few in hardening.spread(on) if few.windows.steps == SPREAD[0]]
+    ons = [on for on in ons if on.features.feature_kinds == ("mean",)]
     units = search.effort.units[-2:]
     fitting = search.in_price(
         options.possible(on, "gru", count, fit)

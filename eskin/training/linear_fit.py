@@ -307,8 +307,8 @@ def fit_sturdy(
     noise = np.full(len(centred), SMOOTH * unit / touches)
     if config.rest_level.clip and "mean" in config.features.feature_kinds:
         clipped = config.rest_level.clip / np.where(kind_of == 0, sigma, np.inf)
-        frames = config.window_lengths[-1] if config.follows_touch else config.windows.window
-        noise += SPIKED * by_taxel(clipped**2) / frames
+        of_window = config.window_lengths[-1] if config.follows_touch else config.windows.window
+        noise += SPIKED * by_taxel(clipped**2) / of_window
     penalty[np.diag_indices_from(penalty)] += noise
     weights = solve(centred + strength * penalty, targets - np.outer(moments, share), assume_a="pos")
     bias = share - moments @ weights

@@ -7,10 +7,9 @@ panel once, and every network on it decides what is there.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
@@ -168,7 +167,7 @@ class Panel:
 
         for mode, experiment in self._modes(config):
             for played in experiment.cases(scene).values():
-                played = dataclasses.replace(played, rows=self.rows[played.rows])
+                played = replace(played, rows=self.rows[played.rows])
                 wrong = np.full(len(self._all), np.nan)
                 wrong[played.rows] = experiment.opened(scene, played) if experiment.gate_only else 1.0
                 if not experiment.gate_only:
@@ -187,7 +186,8 @@ class Panel:
         once."""
         key = config.rest_level, config.onset_rule
         if key not in self._gates:
-            scene, total = self.brief._scene(config), 0.0
+            # every taxel in turn: one that is missed may be the one that opens the gate
+            scene, total = replace(self.brief._scene(config), turns=self._turns), 0.0
             for mode, experiment in self._modes(config):
                 if experiment.gate_only or mode.name in LOUDER:
                     cases = experiment.cases(scene).values()
@@ -263,7 +263,7 @@ class Panel:
         for touches, case in on.found:
             asked = np.isin(touches.recording, test)
             some = touches.take(asked)
-            some = dataclasses.replace(some, sums=some.sums.astype(np.int64))
+            some = replace(some, sums=some.sums.astype(np.int64))
             right = decide_touches(model, some).decision == self._all.labels[some.recording]
             wrong[case[asked], some.recording] = ~right
         return wrong[:, test]
@@ -309,7 +309,7 @@ def _first_touches(cases: Sequence[tuple[int, Played]]) -> tuple[Touches, np.nda
     case = np.concatenate([np.full(len(played.rows), number) for number, played in cases])
     row = np.concatenate([played.rows for _, played in cases])
     of = touches.recording
-    touches = dataclasses.replace(
+    touches = replace(
         touches,
         recording=row[of],
         sums=touches.sums.astype(np.int32),
