@@ -38,6 +38,7 @@ import typer
 
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
+from eskin.cosim.results import Played
 from eskin.golden.core import PRESETS, AcceleratorConfig, Record
 from eskin.pages.views import GAP, count, percent, verdict
 from eskin.rtl.fpga.synthesis import ICE40, synthesise
@@ -94,17 +95,16 @@ def placed(config: AcceleratorConfig) -> Row:
     except build_job.BuildError as misfit:
         return (misfit,)
     energy = result["energy"]
-    activity = energy["activity"]
-    touch_j = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
+    activity, touch_j = energy.activity, energy.per_touch_j + energy.preprocessing_per_touch_j
     return (
         result["logic_cells"],
         f"{result['bram']} + {result['spram']}",
         ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result["seeds"].values()),
-        f"{activity['frame_cycles']:.1f}",
-        f"{activity['quiet_frame_cycles']:.1f}",
-        activity["step_cycles"],
+        f"{activity.frame_cycles:.1f}",
+        f"{activity.quiet_frame_cycles:.1f}",
+        activity.step_cycles,
         f"{1e6 * touch_j:.2f} uJ",
-        f"{1e6 * energy['choices'][1]['idle_w']:.1f} uW",
+        f"{1e6 * energy.choices[1].idle_w:.1f} uW",
     )
 
 
@@ -128,8 +128,8 @@ def features(kinds: str) -> Iterator[Row]:
 def run_figures(folder: Path, run: Record) -> Record:
     """Figures of a result folder of ``eskin run`` by column."""
     pace = "cosim.json" if run.get("images") else "cosim_declared.json"
-    names = "model/training.json", "cosim.json", pace
-    training, played, paced = (json.loads((folder / file).read_text()) for file in names)
+    training = json.loads((folder / "model/training.json").read_text())
+    played, paced = (Played.read(folder / file) for file in ("cosim.json", pace))
     split, source = training["cross_validation"][0], Path(run["data"]["source"])
     chosen = next(row for row in run["candidates"] if row["chosen"])
     figures = {
@@ -139,8 +139,8 @@ def run_figures(folder: Path, run: Record) -> Record:
         "own folds": percent(split["integer_accuracy"]),
         "standard error": percent(split.get("nested", chosen)["standard_error"]),
         "agreement": percent(split["agreement"]),
-        "hardware equals model": f"{verdict(played)}, {count(played['compared_values'])} values",
-        "last sample to decision": f"{1e6 * paced['cycles']['decision_latency_max'] / paced['clock_hz']:.3g} us",
+        "hardware equals model": f"{verdict(played)}, {count(played.compared_values)} values",
+        "last sample to decision": f"{1e6 * (paced.cycles.decision_latency_max or 0) / paced.clock_hz:.3g} us",
     }
     if run.get("images"):
         return figures

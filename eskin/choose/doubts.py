@@ -15,6 +15,7 @@ from eskin.choose.yardsticks import neighbours_alike
 from eskin.data.folds import likely_groups
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
+from eskin.training.evaluate import Evaluation, HeldBack
 from eskin.training.level import is_level
 
 MOST_MISSED = 0.02
@@ -125,22 +126,22 @@ def by_choice(split: Mapping[str, Any]) -> list[Record]:
     return [doubt("by_choice", text, split)]
 
 
-def below_range(tested: Mapping[str, Any], split: Mapping[str, Any]) -> list[Record]:
+def below_range(tested: Evaluation, split: Mapping[str, Any]) -> list[Record]:
     """A doubt if recordings held back (``test`` of run.json) are classified worse than anything that was left out."""
     low, high = unseen(dict(split))["range"]
-    if tested["integer_accuracy"] >= low:
+    if tested.integer_accuracy >= low:
         return []
     text = (
-        f"the network classifies {percent(tested['integer_accuracy'])} of the recordings held back correctly, and cross-"
+        f"the network classifies {percent(tested.integer_accuracy)} of the recordings held back correctly, and cross-"
         f"validation promises {percent(low)} to {percent(high)}: expect the lower figure where recordings differ from those "
         "of --data as these do (a new session, person or day), and record more of such"
     )
     return [doubt("below_range", text, split)]
 
 
-def seen_in_training(tested: Mapping[str, Any], things: str) -> list[Record]:
+def seen_in_training(tested: HeldBack, things: str) -> list[Record]:
     """A doubt if recordings, or images, held back are also in the training data."""
-    seen, count = tested["seen_in_training"], tested["recordings"]
+    seen, count = tested.seen_in_training, tested.recordings
     text = (
         f"{seen} of the {count} {things} held back ({percent(seen / count)}) are also in the training data and say nothing "
         f"about new ones: give --test {things} that are not in --data"
@@ -153,7 +154,7 @@ def no_unseen_figure(split: Mapping[str, Any], why: str) -> Record:
     return doubt("no_unseen_figure", f"there is no nested cross-validation: {why}", split)
 
 
-def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[Record]:
+def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Evaluation) -> list[Record]:
     """Doubts if the accuracy of the integers is LOST below that of the floats, with the stage that loses most
     and its fix.
 
@@ -162,16 +163,16 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
     splits:
         Records of the cross-validation.
     evaluated:
-        Result of `eskin.training.evaluate.evaluate` for the network that was exported.
+        Of the network that was exported.
     """
-    stage = evaluated["logit_error"].get("stage")
+    stage = evaluated.logit_error.stage
     fixes = {
         "features": "--formats feature_bits=16",
         "accumulators": "--weight-bits 10",
         "gates": "--formats gate_bits=14",
     }
-    fix = fixes.get(stage, "--state-bits 16")
-    alike = evaluated["agreement"] >= 1 - LOST  # then wider formats do not help
+    fix = fixes.get(stage or "", "--state-bits 16")
+    alike = evaluated.agreement >= 1 - LOST  # then wider formats do not help
     found = []
     for split, judged in ((split, unseen(split)) for split in splits):
         lost, own = (one["float_accuracy"] - one["integer_accuracy"] for one in (judged, split))

@@ -23,6 +23,7 @@ from eskin.golden.core import (
     InputError,
     Progress,
     Record,
+    Result,
     check_target,
     write_json,
 )
@@ -71,7 +72,7 @@ class Application(typer.Typer):
                 result = verb(request(**options))
                 if target and result is not None:
                     write_json(target, result)
-                if not (result or {}).get("passed", True):
+                if not passed(result):
                     raise typer.Exit(1)
 
             hints, signature = get_type_hints(request), inspect.signature(request)
@@ -82,6 +83,11 @@ class Application(typer.Typer):
             return register(checked)
 
         return add
+
+
+def passed(result: Record | Result | None) -> bool:
+    """False of a result whose checks did not hold."""
+    return dict(result or ()).get("passed", True)
 
 
 def check_outputs(verb: str, options: Record) -> None:

@@ -12,9 +12,10 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
+from pydantic import BaseModel
 
 from eskin.golden.core.errors import InputError
 
@@ -145,9 +146,22 @@ def locked(path: Path) -> Iterator[None]:
         yield
 
 
+class Result(BaseModel):
+    """A result, or a part of one: fields of JSON, by their names there. A field that was not set is not written."""
+
+    def plain(self) -> dict[str, Any]:
+        """Its fields as JSON holds them."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """The result in a file that `write_json` wrote."""
+        return cls.model_validate_json(path.read_bytes())
+
+
 def write_json(path: str | Path, value: Any) -> None:
     """``value`` as indented JSON. NaN and infinities are errors, because JSON has no such numbers."""
-    text = json.dumps(value, indent=2, allow_nan=False)
+    text = json.dumps(value, indent=2, allow_nan=False, default=Result.plain)
     with replacing(path) as temporary:
         temporary.write_text(text + "\n")
 

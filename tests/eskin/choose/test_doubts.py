@@ -4,7 +4,9 @@ import numpy as np
 
 from eskin.choose import doubts
 from eskin.golden.data import Recordings
+from eskin.training.evaluate import HeldBack
 from tests.eskin.choose.test_candidate import CONFIG
+from tests.support.result_case import evaluation
 from tests.support.table import each_row
 
 NAMES = ("smooth", "rough", "edge")
@@ -91,10 +93,10 @@ def test_a_choice_that_is_too_optimistic():
 
 def test_recordings_held_back_below_the_range():
     of = split() | {"range": [0.7, 1.0], "nested": {"range": [0.8, 0.908]}}
-    assert doubts.below_range({"integer_accuracy": 0.8}, of) == []
-    (one,) = doubts.below_range({"integer_accuracy": 0.799}, of)
+    assert doubts.below_range(evaluation(1, integer=0.8), of) == []
+    (one,) = doubts.below_range(evaluation(1, integer=0.799), of)
     assert "79.9 %" in one["text"] and "promises 80.0 % to 90.8 %" in one["text"]
-    (seen,) = doubts.seen_in_training({"recordings": 356, "seen_in_training": 1}, "images")
+    (seen,) = doubts.seen_in_training(HeldBack(**vars(evaluation(356)), seen_in_training=1), "images")
     assert "1 of the 356 images held back (0.3 %) are also in the training data" in seen["text"]
 
 
