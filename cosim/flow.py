@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from eskin.cosim import bulk, latency, runner
 from eskin.cosim.netlist import Hardware
 from eskin.cosim.results import Answer, Cycles, Part, Played, joined
 from eskin.cosim.scoreboard import Mismatch
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, SimulationError
 from eskin.golden.core.converters import converter_plan
 
@@ -35,49 +36,6 @@ WAVES_BEFORE = 2000
 
 class NoClock(SimulationError):
     """No clock was found that meets every budget."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Simulation:
-    """How recordings are played.
-
-    Attributes
-    ----------
-    simulator:
-        ``verilator`` or ``icarus``.
-    pace:
-        ``full``: a beat whenever ready. ``declared``: frames at the sensor's rate, at ``clock_hz``.
-    clock_hz:
-        Default: the configuration's.
-    stalls:
-        Random gaps on both sides; ``seed`` makes them.
-    probe:
-        Write weights during a touch; that must be refused and flagged, and the streams must not change.
-    waves:
-        On a mismatch, play its recording once more and keep waves.
-    cocotb:
-        Positions of the recordings that are played under cocotb; the others are played in bulk in this process
-        (`eskin.cosim.bulk`). Default: all. What this process cannot play goes under cocotb, too:
-        Icarus, a board's netlist, a converter, stalls, ``probe``.
-    threads:
-        Threads that play in bulk; default: one per core.
-    hardware:
-        A netlist of the same design; default: the design's own Verilog.
-    builds:
-        Folder that keeps simulators.
-    """
-
-    simulator: str = "verilator"
-    pace: str = "full"
-    clock_hz: float | None = None
-    stalls: bool = False
-    seed: int = 1
-    probe: bool = False
-    waves: bool = True
-    cocotb: Sequence[int] | None = None
-    threads: int | None = None
-    hardware: Hardware | None = None
-    builds: Path = Path("build/simulators")
 
 
 @dataclass(frozen=True)
@@ -119,10 +77,10 @@ class Run:
                 f"{vectors}: has {given} taxels and the accelerator has {taxels}; use one array for both"
             )
         if pace not in ("full", "declared"):
-            raise InputError(f"--pace {pace}: is unknown; use full or declared")
+            raise InputError(f"`pace` {pace}: is unknown; use full or declared")
         if pace == "declared" and clock_hz < taxels * rate:
             raise InputError(
-                f"--clock {clock_hz:.0f}: is too slow for {taxels} taxels at {rate:g} Hz, one a cycle; "
+                f"`clock_hz` {clock_hz:.0f}: is too slow for {taxels} taxels at {rate:g} Hz, one a cycle; "
                 f"give at least {taxels * rate:.0f} Hz"
             )
         converting = "codes" in expected
@@ -225,7 +183,7 @@ def cosim(
             waves = _keep_waves(run, answer.mismatch, settings, work)
         parts.append(
             Part(
-                **{name: getattr(answer, name) for name in answer.model_fields_set},
+                **answer.plain(),
                 golden=GOLDEN,
                 simulator=how.simulator,
                 level=run.hardware.level,

@@ -196,7 +196,7 @@ def joined(config: AcceleratorConfig, parts: Sequence[Part]) -> Played:
     # an expectation without a touch of a whole window never compared the network
     words = ["gave up"] * bool(whole.gave_up) + ["differs"] * (not exact)
     converter, placed = whole.conversion, whole.without_probes
-    own = {name: getattr(whole, name) for name in whole.model_fields_set & {*Part.model_fields}}
+    own = whole.model_dump(exclude_unset=True, include={*Part.model_fields})
     return Played(
         **own | {"wall_s": round(whole.wall_s, 3)},
         recordings=whole.cocotb_recordings + whole.bulk_recordings,

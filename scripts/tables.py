@@ -129,7 +129,7 @@ def run_figures(folder: Path, run: Record) -> Record:
     """Figures of a result folder of ``eskin run`` by column."""
     pace = "cosim.json" if run.get("images") else "cosim_declared.json"
     training = json.loads((folder / "model/training.json").read_text())
-    played, paced = (Played.read(folder / file) for file in ("cosim.json", pace))
+    played, paced = (Played.model_validate_json((folder / file).read_text()) for file in ("cosim.json", pace))
     split, source = training["cross_validation"][0], Path(run["data"]["source"])
     chosen = next(row for row in run["candidates"] if row["chosen"])
     figures = {

@@ -86,31 +86,16 @@ def cosim(request: CosimRequest) -> Result:
     """
     from eskin.verbs import flow
 
-    if request.clock is not None and not 1 <= request.clock < math.inf:
-        raise InputError(f"--clock {request.clock:g}: is not a clock; give 1 Hz or more")
-    chip = None
-    if request.pdk or request.liberty or request.rom or request.target == "asic":
-        chip = flow.Chip(request.pdk, tuple(request.liberty or ()), request.rom)
-    how = flow.Cosimulation(
-        simulator=request.simulator,
-        pace=request.pace,
-        clock_hz=request.clock,
-        stalls=request.stalls,
-        level=request.level,
-        target=request.target,
-        converter=request.converter,
-        chip=chip,
-        bench=request.bench,
-        threads=request.jobs,
-    )
+    if request.clock_hz is not None and not 1 <= request.clock_hz < math.inf:
+        raise InputError(f"`clock_hz` {request.clock_hz:g}: is not a clock; give 1 Hz or more")
     count = parse_count(request.recordings)
     integer = integer_model(request.model).with_lanes(*parse_lanes(request.lanes))
     loaded = recordings_for(request.data, integer.config)
     numbers = loaded.evenly(count)
     with flow.work_folder() as work, progress_bars() as report:
-        where = Jobs(workers=request.jobs, dask=request.dask, progress=report, version=flow.CODE)
+        where = Jobs(workers=request.threads, dask=request.dask, progress=report, version=flow.CODE)
         played = loaded.subset(numbers)
-        result = flow.cosimulate_parts(integer, played, numbers, how, work=work, jobs=where)
+        result = flow.cosimulate_parts(integer, played, numbers, request, work=work, jobs=where)
         if result.waves:  # out of the temporary folder
             result.waves = str(Path(result.waves).rename(work.with_name(f"waves_{work.name}")))
     show("cosim", played=result, **dict(result))

@@ -14,8 +14,8 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
-from eskin.cosim.flow import Simulation
 from eskin.cosim.results import Played
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Result, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel

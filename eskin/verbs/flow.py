@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim import flow
-from eskin.cosim.flow import Simulation
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.results import Placed, Played, joined
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Progress, Record, content_key
 from eskin.golden.core.files import locked
 from eskin.golden.data import Recordings
@@ -40,65 +40,10 @@ BUILD = Path("build")
 """Everything generated on the way."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Chip:
-    """A chip's netlist: the process, its Liberty files, constants in ROMs."""
-
-    pdk: str | None
-    liberty: tuple[Path, ...]
-    rom: bool
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Cosimulation(Simulation):
-    """What is simulated, and how.
-
-    Attributes
-    ----------
-    level, target:
-        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets, or for ``asic``, a ``chip``, whose registers, latches
-        and memories begin at random.
-    converter:
-        Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were
-        recorded). The golden model reads the samples that the converter makes of the recordings. Frames then
-        come at the declared rate, by the design's own sample clock.
-    bench:
-        Of `cosimulate_parts`, ``cocotb``: all recordings are played under cocotb; ``sample``: one of each class, and the
-        others in bulk where that can be.
-    """
-
-    level: str = "rtl"
-    target: str | None = None
-    converter: str | None = None
-    chip: Chip | None = None
-    bench: str = "sample"
-
-    @property
-    def content(self) -> list[Any]:
-        """What a result depends on, for `content_key`: the fields, and the text of the Liberty files."""
-        liberty = self.chip.liberty if self.chip else ()
-        return [repr(self), *map(text_of, liberty)]
-
-    def check_target(self) -> None:
-        """Refuse a target and a level that do not go together."""
-        if (self.level == "rtl") != (self.target is None):
-            raise InputError(
-                f"--level {self.level}: needs a board; add --target, such as --target icebreaker"
-                if self.target is None
-                else f"--target {self.target}: is for netlists; add --level netlist"
-            )
-        chip, asic = self.chip, self.target == "asic"
-        if (chip or asic) and not (chip and asic and chip.pdk and chip.liberty):
-            raise InputError(
-                "--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or "
-                "none"
-            )
-
-
 def cosimulate(
     model: IntegerModel,
     recordings: Recordings,
-    how: Cosimulation,
+    how: Simulation,
     *,
     work: Path,
     numbers: Sequence[int] | None = None,
@@ -130,24 +75,23 @@ def cosimulate(
         A converter together with a netlist or with stalls; a netlist without a target, a target without a
         netlist, an unknown one.
     """
-    how.check_target()
-    config = with_converter(model.config, how.converter, how.clock_hz)
+    chip, config = how.chip, with_converter(model.config, how.converter, how.clock_hz)
     codes = None
     recordings = recordings.scanned(config.sensor.scan_every)
     if config.interface.converter.name != "none":
         if how.level != "rtl" or how.stalls:
             raise InputError(
-                f"--converter: is {config.interface.converter}, which goes with the design's own Verilog "
+                f"`converter`: is {config.interface.converter}, which goes with the design's own Verilog "
                 "and clock; "
-                "leave out --level and --stalls, or give --converter none"
+                "leave out `level` and `stalls`, or give `converter` none"
             )
         model = dataclasses.replace(model, config=config)
         recordings, codes = through_converter(recordings, config)
         how = dataclasses.replace(how, pace="declared")
     hardware, placed = None, None
-    if how.chip is not None:
-        config = asic_job.chip_config(config, None, how.chip.rom)
-        hardware, placed = _chip_parts(config, model.arrays, how.chip)
+    if chip:
+        config = asic_job.chip_config(config, None, how.rom)
+        hardware, placed = _chip_parts(config, model.arrays, how)
     elif how.target is not None:
         hardware, _ = netlist_of(config, model.arrays, how.target)
         placed = netlist_of(config, model.arrays, how.target, probes=False)
@@ -163,13 +107,7 @@ def cosimulate(
         hardware, cells = placed
         how = dataclasses.replace(how, hardware=hardware, pace="full", stalls=False, probe=False)
         second = flow.cosim(design, vectors, how, work=work / "placed", progress=progress)
-        result.without_probes = Placed(
-            compared_values=second.compared_values,
-            mismatches=second.mismatches,
-            bit_exact=second.bit_exact,
-            mismatch_list=second.mismatch_list,
-            cells=cells,
-        )
+        result.without_probes = Placed(**second.model_dump(include={*Placed.model_fields}), cells=cells)
         result.passed &= second.bit_exact
     return result
 
@@ -184,10 +122,10 @@ def work_folder() -> Iterator[Path]:
 
 
 def _chip_parts(
-    config: AcceleratorConfig, arrays: Arrays, chip: Chip
+    config: AcceleratorConfig, arrays: Arrays, how: Simulation
 ) -> tuple[Hardware, tuple[Hardware, dict[str, int]]]:
     """A chip's netlist with probes; the one that is placed, and its cells."""
-    process = asic_job.process_of(chip.pdk or "", asic_job.libraries_of(chip.liberty)["typ"])
+    process = asic_job.process_of(how.pdk or "", asic_job.libraries_of(how.liberty or ())["typ"])
 
     def part(probes: bool) -> tuple[Hardware, dict[str, int]]:
         netlist = asic_job.netlist_of(config, arrays, process, probes=probes)
@@ -271,7 +209,7 @@ CODE = partial(code_version, "golden", "rtl", "cosim", "study", "verbs")
 
 Piece = tuple[int, int]
 """First recording of a part, and the one after its last."""
-Shared = tuple[IntegerModel, Recordings, list[int], int, Cosimulation, Path]
+Shared = tuple[IntegerModel, Recordings, list[int], int, Simulation, Path]
 """Model, all recordings, what they are called, how many of them (the first) are played under cocotb, how, the work
 folder."""
 
@@ -285,7 +223,7 @@ def cosimulate_parts(
     model: IntegerModel,
     recordings: Recordings,
     numbers: Sequence[int],
-    how: Cosimulation,
+    how: Simulation,
     *,
     work: Path,
     jobs: Jobs,
@@ -310,7 +248,7 @@ def cosimulate_parts(
     alone = how.bench == "cocotb" or config.interface.converter.name != "none"  # in the simulator's process
     alone = alone or bool(how.stalls or (how.target and not chip))
     size = PART[how.simulator] if alone or how.simulator != "verilator" else IN_BULK
-    content = content_key(CODE(), model, recordings, numbers, len(shown), how)
+    content = content_key(CODE(), model, recordings, numbers, len(shown), *contents(how))
     parts = [(low, min(low + size, len(numbers))) for low in range(0, len(numbers), size)]
     pieces = {content_key(content, part): part for part in parts}
     keep, folder = Memo(CACHE), work.resolve() / content[:16]
@@ -327,6 +265,12 @@ def cosimulate_parts(
         result.waves = play(shared, differing, waves=True).waves
     keep.forget(pieces)
     return result
+
+
+def contents(how: Simulation) -> list[Any]:
+    """What a result depends on: the settings, and the text of the Liberty files that they name."""
+    values = [getattr(how, each.name) for each in dataclasses.fields(Simulation)]
+    return [repr(values), *map(text_of, how.liberty or ())]
 
 
 def play(shared: Shared, piece: Piece, *, waves: bool = False) -> Played:

@@ -16,7 +16,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from eskin.choose.choice import configure
 from eskin.choose.networks import check_units
 from eskin.cosim import flow, latency
 from eskin.cosim.results import Cycles, Played
+from eskin.cosim.simulation import Simulation
 from eskin.data import load_recordings
 from eskin.data.fit import for_model
 from eskin.golden.core import (
@@ -46,7 +47,7 @@ from eskin.golden.model import IntegerModel, load_config, load_training
 from eskin.memo import Memo, code_version
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
-from eskin.requests import ChoiceOptions, RunRequest, TrainRequest
+from eskin.requests import RunRequest, spelled
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_from_first_frames, known_without_touch
@@ -58,7 +59,7 @@ from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import by_lanes, cost_model
-from eskin.verbs.flow import Cosimulation, cosimulate, one_of_each
+from eskin.verbs.flow import cosimulate, one_of_each
 from eskin.verbs.generate_job import generate_design
 from eskin.verbs.milestones import shown
 
@@ -226,7 +227,7 @@ class _Steps:
         shutil.copytree(generated / "rtl", result / "rtl")
         shutil.copy(evaluated / "evaluate.json", result)
         outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
-        judged = Evaluation.read(evaluated / "evaluate.json")
+        judged = Evaluation.model_validate_json((evaluated / "evaluate.json").read_text())
         checks = _checks(judged, tested, outcomes)
         found = self._doubts(training, baselines, tested, judged, model)
         record = {
@@ -237,8 +238,8 @@ class _Steps:
             "candidates": training.get("candidates"),
             "lanes": by_lanes(config),
             "baselines": baselines,
-            "doubts": found,
-            "warnings": doubts.sentences(found),
+            "doubts": [one | {"text": spelled(one["text"])} for one in found],
+            "warnings": [*map(spelled, doubts.sentences(found))],
             "test": tested and tested.plain(),
             "cosimulated": [int(number) for number in numbers],
             "checks": checks,
@@ -291,13 +292,11 @@ class _Steps:
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Progress) -> None:
-        shared = {each.name: getattr(self.request, each.name) for each in fields(ChoiceOptions)}
-        request = TrainRequest(**shared, out=folder / "model")
         choice.train_chosen(
             self.recordings,
             self.user_config,
             self.prices,
-            request,
+            replace(self.request, out=folder / "model"),
             plan=self.plan,
             stress=self.panel,
             keep=Memo(KEPT),
@@ -386,7 +385,7 @@ class _Steps:
         cycles: Record | None = None,
     ) -> None:
         # frames as they were recorded, whatever converter there is
-        how = Cosimulation(pace=pace, converter="none", cocotb=one_of_each(played.labels))
+        how = Simulation(pace=pace, converter="none", cocotb=one_of_each(played.labels))
         play: Any = partial(_lowest_clock, cycles=Cycles(**cycles)) if cycles else flow.cosim
         outcome = cosimulate(
             model,

@@ -18,6 +18,7 @@ import numpy as np
 
 from eskin.cosim.device import FOREVER, Accelerator, Design
 from eskin.cosim.results import Played
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import InputError, Progress, Record, check_target, content_key, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, find_touches
@@ -136,7 +137,7 @@ def confirm(hardware: Hardware, name: str) -> Record:
     return _confirmed(hardware.play_case(case, name))
 
 
-HOW = flow.Cosimulation(waves=False)
+HOW = Simulation(waves=False)
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ class Hardware:
     """Co-simulation for the suite."""
 
     bench: Bench
-    how: flow.Cosimulation = HOW
+    how: Simulation = HOW
 
     def play_case(self, case: Case, name: str, *, stalls: bool = False, probe: bool = False) -> Played:
         """A co-simulation for the mode ``name``, which the path in a simulator's error tells."""

@@ -12,7 +12,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
@@ -153,11 +153,6 @@ class Result(BaseModel):
         """Its fields as JSON holds them."""
         return self.model_dump(mode="json", exclude_unset=True)
 
-    @classmethod
-    def read(cls, path: Path) -> Self:
-        """The result in a file that `write_json` wrote."""
-        return cls.model_validate_json(path.read_bytes())
-
 
 def write_json(path: str | Path, value: Any) -> None:
     """``value`` as indented JSON. NaN and infinities are errors, because JSON has no such numbers."""
@@ -241,12 +236,12 @@ def check_folder(out: Path, mark: str) -> None:
     InputError
     """
     if not out.name:
-        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
+        raise InputError(f"`out` {out}: cannot be replaced; name a new folder")
     if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; name a new folder")
+        raise InputError(f"`out` {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
         raise InputError(
-            f"--out {out}: holds other files and no {mark}, so it is not an earlier result; name a new folder"
+            f"`out` {out}: holds other files and no {mark}, so it is not an earlier result; name a new folder"
         )
 
 
