@@ -4,8 +4,8 @@ vectorised over recordings.
 Recordings come as the source made them, or thinned to the frames that the chain takes (`Recordings.scanned`);
 everything here counts the frames that it takes.
 
-This module is the reference for those sections and for the fault detector (docs/specification.md, section
-10). It sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
+This module is the reference for those sections and for the fault detector (docs/specification_interfaces.md,
+section 10). It sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
 """
 
 from __future__ import annotations
@@ -347,9 +347,9 @@ def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
 
 
 class TouchFinder:
-    """Rest level, onset detector and fault detector (docs/specification.md, sections 2 and 10) of recordings
-    side by side, as they stand after the frames seen so far. Frames come in pieces of any length, and how
-    they are cut changes nothing.
+    """Rest level, onset detector and fault detector (docs/specification.md, section 2;
+    docs/specification_interfaces.md, section 10) of recordings side by side, as they stand
+    after the frames seen so far. Frames come in pieces of any length, and how they are cut changes nothing.
 
     Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches
     of its recording ended.

@@ -1,4 +1,4 @@
-"""The nearest stored trajectory of a touch, and touches that are stored (docs/specification.md, section 18)."""
+"""The nearest stored trajectory of a touch, and touches that are stored (docs/specification_interfaces.md, section 18)."""
 
 from collections.abc import Callable
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Fault detector: stuck, silent or saturated taxels (docs/specification.md, section 10). It is a branch
+"""Fault detector: stuck, silent or saturated taxels (docs/specification_interfaces.md, section 10). It is a branch
 beside the front of the chain."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal

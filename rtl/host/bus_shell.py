@@ -1,5 +1,5 @@
 """The accelerator as a CPU sees it: samples in, decisions out, events and an interrupt beside its registers
-(docs/specification.md, section 17)."""
+(docs/specification_interfaces.md, section 17)."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring

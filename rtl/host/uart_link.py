@@ -1,4 +1,4 @@
-"""The accelerator's host side over a serial line: packets of docs/specification.md section 9 in and out."""
+"""The accelerator's host side over a serial line: packets of docs/specification_interfaces.md section 9 in and out."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring

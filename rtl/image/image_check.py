@@ -1,4 +1,4 @@
-"""Checksum over the constants in the image engine's memories: docs/specification.md section 11."""
+"""Checksum over the constants in the image engine's memories: docs/specification_interfaces.md section 11."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib.wiring import In

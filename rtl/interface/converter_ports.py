@@ -1,4 +1,4 @@
-"""Ports of every converter's controller beside its pins (docs/specification.md section 12)."""
+"""Ports of every converter's controller beside its pins (docs/specification_interfaces.md section 12)."""
 
 from amaranth.hdl import unsigned
 from amaranth.lib import wiring

@@ -107,7 +107,7 @@ DECISION_FIELDS: Fields = {
     "PARTIAL": (30, 30),
     "UNSURE": (31, 31),
 }
-"""The decision word behind a bus (docs/specification.md, section 17)."""
+"""The decision word behind a bus (docs/specification_interfaces.md, section 17)."""
 NO_DECISION = 0xFFFF_FFFF
 """The word that DECISION reads while no decision waits."""
 

@@ -1,4 +1,4 @@
-"""A chain that hangs goes back to idle: docs/specification.md section 11."""
+"""A chain that hangs goes back to idle: docs/specification_interfaces.md section 11."""
 
 from amaranth.hdl import Module, Signal
 
