@@ -223,18 +223,18 @@ def cosim(
             continue
         settings["positions"] = positions
         if way == "bulk":
-            said = bulk.play(run, positions, progress, seed=seed, threads=threads or os.cpu_count() or 1)
+            figures = bulk.play(run, positions, progress, seed=seed, threads=threads or os.cpu_count() or 1)
         else:
             progress(f"compiling the simulator and playing {len(positions)} under cocotb", 0, 0)
-            said = run.play(work, settings)
-        if probe and not (said["probe"] or said["mismatch"]):
+            figures = run.play(work, settings)
+        if probe and not (figures["probe"] or figures["mismatch"]):
             raise InputError(
                 "the weight write during a touch needs one that stays open; take other recordings"
             )
-        if waves and said["mismatch"]:
+        if waves and figures["mismatch"]:
             progress("playing what differs once more, with waves", 0, 0)
-            said["waves"] = _keep_waves(run, said["mismatch"], settings, work)
-        results.append({**given, **said, f"{way}_recordings": len(positions)})
+            figures["waves"] = _keep_waves(run, figures["mismatch"], settings, work)
+        results.append({**given, **figures, f"{way}_recordings": len(positions)})
     return joined(run.config, results)
 
 
@@ -266,7 +266,7 @@ def _joined(first: Any, second: Any, name: str = "") -> Any:
         return second if first is None else first
     if isinstance(first, dict):
         return {key: _joined(first.get(key), second.get(key), key) for key in {**first, **second}}
-    return JOINED.get(name, lambda one, _: one)(first, second)
+    return JOINED.get(name, lambda value, _: value)(first, second)
 
 
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> Record:

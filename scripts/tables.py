@@ -247,10 +247,10 @@ def printed(columns: str, rows: Iterable[Row]) -> Iterator[str]:
         yield "| " + " | ".join(map(str, row)) + " |"
 
 
-def lines(table: str, *asked: str) -> Iterator[str]:
+def lines(table: str, *chosen: str) -> Iterator[str]:
     """`printed` of a table of TABLES."""
     rows_of, names, columns = TABLES[table]
-    return printed(columns, (row for name in asked or names for row in rows_of(name)))
+    return printed(columns, (row for name in chosen or names for row in rows_of(name)))
 
 
 def rewritten(page: str, chosen: Iterable[str], commit: str) -> str:

@@ -27,6 +27,6 @@ def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
         One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong
         with it. While ``away``: setting up has failed and restarts.
     """
-    told = {**outputs("busy", "away", "finished"), "fault": Out(FAULT_BITS)}
+    ports = {**outputs("busy", "away", "finished"), "fault": Out(FAULT_BITS)}
     put = struct("valid", place=range(taxels), code=unsigned(code_bits))
-    return {"start": In(1), "put": Out(put)} | told
+    return {"start": In(1), "put": Out(put)} | ports

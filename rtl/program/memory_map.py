@@ -519,7 +519,7 @@ def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
     if interface.converter.name != "none":
         registers.append(register.CONVERTER_FAULTS)
     if interface.converter.name != "none" and interface.stimulator != "none":
-        registers += [one for one in register if one >= register.STIM_AMPLITUDE]
+        registers += [row for row in register if row >= register.STIM_AMPLITUDE]
     return registers
 
 
