@@ -7,6 +7,7 @@ project's own jobs, these tests among them.
 """
 
 import dataclasses
+import doctest
 import os
 import re
 import shlex
@@ -287,6 +288,12 @@ def test_all_commands_run(folder):
 def test_each_mark_of_a_block_is_known():
     """One that is not would be run by nothing."""
     assert {block.mark for block in blocks()} == {"", "quick", "recordings", "board", "long"}
+
+
+def test_examples_of_the_specification_hold():
+    text = "\n".join(block.text for block in blocks() if block.language == "pycon")
+    examples = doctest.DocTestParser().get_doctest(text, {}, "specification", None, 0)
+    assert len(examples.examples) > 50 and doctest.DocTestRunner().run(examples).failed == 0
 
 
 # ------------------------------------------------------------------ configuration
