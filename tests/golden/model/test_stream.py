@@ -93,10 +93,10 @@ def test_a_float_model_streams_its_own_decisions():
 def test_what_is_kept_does_not_grow_and_is_enough(name):
     config = CASES[name].replace(feature_kinds=("activity",), activity_rule="change")
     model = random_integer_model(config, 3)
-    recordings, stream = random_recordings(model.config, (10_000,), 9), Stream(model)
+    recordings, stream = random_recordings(model.config, (4000,), 9), Stream(model)
     size = stream._kept.shape
     assert check_same(stream, run(model, recordings), recordings, 5) > 20
-    assert stream._kept.shape == size and stream.frame == 10_000 and stream.touches > 4
+    assert stream._kept.shape == size and stream.frame == 4000 and stream.touches > 4
 
 
 def test_the_state_of_the_detector_is_told():
