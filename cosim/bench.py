@@ -295,8 +295,8 @@ class Bench:
         self.scoreboard.faults |= INPUT_STALLED * source.stalled
         self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.taken)
 
-    async def _look(self, behind: str) -> None:
-        self.scoreboard.look(behind, await self.bus.read("STATUS"))
+    async def _look(self, after: str) -> None:
+        self.scoreboard.look(after, await self.bus.read("STATUS"))
 
     async def write_weights(self) -> None:
         """If a touch is open, weights are written; the chain must refuse that and tell of it."""

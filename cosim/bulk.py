@@ -74,28 +74,28 @@ def play(
     scoreboard, counts = Scoreboard(config, registers, probes=hardware.probes), Counter[str]()
     longest, pool = 0, ThreadPoolExecutor(threads)
     try:
-        for number, came in enumerate(pool.map(played, range(len(recordings)))):
-            device, armed, looks, status = came
+        for number, result in enumerate(pool.map(played, range(len(recordings)))):
+            device, armed, looks, status = result
             progress("played in bulk", number + 1, len(recordings))
             events, state = device.seen(), device.state
-            taken = events["cycle"][events["stage"] == FRAME_END].tolist()
+            accepted = events["cycle"][events["stage"] == FRAME_END].tolist()
             longest = max(longest, state.frame_cycles_max)
-            counts.update(frames=len(taken), cycles=state.cycle)
+            counts.update(frames=len(accepted), cycles=state.cycle)
             late = (state.overruns + state.refused) * bool(settings["period"])
             counts.update(late=late, stalls=state.stalls)
             scoreboard.begin(recordings[number], armed)
             scoreboard.faults = INPUT_STALLED * bool(state.refused)
             if not status:
                 place = "nothing moves for the watchdog's time"
-                raise scoreboard.mismatch("input", 0, 0, "a standstill", place=place, frame=len(taken) + 1)
+                raise scoreboard.mismatch("input", 0, 0, "a standstill", place=place, frame=len(accepted) + 1)
             for stage, values in device.streams().items():
                 with suppress(Mismatch):  # a later stage may differ earlier
                     scoreboard.check(stage, *values)
             if scoreboard.differing:
                 break
-            for behind, word in looks.items():
-                scoreboard.look(behind, word)
-            scoreboard.end(status, taken)
+            for after, word in looks.items():
+                scoreboard.look(after, word)
+            scoreboard.end(status, accepted)
             device.close()
     except Mismatch:  # the scoreboard has it
         pass

@@ -257,6 +257,6 @@ class Accelerator(Device):
         if frames is not None:
             self.frames(frames, limit=self.limit)
         self.settle(self.limit)
-        came = {stage: values.tolist() for stage, (values, _) in self.streams().items() if values.size}
+        found = {stage: values.tolist() for stage, (values, _) in self.streams().items() if values.size}
         self.forget()
-        return came
+        return found

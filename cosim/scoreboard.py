@@ -224,7 +224,7 @@ class Scoreboard:
             want = int(wanted[index]) if index < len(wanted) else None
             raise self.mismatch(stage, low + index, want, int(values[index]), cycles[index])
 
-    def look(self, behind: str, status: int) -> None:
+    def look(self, after: str, status: int) -> None:
         """STATUS behind ``ARM`` when nothing is on its way any more, behind the frames of
         `Recording.look` (``TOUCH``), in the cycle behind ``FINISH``.
 
@@ -237,25 +237,25 @@ class Scoreboard:
             "ARM": (NO_TOUCH if at_once else NO_TOUCH | ARMED, 0),
             "TOUCH": (TOUCH, BUSY),
             "FINISH": (BUSY, ~BUSY),
-        }[behind]
-        self._equal({f"STATUS behind {behind}": (want, status & ~ignored)})
+        }[after]
+        self._equal({f"STATUS behind {after}": (want, status & ~ignored)})
 
-    def end(self, status: Mapping[str, int], taken: Sequence[int] | None = None) -> None:
+    def end(self, status: Mapping[str, int], accepted: Sequence[int] | None = None) -> None:
         """The recording is over.
 
         Parameters
         ----------
         status:
             Registers of `KEPT` and, where there are fault flags, TAXEL_FAULTS (all of its words as one number).
-        taken:
+        accepted:
             Cycle of the last taxel of each frame. None: not known, nor whether INPUT_STALLED may be set.
 
         Raises
         ------
         Mismatch
         """
-        for name, kept in KEPT.items():
-            self.registers[name] = kept(self.registers.get(name, 0), status[name])
+        for name, combine in KEPT.items():
+            self.registers[name] = combine(self.registers.get(name, 0), status[name])
         for stage, wanted in self._wanted.items():
             if (seen := self._seen[stage]) < len(wanted):
                 raise self.mismatch(stage, seen, int(wanted[seen]), None)
@@ -264,7 +264,8 @@ class Scoreboard:
         ends = frames[local][2:]
         # a window waits for room only while the step two before it is not over
         waits = (
-            taken is None or (np.array(self._offered)[local][: len(ends)] > np.array(taken)[ends - 1]).any()
+            accepted is None
+            or (np.array(self._offered)[local][: len(ends)] > np.array(accepted)[ends - 1]).any()
         )
         flags = np.flatnonzero(arrays["flags"][position]).tolist() if "flags" in arrays else []
         want = registers_behind(
@@ -274,14 +275,16 @@ class Scoreboard:
             touches=int(arrays["touches"][position]),
             steps=int(local.sum()),
             faults=self.faults | TAXEL_FAULT * bool(flags),
-            may_be=INPUT_STALLED * (taken is None) | OVERRUN * bool(waits and len(ends)),
+            may_be=INPUT_STALLED * (accepted is None) | OVERRUN * bool(waits and len(ends)),
         )
         if self.config.faults.fault_frames and "TAXEL_FAULTS" in status:
             want["TAXEL_FAULTS"] = sum(1 << taxel for taxel in flags)
         self._equal({name: (value, status[name]) for name, value in want.items()})
         self.counts["decisions"] += self._seen["decision"]
         pairs = zip(frames.tolist(), self._offered, strict=False)
-        self.late += [cycle - taken[frame - 1] for frame, cycle in pairs if taken and 0 < frame <= len(taken)]
+        self.late += [
+            cycle - accepted[frame - 1] for frame, cycle in pairs if accepted and 0 < frame <= len(accepted)
+        ]
 
     def _equal(self, values: Mapping[str, tuple[int, int]]) -> None:
         """Compare expected values of registers, by name, with what was read."""

@@ -228,14 +228,14 @@ def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = 
     for rest in waiting.values():
         draw.shuffle(rest)
     chosen: list[Mutant] = []
-    taken = Counter[Any]()
+    drawn = Counter[Any]()
     while len(chosen) < count and any(waiting.values()):
         for file, rest in waiting.items():
             while rest and len(chosen) < count:
-                mutant = min(rest, key=lambda one: (taken[file, one.kind], taken[one.kind], one.kind))
+                mutant = min(rest, key=lambda fault: (drawn[file, fault.kind], drawn[fault.kind], fault.kind))
                 rest.remove(mutant)
                 if mutant.is_fault():
-                    taken.update([mutant.kind, (file, mutant.kind)])
+                    drawn.update([mutant.kind, (file, mutant.kind)])
                     chosen.append(mutant)
                     break
     return chosen

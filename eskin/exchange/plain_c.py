@@ -1,8 +1,8 @@
 """The integer model as plain C: C99, integers alone, one call a frame, constants in tables.
 
-docs/specification.md, sections 1 to 8, 10 (faults) and 15, a third time beside golden model and hardware: it
-takes their tables and formats, and adds up hops, as the hardware does. `templates` hold the code; this module
-computes their values.
+docs/specification.md, sections 1 to 8 and 15, and docs/specification_interfaces.md, section 10 (faults), a third
+time beside golden model and hardware: it takes their tables and formats, and adds up hops, as the hardware does.
+`templates` hold the code; this module computes their values.
 """
 
 import textwrap

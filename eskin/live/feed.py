@@ -44,7 +44,7 @@ class Onset:
 
 @dataclass(frozen=True)
 class Where:
-    """Position of a touch, docs/specification.md section 13: centre x, y in sixteenths of a
+    """Position of a touch, docs/specification_interfaces.md section 13: centre x, y in sixteenths of a
     cell, ``peak`` a taxel.
 
     frame: whose it is (0: not known). ended: the touch is over; direction: of its slide,

@@ -1,4 +1,4 @@
-"""The host's side of the serial link (docs/specification.md, section 9): packets, numbering, sending again,
+"""The host's side of the serial link (docs/specification_interfaces.md, section 9): packets, numbering, sending again,
 playing a recording.
 
 Plain Python over anything that reads and writes bytes, so that a board and a simulation run the same code.

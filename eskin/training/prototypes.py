@@ -1,5 +1,5 @@
 """Prototypes of the readout: made from the training recordings, and taught from a few touches
-(docs/specification.md, section 18)."""
+(docs/specification_interfaces.md, section 18)."""
 
 from collections.abc import Sequence
 from typing import Any

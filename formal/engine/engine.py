@@ -179,10 +179,10 @@ def returns_to_idle(m: Module) -> None:
     m.d.comb += waiting.eq(bench.held - bench.reading)
     rank = Signal(range(12 * length))
     to_wait = Mux(bench.slot <= wait, wait - bench.slot, length - bench.slot + wait)
-    asked = (bench.slot == wait) & dut.sequencer.go  # the window that is there was seen
-    m.d.comb += rank.eq(2 * (to_wait + ~primed + waiting * 2 * length) + ((waiting != 0) & ~asked))
-    calm = ~bench.taken & dut.decider_idle & dut.busy & (bench.beats == 0)
-    prove(~before(calm, "was_calm") | (rank < before(rank, "rank_before")), "every cycle brings idle nearer")
+    fetched = (bench.slot == wait) & dut.sequencer.go  # the window that is there was seen
+    m.d.comb += rank.eq(2 * (to_wait + ~primed + waiting * 2 * length) + ((waiting != 0) & ~fetched))
+    quiet = ~bench.taken & dut.decider_idle & dut.busy & (bench.beats == 0)
+    prove(~before(quiet, "was_calm") | (rank < before(rank, "rank_before")), "every cycle brings idle nearer")
     prove((rank != 0) | (bench.beats != 0) | ~dut.busy, "at the end it is idle")
     prove(dut.busy | (rank == 0), "and it is idle at the end only")
     prove(rank <= 10 * length + 1, "the way is no longer")

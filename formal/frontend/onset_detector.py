@@ -74,7 +74,7 @@ def _frames(m: Module, config) -> None:
     # a beat of a frame goes into the pipeline, the sender's or a repeated one
     aligner = dut.aligner
     made = aligner.advance & aligner.offered
-    taken = dut.i.valid & dut.i.ready
+    accepted = dut.i.valid & dut.i.ready
     good = aligner.fresh & aligner.advance
     entered = Signal(range(taxels))
     gone = Signal(range(taxels))
@@ -96,20 +96,20 @@ def _frames(m: Module, config) -> None:
         begins = made & (aligner.index == 0)
         prove(~begins | clear & (held == 0), "a frame begins 2 cycles after the one before has left")
         prove(dut.empty == Cat(held == 0, clear), "empty stages")
-    prove(good <= taken, "what goes in was taken")
+    prove(good <= accepted, "what goes in was taken")
     # of a sender that frames as it should every beat goes in, and none is repeated
     expects = Signal(range(taxels))
-    with m.If(taken):
+    with m.If(accepted):
         m.d.sync += expects.eq(Mux(expects == taxels - 1, 0, expects + 1))
     fits = (dut.i.p.first == (expects == 0)) & (dut.i.p.last == (expects == taxels - 1))
     ever, unfit = Signal(name="unfit_ever"), Signal(name="unfit")
     m.d.comb += unfit.eq(ever | (dut.i.valid & ~fits))
     m.d.sync += ever.eq(unfit)
-    prove(unfit | (taken == made), "of whole frames every beat goes in once")
+    prove(unfit | (accepted == made), "of whole frames every beat goes in once")
     prove(unfit | ~dut.status.framing_fault, "of whole frames none is called wrong")
     prove(unfit | (aligner.index == expects), "and the taxel is the sender's")
     prove(unfit | ~aligner.filling, "and nothing is filled in")
-    prove(~(taken & ~fits & ~ever) | dut.status.framing_fault, "a wrong beat is called wrong")
+    prove(~(accepted & ~fits & ~ever) | dut.status.framing_fault, "a wrong beat is called wrong")
     if config.onset_rule.onset == "baseline":
         now = _last(dut)
         sums = dut.sums
@@ -123,7 +123,7 @@ def _frames(m: Module, config) -> None:
         prove(waits <= 3, "the verdict takes three cycles")
     if config.onset_rule.onset == "band":
         refused = Signal(range(4 * taxels))  # cycles in which the sender waits and the next stage does not
-        m.d.sync += refused.eq(Mux(taken | ~dut.i.valid, 0, refused + dut.o.ready))
+        m.d.sync += refused.eq(Mux(accepted | ~dut.i.valid, 0, refused + dut.o.ready))
         prove(
             Mux(aligner.filling, refused <= aligner.index + 1, (aligner.index == 0) | (refused == 0)),
             "a frame is filled up at once",

@@ -144,7 +144,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     history = config.windows.pretrigger_frames + 1
     keeps_its_beat(dut.o, "o")
     free_sink(dut.o)
-    push, taken = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
+    push, popped = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
     passes = dut.passes if one_port else Const(0, 1)
 
     # Beats are numbered modulo 256, frame * taxels + taxel. What the ring is given to keep is how many it kept
@@ -201,7 +201,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
             wanted_word.eq(Mux(since >= history * taxels - 1, start, word - since)),
             end.eq(number + more * taxels),
         ]
-    with m.Elif(taken):
+    with m.Elif(popped):
         m.d.sync += wanted_word.eq(wanted_word + ~passes)
         with m.If(dut.touch_last):
             m.d.sync += [reading.eq(0), since.eq(number + push - wanted - 1)]
@@ -227,8 +227,8 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
         m.d.comb += place.eq((address - oldest) & mask)
         beat = Signal(8, name=f"beat_{address}")
         m.d.comb += beat.eq(oldest + place)
-        kept = Cat(beat, beat.xor()) if fault_frames else beat
-        prove((place >= held) | (content == kept), "what it holds")
+        stored = Cat(beat, beat.xor()) if fault_frames else beat
+        prove((place >= held) | (content == stored), "what it holds")
     dut_touch, starting, fetched = dut.touch, dut.starting, dut.fetched
     earlier = SimpleNamespace(held=Signal.like(dut.held), push=Signal(), fetch=Signal(), starting=Signal())
     m.d.sync += [

@@ -180,13 +180,13 @@ TAUGHT = CONFIG.replace(cell="linear", decision="last").with_readout(
         ),
         Bug("a touch does not make it stale", "~(loader.locked | bus.w_stb)", "~bus.w_stb"),
         Bug("a write does not make it stale", "~(loader.locked | bus.w_stb)", "~loader.locked"),
-        Bug("the place goes on with every question", "onward=asked & given", "onward=asked"),
+        Bug("the place goes on with every question", "onward=looks & given", "onward=looks"),
     ),
 )
 def words_of_places(m: Module) -> None:
     dut = placed_free(HostControl(TAUGHT))
     loader, look = dut.loader, dut.teaching.look
-    asked = dut.bus.r_stb & (dut.bus.addr == TeachRegister.PLACES)
+    looks = dut.bus.r_stb & (dut.bus.addr == TeachRegister.PLACES)
     # what the readout holds: the word at the place looked at last, while it was free
     held, at = Signal(name="held"), Signal(len(loader.load.address), name="looked_at")
     written = dut.bus.w_stb | dut.load.enable
@@ -200,5 +200,5 @@ def words_of_places(m: Module) -> None:
     was = Signal(len(loader.load.address), name="place_before")
     m.d.sync += was.eq(loader.load.address)
     moved = loader.load.address != was
-    acted = before(asked & dut.given, "gave") | before(written, "wrote")
+    acted = before(looks & dut.given, "gave") | before(written, "wrote")
     prove(~moved | acted, "the place goes on with a word given")

@@ -639,8 +639,8 @@ class AcceleratorConfig:
             return (0,) * len(self.weighted_stages)
         formats = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
         return tuple(
-            weight.frac_bits + before.frac_bits - behind.frac_bits
-            for weight, before, behind in zip(self.image.weight_formats, formats, formats[1:], strict=False)
+            weight.frac_bits + before.frac_bits - after.frac_bits
+            for weight, before, after in zip(self.image.weight_formats, formats, formats[1:], strict=False)
         )
 
     @property

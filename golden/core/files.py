@@ -101,17 +101,17 @@ def replacing_folder(folder: str | Path, check: Check = lambda: None) -> Iterato
     folder = Path(folder)
     with _parents(folder):
         work = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        fresh, old = work / "new", work / "old"
+        draft, old = work / "new", work / "old"
         try:
-            fresh.mkdir()
-            yield fresh
-            exchange(fresh, folder, old, check)
+            draft.mkdir()
+            yield draft
+            exchange(draft, folder, old, check)
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
 
-def exchange(fresh: Path, folder: Path, old: Path, check: Check = lambda: None) -> None:
-    """Rename ``fresh`` to ``folder``; the earlier ``folder`` becomes ``old``. All three are on one file
+def exchange(draft: Path, folder: Path, old: Path, check: Check = lambda: None) -> None:
+    """Rename ``draft`` to ``folder``; the earlier ``folder`` becomes ``old``. All three are on one file
     system.
 
     Raises
@@ -128,7 +128,7 @@ def exchange(fresh: Path, folder: Path, old: Path, check: Check = lambda: None) 
         if folder.exists():
             os.replace(folder, old)
         try:
-            os.replace(fresh, folder)
+            os.replace(draft, folder)
         except BaseException:
             if old.exists():
                 os.replace(old, folder)

@@ -207,8 +207,8 @@ def layer_stages(height: int, width: int, layers: Sequence[Layer]) -> tuple[Stag
 
 
 def _check_room(stages: Sequence[Stage]) -> None:
-    for stage, behind in itertools.pairwise(stages):
-        if math.prod(stage.result) > MOST_MAP_VALUES and not isinstance(behind.layer, Pool):
+    for stage, following in itertools.pairwise(stages):
+        if math.prod(stage.result) > MOST_MAP_VALUES and not isinstance(following.layer, Pool):
             raise ValueError(
                 f"has a map of {math.prod(stage.result)} values behind '{stage.layer}', and "
                 f"{MOST_MAP_VALUES} fit the memory; use fewer channels, or a pool behind it"

@@ -151,7 +151,7 @@ def to_codes(
             scale = round_step(HEADROOM * largest, bounds.max_code)
             origin = f"twice the largest value of {largest:.6g} fits 16 bits"
     codes = np.rint(values / np.asarray(scale))
-    clipped, held = clipped_to(codes, bounds, names)
+    clipped, held_codes = clipped_to(codes, bounds, names)
     if asked and clipped.max() > MOST_CLIPPED:
         worst = int(np.argmax(clipped))
         raise InputError(
@@ -161,7 +161,7 @@ def to_codes(
     notes = [
         f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {in_words(scale)} ({origin})"
     ]
-    notes += held
+    notes += held_codes
     # a quantile of about 100 000 frames is as good as one of all frames
     moves = np.subtract(
         *np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)

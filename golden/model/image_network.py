@@ -46,8 +46,8 @@ class ImageTrace(Decisions):
         one."""
         count = len(self.decision)
         streams: dict[str, Stream] = {}
-        for stage, behind in zip(self.config.stages, self.config.stages[1:], strict=False):
-            if not isinstance(behind.layer, Pool):
+        for stage, following in zip(self.config.stages, self.config.stages[1:], strict=False):
+            if not isinstance(following.layer, Pool):
                 values = self.maps[stage.number].reshape(count, -1)
                 streams[f"map_{stage.number}"] = (
                     values.astype(np.int64).ravel(),

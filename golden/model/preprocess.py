@@ -4,8 +4,8 @@ vectorised over recordings.
 Recordings come as the source made them, or thinned to the frames that the chain takes (`Recordings.scanned`);
 everything here counts the frames that it takes.
 
-This module is the reference for those sections and for the fault detector (docs/specification.md, section
-10). It sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
+This module is the reference for those sections and for the fault detector (docs/specification_interfaces.md,
+section 10). It sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
 """
 
 from __future__ import annotations
@@ -347,9 +347,9 @@ def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
 
 
 class TouchFinder:
-    """Rest level, onset detector and fault detector (docs/specification.md, sections 2 and 10) of recordings
-    side by side, as they stand after the frames seen so far. Frames come in pieces of any length, and how
-    they are cut changes nothing.
+    """Rest level, onset detector and fault detector (docs/specification.md, section 2;
+    docs/specification_interfaces.md, section 10) of recordings side by side, as they stand
+    after the frames seen so far. Frames come in pieces of any length, and how they are cut changes nothing.
 
     Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches
     of its recording ended.
@@ -412,11 +412,11 @@ class TouchFinder:
         settle, tracked = config.rest_level.rest_frames, config.rest_level.rest == "tracked"
         if first < settle:
             self._settle(samples[: settle - first], min(settle, last))
-        held = len(self._recent)
+        recent = len(self._recent)
         # deviations that the onset rule still needs, then those of these frames
-        history = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)
-        history[:held] = self._recent
-        deviations = history[held:]  # a view: the rule reads what is written here
+        history = np.zeros((recent + len(samples), *samples.shape[1:]), dtype=np.int32)
+        history[:recent] = self._recent
+        deviations = history[recent:]  # a view: the rule reads what is written here
         if not tracked and last > settle:
             begin = max(settle - first, 0)
             deviations[begin:] = self._deviation(samples[begin:], self._baseline)
@@ -442,7 +442,7 @@ class TouchFinder:
                 if tracked:
                     self._track(samples, deviations, first, before, last)
                 break
-        self._recent = history[len(history) - held :].copy()
+        self._recent = history[len(history) - recent :].copy()
         return deviations, touches
 
     def _settle(self, samples: np.ndarray, last: int) -> None:
@@ -508,14 +508,17 @@ class TouchFinder:
         block = self.config.faults.fault_frames
         if not block:
             return
-        held = np.concatenate([self._block, samples]) if len(self._block) else samples
+        samples_so_far = np.concatenate([self._block, samples]) if len(self._block) else samples
         first = self.frames - len(self._block)
-        for stop in range(block, len(held) + 1, block):
+        for stop in range(block, len(samples_so_far) + 1, block):
             last = first + stop
             if last - block >= self.config.rest_level.rest_frames:
-                failed = activity(self.config, held[stop - block : stop]) <= self.config.faults.fault_activity
+                failed = (
+                    activity(self.config, samples_so_far[stop - block : stop])
+                    <= self.config.faults.fault_activity
+                )
                 self.flagged[failed & (self.flagged == 0) & (last <= lengths)[:, None]] = last
-        self._block = held[len(held) // block * block :].copy()
+        self._block = samples_so_far[len(samples_so_far) // block * block :].copy()
 
 
 def scans(

@@ -1,5 +1,5 @@
 """The prototype readout: a touch gets the class of the nearest stored trajectory, and is taught by storing
-its trajectory (docs/specification.md, section 18).
+its trajectory (docs/specification_interfaces.md, section 18).
 
 A trajectory is the hidden state (linear cell: the logits) after each step of a touch, rounded to a few bits.
 """

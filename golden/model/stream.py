@@ -311,8 +311,8 @@ class Stream:
                 - self._before
                 - self._base
             )
-            held = before - self._base - needed
-            self._kept[:held] = self._kept[needed : needed + held].copy()
+            excess = before - self._base - needed
+            self._kept[:excess] = self._kept[needed : needed + excess].copy()
             self._base += needed
             stop -= needed
         self._kept[stop - len(deviations) : stop] = deviations
@@ -373,7 +373,7 @@ class Stream:
         """Decisions of the model from the windows that are complete."""
         # a linear cell has weights for each step, so it gets them all; open windows are 0 and do not count
         steps = touch.completed if self.config.recurrent else self.config.windows.steps
-        alone = Touches(
+        single = Touches(
             recordings=1,
             recording=np.zeros(1, dtype=np.int64),
             onset_frame=np.array([touch.onset_frame]),
@@ -383,7 +383,7 @@ class Stream:
             sums=touch.sums[None, :steps],
             faults=touch.faults[None, :steps] if self.config.faults.fault_frames else None,
         )
-        return decide_touches(self.model, alone)
+        return decide_touches(self.model, single)
 
     def _global(self, touch: _Touch, decided: Decided, frame: int, *, partial: bool) -> Decision:
         touch.decided = True

@@ -274,12 +274,12 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
     InputError
         No file has standard cells at the typical corner, or two have.
     """
-    held: dict[str, list[Library]] = {"typ": [], "slow": [], "fast": []}
+    found: dict[str, list[Library]] = {"typ": [], "slow": [], "fast": []}
     for library in libraries:
-        held["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(
+        found["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(
             library
         )
-    for corner, files in held.items():
+    for corner, files in found.items():
         logic = [library.path.name for library in files if library.holds_logic]
         if len(logic) > 1:
             raise InputError(
@@ -290,7 +290,7 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
             raise InputError(
                 "`liberty`: no file holds standard cells of the typical corner (about 25 C); add it"
             )
-    return held
+    return found
 
 
 def _wire_load(group: Group, farad: float) -> WireLoad:

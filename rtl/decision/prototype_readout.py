@@ -1,4 +1,4 @@
-"""The nearest stored trajectory of a touch, and touches that are stored (docs/specification.md, section 18)."""
+"""The nearest stored trajectory of a touch, and touches that are stored (docs/specification_interfaces.md, section 18)."""
 
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -178,11 +178,11 @@ class PrototypeReadout(Block):
             m, "places", unsigned(stored), words, attrs=prototypes_memory(config, platform, words)
         )
         loads = self.load.enable & self.load.select[load_lines(config)[Loaded.PROTOTYPES]]
-        asked: Value = loads  # the address is the host's
+        wanted: Value = loads  # the address is the host's
         reads: Value = reading
         if teaches:
             looks = self.commands.look & self.idle
-            asked, reads = loads | looks, reading | looks
+            wanted, reads = loads | looks, reading | looks
         beyond = Signal()  # the host's address is that of a class's number
         written = self.written = Signal()
         at = Signal(range(words))
@@ -195,7 +195,7 @@ class PrototypeReadout(Block):
         m.d.comb += [
             beyond.eq(exceeds(self.load.address, words - 1)),
             written.eq(((head & ~teaching) | (body & target)) & sound),
-            at.eq(Mux(asked, self.load.address, address)),
+            at.eq(Mux(wanted, self.load.address, address)),
         ]
         drive(m, read, addr=at, en=reads)
         m.d.comb += reading.eq(Mux(teaching, head, body))

@@ -39,7 +39,7 @@ class RowChain(wiring.Component):
         lanes = len(self.acc)
         links = [Signal(self.total.shape(), name=f"link_{lane}", reset_less=True) for lane in range(lanes)]
         with m.If(self.tick & (self.swap | self.shift)):
-            for lane, (link, behind) in enumerate(zip(links, [*links[1:], self.addend], strict=True)):
-                m.d.sync += link.eq(Mux(self.swap, self.acc[lane], behind))
+            for lane, (link, following) in enumerate(zip(links, [*links[1:], self.addend], strict=True)):
+                m.d.sync += link.eq(Mux(self.swap, self.acc[lane], following))
         m.d.comb += [self.total.eq(links[0]), *(self.load[lane].eq(link) for lane, link in enumerate(links))]
         return m

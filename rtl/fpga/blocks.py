@@ -136,8 +136,8 @@ def join(
     while settled:
         settled = {}
         for name in ends.keys() - owner.keys():
-            near = (owner.get(other) for bit in ends[name] for other in neighbours.get(bit, ()))
-            if votes := Counter(block for block in near if block and block != never):
+            owners = (owner.get(other) for bit in ends[name] for other in neighbours.get(bit, ()))
+            if votes := Counter(block for block in owners if block and block != never):
                 settled[name] = _most(votes)
         owner |= settled
 

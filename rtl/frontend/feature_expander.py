@@ -159,11 +159,11 @@ class FeatureExpander(Block):
                 begins_from = Mux(falls, of_hop, total)
             next_state["total"] = Mux(first, 0, begins_from) + deviation
         widths = fields | ({"change": signed_bits(config.block_bound)} if "change" in next_state else {})
-        fresh = {
+        start = {
             name: Signal(signed(widths[name]), name=f"fresh_{name}", reset_less=True) for name in next_state
         }
         with m.If(step & (slot == 0)):
-            m.d.sync += [fresh[name].eq(value) for name, value in next_state.items()]
+            m.d.sync += [start[name].eq(value) for name, value in next_state.items()]
         if fields:
             m.submodules.state = state = Memory(
                 shape=data.StructLayout({name: bits for name, bits in fields.items()}),
@@ -181,7 +181,7 @@ class FeatureExpander(Block):
                 *(present_state[name].eq(read.data[name]) for name in fields),
                 write.addr.eq(taxel_of_fresh := Signal.like(taxel, name="taxel_of_fresh")),
                 write.en.eq(written),
-                *(write.data[name].eq(fresh[name]) for name in fields),
+                *(write.data[name].eq(start[name]) for name in fields),
             ]
             with m.If(step & (slot == 0)):
                 m.d.sync += taxel_of_fresh.eq(taxel)
@@ -192,7 +192,7 @@ class FeatureExpander(Block):
         # --- beats: each in its slot
         complement = {"mean": self.i.p.complement}
         if "activity" in kinds:
-            amount = fresh.get("change", fresh.get("block", deviation))
+            amount = start.get("change", start.get("block", deviation))
             negative = amount[-1]
             # ~|a| = ~a, or a - 1 where it is negative
             complement["activity"] = Mux(compares, Mux(negative, amount, ~amount) - negative, -1)
@@ -202,11 +202,11 @@ class FeatureExpander(Block):
             with m.If(step & (slot == 1)):
                 m.d.sync += [
                     biased.eq(
-                        biased_magnitude(~fresh["total"], config.features.integral_knee)[
+                        biased_magnitude(~start["total"], config.features.integral_knee)[
                             : config.integral_bits
                         ]
                     ),
-                    below.eq(fresh["total"][-1]),
+                    below.eq(start["total"][-1]),
                 ]
             size = Signal(config.beat_bits - 1)
             logarithm(m, size, biased, config.features.integral_knee, config.features.integral_frac)

@@ -85,8 +85,8 @@ class TouchMarks(Block):
     """
 
     def ports(self, config: AcceleratorConfig):
-        alone = int(config.last_frame == 1)  # the first frame of a touch is its last
-        first = {"hop_last": alone or int(config.windows.hop == 1), "emit": alone, "end": alone}
+        single = int(config.last_frame == 1)  # the first frame of a touch is its last
+        first = {"hop_last": single or int(config.windows.hop == 1), "emit": single, "end": single}
         return inputs("taken") | {name: Out(1, init=value) for name, value in first.items()}
 
     def elaborate(self, platform):

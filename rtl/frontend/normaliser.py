@@ -127,7 +127,7 @@ class Normaliser(wiring.Component):
         added = Signal()
         if config.hardware.checksum:
             m.d.comb += self.wrong.eq(added & read.data.xor())
-        taken = self.i.valid & self.i.ready
+        accepted = self.i.valid & self.i.ready
         at_last = reaches(self.i.p.taxel, config.sensor.taxels - 1)
         at_first = self.i.p.taxel == 0
         if config.kinds > 1:
@@ -149,10 +149,10 @@ class Normaliser(wiring.Component):
         )
         with m.If(looks):
             m.d.sync += masked.eq(out_of_use | ~begun)
-        used = taken if several else taken & at_last  # the mean is read again
+        used = accepted if several else accepted & at_last  # the mean is read again
         m.d.sync += [
             mean_read.eq((mean_read | self.i.valid) & ~used),
-            added.eq(self.i.valid & mean_read & ~taken),
+            added.eq(self.i.valid & mean_read & ~accepted),
         ]
 
         # Narrowing takes one LUT a bit: its select inputs give one of two shifts or, when forced, the level

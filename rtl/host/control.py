@@ -239,7 +239,7 @@ class HostControl(wiring.Component):
             fresh = self.fresh = Signal()
             given = self.given = Signal()
             at_places = bus.addr == TeachRegister.PLACES
-            asked = bus.r_stb & at_places
+            looks = bus.r_stb & at_places
             m.d.sync += [refused.eq((refused & ~forgotten) | teaching.refused), odd.eq(odd ^ teaching.done)]
             # the memory is read ahead; what comes between, a touch or a write, makes that stale
             m.d.sync += [
@@ -257,7 +257,7 @@ class HostControl(wiring.Component):
                 teaching.locked.eq(touch),
                 given.eq(fresh & ~teaching.look & ~loader.locked),
             ]
-            drive(m, loader, seek=bus.w_stb & at_places, onward=asked & given)
+            drive(m, loader, seek=bus.w_stb & at_places, onward=looks & given)
             readable |= {
                 TeachRegister.TAUGHT: Cat(teaching.in_use, refused, odd),
                 TeachRegister.PLACES: Mux(given, Cat(teaching.place, loader.load.address[:7]), 0xFFFF),

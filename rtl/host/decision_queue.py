@@ -1,4 +1,4 @@
-"""Decisions as words that wait for a CPU (docs/specification.md, section 17)."""
+"""Decisions as words that wait for a CPU (docs/specification_interfaces.md, section 17)."""
 
 from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring

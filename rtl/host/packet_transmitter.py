@@ -1,4 +1,4 @@
-"""Decisions and answers onto the serial line: docs/specification.md section 9."""
+"""Decisions and answers onto the serial line: docs/specification_interfaces.md section 9."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream, wiring

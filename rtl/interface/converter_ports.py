@@ -1,4 +1,4 @@
-"""Ports of every converter's controller beside its pins (docs/specification.md section 12)."""
+"""Ports of every converter's controller beside its pins (docs/specification_interfaces.md section 12)."""
 
 from amaranth.hdl import unsigned
 from amaranth.lib import wiring
@@ -27,6 +27,6 @@ def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
         One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong
         with it. While ``away``: setting up has failed and restarts.
     """
-    told = {**outputs("busy", "away", "finished"), "fault": Out(FAULT_BITS)}
+    ports = {**outputs("busy", "away", "finished"), "fault": Out(FAULT_BITS)}
     put = struct("valid", place=range(taxels), code=unsigned(code_bits))
-    return {"start": In(1), "put": Out(put)} | told
+    return {"start": In(1), "put": Out(put)} | ports

@@ -1,5 +1,5 @@
 """Frames from a DDC232: configuration, its readback, integrations in turn on both sides
-(docs/specification.md section 12)."""
+(docs/specification_interfaces.md section 12)."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring

@@ -1,4 +1,4 @@
-"""Frames from a matrix: an address, time to settle, one sample, cell after cell (docs/specification.md
+"""Frames from a matrix: an address, time to settle, one sample, cell after cell (docs/specification_interfaces.md
 section 12)."""
 
 from amaranth.hdl import Module, Mux, Signal

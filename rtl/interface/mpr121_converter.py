@@ -1,4 +1,4 @@
-"""Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification.md
+"""Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification_interfaces.md
 section 12)."""
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A frame from SPI converters: every channel is read in turn and checked (docs/specification.md section
+"""A frame from SPI converters: every channel is read in turn and checked (docs/specification_interfaces.md section
 12)."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal

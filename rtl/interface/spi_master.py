@@ -1,4 +1,4 @@
-"""A serial port to converters: one transfer, several data lines at once (docs/specification.md section
+"""A serial port to converters: one transfer, several data lines at once (docs/specification_interfaces.md section
 12)."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, unsigned

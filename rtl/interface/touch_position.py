@@ -1,4 +1,4 @@
-"""Position of the touch, and direction of a slide (docs/specification.md section 13)."""
+"""Position of the touch, and direction of a slide (docs/specification_interfaces.md section 13)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 

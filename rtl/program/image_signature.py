@@ -1,5 +1,5 @@
 """The signature that an image makes of its passes and weights, and the check words that bring it to zero:
-docs/specification.md section 11.
+docs/specification_interfaces.md section 11.
 
 Plain Python. The hardware is `eskin.rtl.image.image_check`; step and width are those of
 `eskin.rtl.program.signature`.

@@ -107,7 +107,7 @@ DECISION_FIELDS: Fields = {
     "PARTIAL": (30, 30),
     "UNSURE": (31, 31),
 }
-"""The decision word behind a bus (docs/specification.md, section 17)."""
+"""The decision word behind a bus (docs/specification_interfaces.md, section 17)."""
 NO_DECISION = 0xFFFF_FFFF
 """The word that DECISION reads while no decision waits."""
 
@@ -519,7 +519,7 @@ def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
     if interface.converter.name != "none":
         registers.append(register.CONVERTER_FAULTS)
     if interface.converter.name != "none" and interface.stimulator != "none":
-        registers += [one for one in register if one >= register.STIM_AMPLITUDE]
+        registers += [row for row in register if row >= register.STIM_AMPLITUDE]
     return registers
 
 

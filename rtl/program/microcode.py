@@ -182,8 +182,8 @@ class Microcode:
             zeros = {self._operand: self.layout.state_zero, "t": self.layout.t_zero}
             self._set(self.judged - 1, **zeros)
             self._set(self.judged, minus=int(bool(plan.program.t_regions)))
-            held = self._slots.get(self.wait, {})
-            if held.get("gate_write") or (held.get("t_write") and not held.get("value")):
+            waiting = self._slots.get(self.wait, {})
+            if waiting.get("gate_write") or (waiting.get("t_write") and not waiting.get("value")):
                 raise RuntimeError("the table's answer is waited for where the checksum looks up its entries")
         self.slots = [self._slots.get(slot, {}) for slot in range(length)]
         for fields in self.slots:

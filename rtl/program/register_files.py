@@ -107,10 +107,10 @@ def entries(config: AcceleratorConfig, shell: bool = False, samples: bool = True
         begin[Register.MASK] = 0
     several: dict[int, int] = {Register.MASK: words, Register.TAXEL_FAULTS: words}
     fed = (ShellRegister.SAMPLE, ShellRegister.SAMPLE_PAIR, ShellRegister.NEXT_TAXEL)
-    behind = [register for register in ShellRegister if shell and (samples or register not in fed)]
+    shells = [register for register in ShellRegister if shell and (samples or register not in fed)]
     return [
         entry(register, several.get(int(register), 1), begin.get(int(register)))
-        for register in (*present, *interface_registers(config), *behind, *teach_registers(config))
+        for register in (*present, *interface_registers(config), *shells, *teach_registers(config))
     ]
 
 

@@ -344,20 +344,20 @@ class Scheduler:
             return op, index, 1
         if self.shared and not (self._group_starts and cycle >= self.lane_free):
             return None
-        kept = self._table_kept_for_rows(cycle)
+        rows = self._table_kept_for_rows(cycle)
         for k, (op, index) in enumerate(self.pending):
             state_is_read = self.position > self.last_old.get(op.state, -1)
-            if state_is_read and self._element_ready(op, index, cycle, kept):
+            if state_is_read and self._element_ready(op, index, cycle, rows):
                 del self.pending[k]
                 return op, index, 0
         return None
 
-    def _element_ready(self, op: ElementOp, index: int, cycle: int, kept: range) -> bool:
+    def _element_ready(self, op: ElementOp, index: int, cycle: int, rows: range) -> bool:
         for term in range(len(op.terms)):
             if any(self.ready.get(key, 0) > cycle + term for key in self._operands(op, term, index)):
                 return False
         table = cycle + len(op.terms) - 1 + self.timing.element_to_table
-        return not (op.activated and (table in self.table_busy or table in kept))
+        return not (op.activated and (table in self.table_busy or table in rows))
 
     def _table_kept_for_rows(self, cycle: int) -> range:
         """Slots of the table that an element-wise operation leaves to a group that ends soon (``yields``)."""

@@ -1,5 +1,5 @@
 """The signature that a step makes of every constant it reads, and the check words that bring it to zero:
-docs/specification.md section 11.
+docs/specification_interfaces.md section 11.
 
 Plain Python (no Amaranth), so that command line and benches can share it. The hardware is
 `eskin.rtl.engine.memory_check`.

@@ -10,13 +10,13 @@ import numpy as np
 from eskin.cosim.results import Cycles, Played
 from eskin.golden.core import write_json
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, network_shapes, pipeline
+from eskin.golden.model import FloatModel, pipeline
 from eskin.training.evaluate import Evaluation
 from eskin.training.made_up import random_recordings
 from eskin.training.quantise import profile, range_records
 from eskin.training.stage_error import LogitError
 from eskin.training.times import step_times
-from tests.support.random_models import random_integer_model
+from tests.support.random_models import random_float_model, random_integer_model
 from tests.support.small_designs import TRACKED
 
 ROW_KEYS = set(
@@ -49,11 +49,9 @@ def recordings(count: int = 12) -> Recordings:
     )
 
 
-def float_model(seed: int = 5) -> FloatModel:
+def float_model() -> FloatModel:
     """A float network with random weights."""
-    rng = np.random.default_rng(seed)
-    arrays = {name: rng.normal(0, 0.6, shape) for name, shape in network_shapes(CONFIG, real=True).items()}
-    return FloatModel(CONFIG, arrays | {"mu": np.array(0.0), "sigma": np.array(60.0)})
+    return random_float_model(CONFIG, 5)
 
 
 def training_record(loaded: Recordings) -> dict[str, Any]:
@@ -90,14 +88,13 @@ def training_record(loaded: Recordings) -> dict[str, Any]:
         ],
         "confusion": [[17, 1, 0], [0, 15, 3]],
     }
-    model = float_model()
     return {
         "seed": 0,
         "recipe": {"name": "onset"},
         "data": loaded.source,
         "recordings": len(loaded),
         "parameters": CONFIG.parameter_count,
-        "ranges": range_records(CONFIG, profile(model, touches)),
+        "ranges": range_records(CONFIG, profile(float_model(), touches)),
         "versions": {"torch": "9.8.7"},
         "cross_validation": [split, {**split, "groups": [], "integer_accuracy": 0.8877}],
     }

@@ -19,6 +19,7 @@ from eskin.training.image_formats import _scale, equalised, quantised
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.training.integers import quantise
 from eskin.training.judge import folds_of, judge
+from eskin.training.made_up import random_images
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
@@ -47,8 +48,11 @@ def folder(tmp_path_factory):
 
 
 def test_batch_norm_is_folded_into_what_hardware_computes():
+    """Kernels at the border, pools over odd sizes, two layers behind the maps."""
     torch.manual_seed(0)
-    network = ImageNetwork(config(), 0.0)
+    layers = ("conv 5 3", "pool", "conv 3 4", "conv 1 2", "pool", "dense 5", "dense 3")
+    config = AcceleratorConfig.of_image(7, 10, layers, SHAPES)
+    network = ImageNetwork(config, 0.0)
     for norm in network.norms.values():
         for values, least, most in (
             (norm.running_mean, -1, 1),
@@ -58,8 +62,8 @@ def test_batch_norm_is_folded_into_what_hardware_computes():
         ):
             torch.nn.init.uniform_(values, least, most)
     network.eval()
-    images = images_of(shapes(4, 2))
-    folded = float_images(FloatModel(config(), network.folded()), images).logits
+    images = random_images(config, 12, 2)
+    folded = float_images(FloatModel(config, network.folded()), images).logits
     direct = network(torch.from_numpy(images.astype(np.float32))[:, None] / 256).detach().numpy()
     assert np.allclose(folded, direct, atol=1e-4) and np.ptp(folded) > 0.1
 
