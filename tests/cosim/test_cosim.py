@@ -392,7 +392,7 @@ def test_bad_options_are_one_sentence(play, vectors, tmp_path):
     with np.load(vectors) as archive:
         np.savez(tmp_path / "other.npz", **dict(archive) | {"samples": archive["samples"][:, :3]})
     wrong = {
-        "--clock 9000: is too slow for 4 taxels .* at least 12000 Hz": DECLARED | {"clock_hz": 9000.0},
+        "`clock_hz` 9000: is too slow for 4 taxels .* at least 12000 Hz": DECLARED | {"clock_hz": 9000.0},
         "has 3 taxels and the accelerator has 4": {"vectors": tmp_path / "other.npz"},
     }
     for said, options in wrong.items():

@@ -51,15 +51,15 @@ NONE_BETTER = "no other candidate is better"
     [
         ([], None, None),
         ([baseline(0.915), baseline(0.99, groups=("speed",))], None, None),
-        ([baseline(0.925), baseline(0.91)], None, ["92.5 %", "90.0 %", "2.5 points", "--cell auto"]),
-        ([baseline(0.93)], BEST_IS_LARGEST, ["try --cell gru --hidden 16"]),
+        ([baseline(0.925), baseline(0.91)], None, ["92.5 %", "90.0 %", "2.5 points", "`cell` auto"]),
+        ([baseline(0.93)], BEST_IS_LARGEST, ["try `cell` gru `hidden` 16"]),
         ([baseline(0.93)], [LINEAR, SMALL, LARGE | {"accuracy": 0.85}], [NONE_BETTER]),
         ([baseline(0.93)], [LINEAR], [NONE_BETTER]),
         ([baseline(0.939, VECTORS, False)], None, None),  # within two standard errors
         (
             [baseline(0.95, VECTORS, False)],
             BEST_IS_LARGEST,
-            ["eskin has no hardware for it; try --cell gru --hidden 16"],
+            ["eskin has no hardware for it; try `cell` gru `hidden` 16"],
         ),
         ([baseline(0.95, WHOLE, False, whole=True)], [LINEAR], [NONE_BETTER]),
     ],
@@ -155,7 +155,7 @@ def test_neighbours_that_look_alike():
     # what `run` would refuse is not advised
     refused = {"source_file": np.arange(90), "sensor": np.zeros(90), "one_class": np.arange(90) // 15}
     assert "an array in the archive" in doubts.look_alike(sessions(30.0, refused), [], 5)[0]["text"]
-    assert "--group session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
+    assert "`group` session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell

@@ -58,7 +58,7 @@ def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(tmp_pa
     other, out = tmp_path / "other", tmp_path / "out"
     other.mkdir()
     (other / "notes.txt").write_text("mine")
-    with refused("other files in it; give a new folder with --out"):
+    with refused("other files in it; give a new folder with `out`"):
         generate(model.config, model.arrays, other)
     assert [path.name for path in tmp_path.rglob("*")] == ["other", "notes.txt"]
     for _ in range(2):
