@@ -303,7 +303,7 @@ class AcceleratorConfig:
             yield (
                 "loadable",
                 "is false, but the host must fill the memory of prototypes; set it to true, or quantise without "
-                "--readout",
+                "`readout`",
             )
         # one more: the current touch has a slot of its own, so that it can be taught after its end
         places = self.classes * (rule.prototypes + rule.taught) + 1

@@ -4,7 +4,9 @@ import numpy as np
 
 from eskin.choose import doubts
 from eskin.golden.data import Recordings
+from eskin.training.evaluate import HeldBack
 from tests.eskin.choose.test_candidate import CONFIG
+from tests.support.result_case import evaluation
 from tests.support.table import each_row
 
 NAMES = ("smooth", "rough", "edge")
@@ -58,9 +60,9 @@ def lost(on_smooth, on_rough) -> list[dict]:
         (below([LINEAR], (WHOLE, 0.9)), "", []),
         (by_choice(0.87), "", []),
         (by_choice(0.85), "by_choice", ["90.0 % correctly on the folds that chose it", "85.0 %: quote the second figure for a new person"]),
-        (doubts.below_range({"integer_accuracy": 0.8}, UNSEEN), "", []),
-        (doubts.below_range({"integer_accuracy": 0.799}, UNSEEN), "below_range", ["79.9 %", "promises 80.0 % to 90.8 %"]),
-        (doubts.seen_in_training({"recordings": 356, "seen_in_training": 1}, "images"), "seen_in_training",
+        (doubts.below_range(evaluation(1, integer=0.8), UNSEEN), "", []),
+        (doubts.below_range(evaluation(1, integer=0.799), UNSEEN), "below_range", ["79.9 %", "promises 80.0 % to 90.8 %"]),
+        (doubts.seen_in_training(HeldBack(**vars(evaluation(356)), seen_in_training=1), "images"), "seen_in_training",
          ["1 of the 356 images held back (0.3 %) are also in the training data"]),
         (lost([9, 1, 0, 0], [0, 9, 1, 0]), "", []),
         (lost([9, 1, 0, 0], [0, 0, 0, 0]), "", []),  # no recording of it
