@@ -10,18 +10,16 @@ from eskin.golden.model import Touches, Trace
 
 def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
     """Seconds to the end of each window: median over touches."""
-    ends = np.array([last for _, last in config.window_spans])
-    since = (
-        touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
-    )
+    ends = np.array([last for _, last in config.window_spans])[None]
+    since = touches.ends(config) - touches.onset_frame[:, None] if len(touches) else ends
     return np.median(since, axis=0) / config.sensor.scan_rate_hz
 
 
 def decision_times(trace: Trace) -> np.ndarray:
     """(R) seconds to the end of the window that each recording was decided on; NaN: not decided."""
     touches, step, first = trace.touches, trace.global_step, trace.first
-    ends = np.array([last for _, last in trace.config.window_spans])[step]
-    since = touches.start_frame - 1 + ends - touches.onset_frame
+    ends = np.take_along_axis(touches.ends(trace.config), np.maximum(step, 0)[:, None], axis=1)[:, 0]
+    since = ends - touches.onset_frame
     seconds = np.where(step >= 0, since / trace.config.sensor.scan_rate_hz, np.nan)
     return np.append(seconds, np.nan)[first]  # -1, no touch, is the last
 
