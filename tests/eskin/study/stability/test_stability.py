@@ -10,6 +10,7 @@ from unittest.mock import MagicMock, Mock
 import numpy as np
 import pytest
 
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import QFormat
 from eskin.golden.model import preprocess
 from eskin.requests import StabilityRequest
@@ -53,7 +54,7 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name, monkeypatch
 
 def in_hardware(case: Bench, design=None) -> stability_job.Hardware:
     """Icarus: it builds fastest."""
-    how = stability_job.flow.Cosimulation(simulator="icarus", waves=False, hardware=design)
+    how = Simulation(simulator="icarus", waves=False, hardware=design)
     return stability_job.Hardware(case, how)
 
 
