@@ -240,7 +240,7 @@ def cosim(
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Files and compiler options of the converter's model and of its wiring. `spi.sv` stands for every SPI
-    chip that has no model of its own."""
+    chip without a model for it alone."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter.name
     models = (folder / f"{model}.sv" for model in (name, "spi"))
     values = converter_plan(config).parameters(config)
@@ -270,8 +270,8 @@ def _joined(first: Any, second: Any, name: str = "") -> Any:
 
 
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> Record:
-    """One result from those of parts of the recordings, in their order and played alike: counts and seconds
-    are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
+    """One result from the results of parts of the recordings, in their order and played alike: counts and seconds
+    are sums, cycles the extremes, budgets follow from these cycles; the registers are the last part's, with the
     faults of all and the longest step.
     """
     result: Record = reduce(_joined, map(dict, results))

@@ -1,7 +1,7 @@
 """`make formal`: every proof and every seeded bug, two at a time, and the table of their results.
 
 ``python -m formal.run [--quick] [--jobs N] [WORD ...]``: only the proofs whose title has one of the words;
-``--quick`` only those of ``make test``. A verdict is kept by its circuit and its task, so an interrupted run
+``--quick`` only the proofs of ``make test``. A verdict is kept by its circuit and its task, so an interrupted run
 goes on where it was. Exit status 0 where every proof passed and every bug was found. The table is also
 build/formal/proofs.md and proofs.json.
 """

@@ -84,7 +84,7 @@ class Touches:
 def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int], ...]:
     """First and last frame, 1-based from the start of window 1, of ``steps`` windows.
 
-    The first ``config.windows.steps`` are those of the configuration; later ones go on at the same hop with
+    The first ``config.windows.steps`` are the configuration's windows; later ones go on at the same hop with
     the full window length.
     """
     further = (
@@ -322,7 +322,7 @@ def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: in
     if config.features.activity_rule == "sum" or not len(of_touch):
         return np.abs(of_touch)
     reads_back = config.windows.window_mode == "free" and lead > 0
-    # without a block before, the first is its own predecessor: it changes by 0
+    # without a block before, the first is compared with itself: it changes by 0
     before = blocks(deviations[lead - block : lead]) if reads_back else of_touch[:1]
     return np.abs(np.diff(np.concatenate([before, of_touch]), axis=0))
 
@@ -413,10 +413,10 @@ class TouchFinder:
         if first < settle:
             self._settle(samples[: settle - first], min(settle, last))
         recent = len(self._recent)
-        # deviations that the onset rule still needs, then those of these frames
+        # deviations that the onset rule still needs, then the deviations of these frames
         history = np.zeros((recent + len(samples), *samples.shape[1:]), dtype=np.int32)
         history[:recent] = self._recent
-        deviations = history[recent:]  # a view: the rule reads what is written here
+        deviations = history[recent:]  # a view: the rule reads the deviations written here
         if not tracked and last > settle:
             begin = max(settle - first, 0)
             deviations[begin:] = self._deviation(samples[begin:], self._baseline)
@@ -488,7 +488,7 @@ class TouchFinder:
         """The detector's step at the end of frame ``judged``: (recording, onset frame, start frame) of
         touches that begin."""
         rule = self.config.onset_rule
-        # flags are found for all frames of a push at once: those of later frames do not count yet
+        # flags are found for all frames of a push at once: flags of later frames do not count yet
         sound = (self.flagged == 0) | (self.flagged > judged)
         self._hits[judged // self._period % len(self._hits)] = (over & self._live & sound).any(axis=1)
         met = self._hits.sum(axis=0) >= rule.onset_hits if forced is None else forced
@@ -527,9 +527,9 @@ def scans(
     forced: np.ndarray | None = None,
     most: int | None = None,
 ) -> Iterator[tuple[int, int, np.ndarray, list[tuple[int, int, int]], TouchFinder]]:
-    """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first, the one behind the
+    """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first recording, the recording behind the
     last, their deviations (frames, recordings, taxels), their touches (recording, onset frame, start frame),
-    in order, and the detectors as each recording leaves its own."""
+    in order, and the detectors as each recording leaves them."""
     recordings = recordings.scanned(config.sensor.scan_every)
     lengths, taxels = recordings.lengths, config.sensor.taxels
     for first, last in _batches(lengths, taxels, most):

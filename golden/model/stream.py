@@ -1,6 +1,6 @@
 """A model that takes frames one by one and decides at the same frame as the hardware does.
 
-docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of
+docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule come from
 ``eskin.golden.model.pipeline``; no more than a few touches of frames are kept, so that a stream may last for
 ever.
 """
