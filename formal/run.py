@@ -71,17 +71,17 @@ def _anew(bug: Bug) -> Iterator[None]:
             raise ValueError(f"{bug.file} no longer has '{bug.old}': write the seeded bug anew")
         return compile(text.replace(bug.old, bug.new), loader.path, "exec")
 
-    def stamp() -> dict[str, Any]:
+    def unload() -> dict[str, Any]:
         return {
             name: sys.modules.pop(name) for name in [*sys.modules] if name.startswith(("eskin.", "formal."))
         }
 
-    before = stamp()
+    before = unload()
     try:
         with mock.patch.object(SourceFileLoader, "get_code", get_code):
             yield
     finally:
-        stamp()
+        unload()
         sys.modules.update(before)
         for name, module in before.items():
             parent, _, child = name.rpartition(".")
