@@ -15,6 +15,7 @@ import numpy as np
 from cocotb.queue import Queue
 from cocotb.triggers import Event, FallingEdge, RisingEdge, SimTimeoutError, Timer, with_timeout
 
+from eskin.cosim.results import Answer, Conversion
 from eskin.cosim.scoreboard import (
     INPUT_STALLED,
     KEPT,
@@ -25,7 +26,7 @@ from eskin.cosim.scoreboard import (
     flat_stages,
     loading,
 )
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, write_json
 from eskin.golden.core.converters import code_bits
 
 CYCLE_NS = 10
@@ -227,7 +228,7 @@ class Bench:
             dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
         )
         self.scoreboard = Scoreboard(self.config, self.map, probes=self.settings["probes"])
-        self.result: dict[str, Any] = {"probe": False}
+        self.probed = False
 
     async def start(self) -> None:
         """Reset, the monitors, register ID, the model."""
@@ -268,7 +269,7 @@ class Bench:
         seed = settings["stalls"]
         source.begin(None if seed is None else np.random.default_rng([seed, recording.number]))
         frames = recording[settings["frames"]]
-        while settings["probe"] and not self.result["probe"] and len(frames):
+        while settings["probe"] and not self.probed and len(frames):
             await source.send(frames[:PROBED])
             await self.until(dut.idle)
             await self.write_weights()
@@ -306,7 +307,7 @@ class Bench:
             await self.bus.write("MEMORY_DATA", 0x5A5A)
         await self.until(self.dut.idle)
         self.scoreboard.faults |= WRITE_REFUSED
-        self.result["probe"] = True
+        self.probed = True
 
     async def until(self, signal: Any, cycles: float = 0) -> None:
         """``idle`` or ``through`` (all frames that were sent are taken) is high; at most so many cycles longer than
@@ -337,14 +338,25 @@ class Bench:
             self.dut.dump.value = 0
             await FallingEdge(self.dut.clk)
         dut, source = self.dut, self.source
-        self.result |= {"frames": source.frames, "overruns": source.overruns, "input_stalls": source.waited}
-        self.result["simulated_cycles"] = dut.cycle.value.to_unsigned()
+        answer = Answer.of(
+            self.scoreboard,
+            frame_max=source.longest,
+            frames=source.frames,
+            cycles=dut.cycle.value.to_unsigned(),
+            late=source.overruns,
+            stalls=source.waited,
+            probe=self.probed,
+        )
         if self.settings["frames"] == "codes":
-            found = {name: getattr(dut, name).value.to_unsigned() for name in ("faults", "violations")}
-            found |= {"jitter_cycles": round(source.jitter, 3), "code_bits": code_bits(self.config)}
-            found["converter"] = self.config.interface.converter.name
-            self.result |= {"conversion": found, "overruns": found["faults"] >> 2 & 1}
-        Path("result.json").write_text(json.dumps(self.result | self.scoreboard.result(source.longest)))
+            answer.conversion = Conversion(
+                converter=self.config.interface.converter.name,
+                code_bits=code_bits(self.config),
+                jitter_cycles=round(source.jitter, 3),
+                faults=dut.faults.value.to_unsigned(),
+                violations=dut.violations.value.to_unsigned(),
+            )
+            answer.overruns = answer.conversion.faults >> 2 & 1
+        write_json("result.json", answer)
 
     async def _guarded(self, task: Coroutine[Any, Any, None]) -> None:
         """A difference that is found beside the test ends it."""

@@ -110,7 +110,7 @@ def build(
         The build fails.
     """
     if simulator not in ("verilator", "icarus"):
-        raise InputError(f"--simulator {simulator}: is unknown; use verilator or icarus")
+        raise InputError(f"`simulator` {simulator}: is unknown; use verilator or icarus")
     verilator = simulator == "verilator"
     need_tools(*(("perl", "g++", "make") if verilator else ("iverilog", "vvp")))
     paths = [*([wrapper] if wrapper else []), *map(Path, design)]

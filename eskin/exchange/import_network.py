@@ -293,7 +293,9 @@ def measure_scaling(config: AcceleratorConfig, recordings: Recordings) -> tuple[
         raise InputError(
             f"recordings '{recordings.source}': hold no touch, so mean and deviation cannot be measured; give --mean and --std"
         )
-    return scaling(config, real_features(config, touches.sums), touches.completed, touches.faults)
+    return scaling(
+        config, real_features(config, touches.sums, touches.lengths), touches.completed, touches.faults
+    )
 
 
 def import_network(

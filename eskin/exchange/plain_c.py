@@ -200,6 +200,10 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
             f"configuration '{config.name}', field readout: is 'prototypes', which C does not have; export a "
             "model with readout 'dense'"
         )
+    if config.follows_touch:
+        raise InputError(
+            f"configuration '{config.name}', field window_mode: is 'whole', which C does not have yet; use 'free'"
+        )
     image = config.is_image
     tables = _image_tables(model) if image else _frame_tables(model)
     values: Record = _image_values(config) if image else _frame_values(config)

@@ -227,7 +227,7 @@ def enrol(
     if load_config(model_dir).has_prototypes:
         raise InputError(
             f"model '{model_dir}', field readout: is 'prototypes', which would not fit the new weights; "
-            "give --teach in place of --data, or quantise it without --readout first"
+            "give `teach` in place of `data`, or quantise it without `readout` first"
         )
     record, config = load_training(model_dir), IntegerModel.load(model_dir).config
     few = for_model(few, config)
@@ -247,7 +247,7 @@ def enrol(
             )
     if old is not None and not len(former):
         raise InputError(
-            f"recordings '{old.source}': have no touch; leave --with out, or check their onsets with 'eskin inspect'"
+            f"recordings '{old.source}': have no touch; leave `with_` out, or check their onsets with 'eskin inspect'"
         )
     network = load_network(model_dir, data)
     (enrolled,) = fit([network], recipe, [new], None if old is None else [former], seed, progress)
@@ -375,7 +375,7 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
     """
     if not groups:
         raise InputError(
-            "--group: is missing; name the group array whose values are mountings, persons or positions"
+            "`group`: is missing; name the group array whose values are mountings, persons or positions"
         )
     of_value = {}
     for members in grouped_folds(recordings, groups, max(2, len(recordings)), None):
@@ -531,7 +531,7 @@ def _draw(
             raise InputError(
                 f"recordings '{recordings.source}': of value {value} only {len(of_class)} recording(s) of "
                 f"class {name} show a touch, and "
-                f"{most} are to be enrolled; use a smaller k, or another front end (--config)"
+                f"{most} are to be enrolled; use a smaller k, or another front end (`config`)"
             )
         drawn.append(generator.permutation(of_class)[:most])
     return drawn

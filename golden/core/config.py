@@ -303,7 +303,7 @@ class AcceleratorConfig:
             yield (
                 "loadable",
                 "is false, but the host must fill the memory of prototypes; set it to true, or quantise without "
-                "--readout",
+                "`readout`",
             )
         # one more: the current touch has a slot, so that it can be taught after its end
         places = self.classes * (rule.prototypes + rule.taught) + 1
@@ -443,13 +443,32 @@ class AcceleratorConfig:
         """Frames the pre-trigger ring holds: history, the frame of the onset, and slack."""
         return self.windows.pretrigger_frames + 1 + RING_SLACK_FRAMES
 
+    @property
+    def follows_touch(self) -> bool:
+        """True if the windows divide the whole touch (``window_mode`` whole): every decision comes at its end."""
+        return self.windows.window_mode == "whole"
+
+    @property
+    def stored_sums(self) -> int:
+        """Sums that the store of ``window_mode`` whole holds of one taxel and kind."""
+        return self.windows.steps * self.windows.store_per_window
+
+    @cached_property
+    def doublings(self) -> int:
+        """How often the hop doubles in the longest touch of ``window_mode`` whole."""
+        hops = self.windows.touch_frames // self.windows.hop
+        return (hops // self.stored_sums).bit_length()
+
     @cached_property
     def window_spans(self) -> tuple[tuple[int, int], ...]:
         """First and last frame of windows 1..steps, 1-based from the start of the touch's first window.
 
         Free: ``hop (k-1) + 1 .. hop (k-1) + 2 hop``. Touch: the same with ``window`` frames, clipped at
-        touch_frames.
+        touch_frames. Whole: the spans of the longest touch, where all parts are equal.
         """
+        if self.follows_touch:
+            frames, steps = self.windows.touch_frames, self.windows.steps
+            return tuple((frames * k // steps + 1, frames * (k + 1) // steps) for k in range(steps))
         # 1 << 62: beyond every frame, and still an int64
         limit = self.windows.touch_frames if self.windows.window_mode == "touch" else 1 << 62
         return tuple(
@@ -460,18 +479,23 @@ class AcceleratorConfig:
     @cached_property
     def window_lengths(self) -> tuple[int, ...]:
         """Distinct window lengths, frames, in order of first appearance; each has separate normaliser
-        constants."""
+        constants. Whole: 1 to ``store_per_window`` hops, in frames before the hop doubled."""
+        if self.follows_touch:
+            return tuple(self.windows.hop * (hops + 1) for hops in range(self.windows.store_per_window))
         return tuple(dict.fromkeys(last - first + 1 for first, last in self.window_spans))
 
     @cached_property
     def length_index(self) -> tuple[int, ...]:
-        """For each window, the index of its length in window_lengths."""
+        """For each window, the index of its length in window_lengths; whole: the longest, though each touch has
+        separate ones (`Touches.lengths`)."""
+        if self.follows_touch:
+            return (self.windows.store_per_window - 1,) * self.windows.steps
         return tuple(self.window_lengths.index(last - first + 1) for first, last in self.window_spans)
 
     @property
     def last_frame(self) -> int:
         """Frame (1-based from the first window's start) that completes the last window: the end of the
-        touch."""
+        touch, whole: of the longest."""
         return self.window_spans[-1][1]
 
     @property
@@ -553,10 +577,11 @@ class AcceleratorConfig:
     def sum_bits(self) -> int:
         """Bits of a window's value for one input: a mean is at most window times deviation_bound, an activity
         blocks times block_bound."""
+        longest = self.window_lengths[-1] if self.follows_touch else self.windows.window
         bounds = {
-            "mean": self.windows.window * self.deviation_bound,
+            "mean": longest * self.deviation_bound,
             # rounded up: blocks that do not fill the window are refused later, with this width in use
-            "activity": -(-self.windows.window // self.features.activity_block) * self.block_bound,
+            "activity": -(-longest // self.features.activity_block) * self.block_bound,
             "integral": self.integral_limit,
         }
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))

@@ -156,7 +156,7 @@ def to_codes(
         worst = int(np.argmax(clipped))
         raise InputError(
             f"{source}, {called([worst], names)}: a scale of {in_words(scale)} puts {clipped[worst]:.1%} of its samples beyond "
-            f"16 bits; give {round_step(largest, bounds.max_code):.6g}, which holds all, or leave --scale out"
+            f"16 bits; give {round_step(largest, bounds.max_code):.6g}, which holds all, or leave `scale` out"
         )
     notes = [
         f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {in_words(scale)} ({origin})"

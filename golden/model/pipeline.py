@@ -182,12 +182,14 @@ def global_steps(
 def feature_codes(model: IntegerModel, touches: Touches) -> np.ndarray:
     """Feature codes (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector."""
     constants = model.arrays["mean"], model.arrays["scale"]
-    return normalise(model.config, touches.sums, touches.completed, *constants, touches.faults)
+    return normalise(
+        model.config, touches.sums, touches.completed, *constants, touches.faults, touches.lengths
+    )
 
 
 def float_features(model: FloatModel, touches: Touches) -> np.ndarray:
     """Real features (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector."""
-    features = model.features(real_features(model.config, touches.sums))
+    features = model.features(real_features(model.config, touches.sums, touches.lengths))
     if touches.faults is not None:
         features[touches.faults] = 0.0
     return features

@@ -75,11 +75,11 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
         An unknown process, another one's file, or a cell that is needed and missing.
     """
     if pdk not in HINTS:
-        raise InputError(f"--pdk {pdk}: is unknown; use {' or '.join(HINTS)}")
+        raise InputError(f"`pdk` {pdk}: is unknown; use {' or '.join(HINTS)}")
     library = next(file for file in libraries if file.holds_logic)
     if not any(name.startswith(HINTS[pdk]["name"]) for name in library.cells):
         raise InputError(
-            f"--liberty {library.path}: holds no cells of {pdk}; give that process's file, or its own --pdk"
+            f"`liberty` {library.path}: holds no cells of {pdk}; give that process's file, or its own `pdk`"
         )
     cells = library.cells.values()
 
@@ -87,7 +87,7 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
         chosen = min(candidates, key=lambda cell: cell.area, default=None)
         if chosen is None:
             raise InputError(
-                f"--liberty {library.path}: has no {role}, which the design needs; give a file with all "
+                f"`liberty` {library.path}: has no {role}, which the design needs; give a file with all "
                 f"cells of {pdk}"
             )
         return chosen

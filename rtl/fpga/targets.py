@@ -127,5 +127,5 @@ def target(name: str) -> Target:
         No such board.
     """
     if name not in _BOARDS:
-        raise InputError(f"--target {name}: is not a known board; use one of {', '.join(TARGETS)}")
+        raise InputError(f"`target` {name}: is not a known board; use one of {', '.join(TARGETS)}")
     return _target(name, **_BOARDS[name])

@@ -66,7 +66,7 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
     """Refuse (InputError) features that a board without a host cannot have."""
     if config.interface.converter.name == "none":
         raise InputError(
-            "--standalone: there is no source of frames; add --converter NAME, or name one in the model's "
+            "`standalone`: there is no source of frames; add `converter` NAME, or name one in the model's "
             "config.json"
         )
     if config.opens_at_once:

@@ -28,12 +28,12 @@ from eskin.cli.main import app
 from eskin.exchange.onnx_file import write_onnx
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel
+from eskin.golden.model import IntegerModel
 from eskin.teach.taught import save_taught
 from eskin.training.made_up import random_images
 from tests.support import doors, result_case
 from tests.support.image_scenes import random_image_model
-from tests.support.random_models import random_integer_model
+from tests.support.random_models import random_float_model, random_integer_model
 from tests.support.watched import KEPT
 
 DIGITS = "9" * 5000
@@ -83,24 +83,19 @@ def make_corpus(folder: Path) -> Path:
     # in the order in which a folder of classes gives them
     config = result_case.CONFIG.replace(class_names=("rough", "smooth"))
     loaded = dataclasses.replace(result_case.recordings(), class_names=config.network.class_names)
-    _models(
-        folder / "model",
-        FloatModel(config, result_case.float_model().arrays),
-        random_integer_model(config, 2),
-        loaded,
-    )
+    _models(folder / "model", random_integer_model(config, 2), loaded)
     board = config.with_readout(
         readout="prototypes", prototypes=2, taught=3, state_code_bits=4, state_code_shift=8
     )
     taught = random_integer_model(board, 2)
-    _models(folder / "prototypes", FloatModel(board, result_case.float_model().arrays), taught, loaded)
+    _models(folder / "prototypes", taught, loaded)
     save_taught(taught, folder / "taught.npz")
     _archive(folder / "recordings.npz", config, samples=loaded.samples.astype(np.uint16), offsets=loaded.offsets, labels=loaded.labels,
              person=loaded.groups["person"], sample_rate_hz=500.0)  # fmt: skip
     (folder / "config.json").write_text(config.to_json())
     layers: torch.nn.Module = torch.nn.ModuleDict({"cell": torch.nn.GRU(4, 4), "head": torch.nn.Linear(4, 2)})
     torch.save(layers.state_dict(), folder / "network.pt")
-    write_onnx(FloatModel(config, result_case.float_model().arrays), folder / "network.onnx")
+    write_onnx(random_float_model(config, 5), folder / "network.onnx")
     few = dataclasses.replace(loaded.subset(range(4)).until(np.full(4, 60)), sample_rate_hz=500.0)
     _tables(folder, few)
     doors.write_hdf5(few, folder / "r.h5")
@@ -122,13 +117,7 @@ def make_corpus(folder: Path) -> Path:
     doors.write_bag(few, folder / "log.bag", plugin=None)
     (folder / "times.csv").write_text(doors.times_table(few))
     image = AcceleratorConfig.of_image(12, 14, ("conv 3 4", "pool", "dense 2"), ("cup", "ball"), name="small")
-    integer = random_image_model(image, 1)
-    _models(
-        folder / "image_model",
-        FloatModel(image, {name: array / 64.0 for name, array in integer.arrays.items()}),
-        integer,
-        None,
-    )
+    _models(folder / "image_model", random_image_model(image, 1), None)
     _archive(
         folder / "images.npz",
         image,
@@ -146,7 +135,8 @@ def make_corpus(folder: Path) -> Path:
     return folder
 
 
-def _models(folder: Path, real: FloatModel, integer: Any, loaded: Recordings | None) -> None:
+def _models(folder: Path, integer: IntegerModel, loaded: Recordings | None) -> None:
+    real = random_float_model(integer.config, 5)
     real.save(folder, result_case.training_record(loaded) if loaded else {"ranges": {"0": 4.0}})
     integer.save(folder)
 

@@ -18,9 +18,10 @@ from eskin.data import load_recordings
 from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.core import AcceleratorConfig, QFormat
-from eskin.golden.model import FloatModel, constants_shape, find_touches, float_features, network_shapes
+from eskin.golden.model import FloatModel, constants_shape, find_touches, float_features
 from tests.support.c_played import front_end
 from tests.support.c_played import model_of as model_on
+from tests.support.random_models import random_float_model
 from tests.support.small_designs import TRACKED
 from tests.support.table import each_row, refused
 
@@ -37,11 +38,8 @@ CELLS = {
 }
 
 
-def model_of(config: AcceleratorConfig, seed: int = 1) -> FloatModel:
-    rng = np.random.default_rng(seed)
-    arrays = {name: rng.normal(0, 0.5, shape) for name, shape in network_shapes(config, real=True).items()}
-    scale = {"mu": np.full(constants_shape(config), 3.0), "sigma": np.full(constants_shape(config), 7.0)}
-    return FloatModel(config, arrays | scale)
+def model_of(config: AcceleratorConfig) -> FloatModel:
+    return random_float_model(config, 1, 0.5, 3.0, 7.0)
 
 
 def taken(file, tmp_path, config=CONFIG, **options) -> FloatModel:
