@@ -16,7 +16,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter
 from eskin.rtl.fpga.generate import generate
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import Cosimulation, cosimulate, expected_of
+from eskin.verbs.flow import Simulation, cosimulate, expected_of
 from tests.support.array_touches import REST, touches
 from tests.support.link_flow import pack_decisions
 from tests.support.random_models import random_integer_model
@@ -123,7 +123,7 @@ def case_of(name: str, shared_data: Path) -> tuple[AcceleratorConfig, Recordings
 def test_exact_from_the_pins(name, shared_data, tmp_path):
     config, recordings = case_of(name, shared_data)
     model = random_integer_model(config, 3 if name in RECORDED else 5)
-    result = cosimulate(model, recordings, Cosimulation(), work=tmp_path)
+    result = cosimulate(model, recordings, Simulation(), work=tmp_path)
     way, sensor, clock_hz = result.conversion, config.sensor, config.hardware.clock_hz
     row = (name, sensor.taxels, sensor.sample_rate_hz, clock_hz, result.compared_values, way.jitter_cycles)
     print("\n", *row, sep=" | ")  # a row of docs/figures.md

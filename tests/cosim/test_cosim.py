@@ -24,7 +24,7 @@ from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top import accelerator
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import Cosimulation, cosimulate
+from eskin.verbs.flow import Simulation, cosimulate
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import flip, make
 from tests.support.random_models import random_integer_model
@@ -198,7 +198,7 @@ def test_a_design_is_exact(name, tmp_path):
     config, lengths = DESIGNS[name]
     model = at_the_ends(config) if "bits" in name else random_integer_model(config, 3)
     recordings = random_recordings(model.config, lengths, 3)
-    result = cosimulate(model, recordings, Cosimulation(simulator="icarus"), work=tmp_path)
+    result = cosimulate(model, recordings, Simulation(simulator="icarus"), work=tmp_path)
     assert result.bit_exact and result.decisions > 2, result.mismatch_list
     if config.windows.hop == FEW.windows.hop:
         assert 3 <= result.cycles.frame_max <= frame_cycles(config)

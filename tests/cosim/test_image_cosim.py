@@ -12,7 +12,7 @@ from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.training.made_up import image_recordings, random_images
-from eskin.verbs.flow import Cosimulation, cosimulate
+from eskin.verbs.flow import Simulation, cosimulate
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import make
 from tests.support.image_scenes import random_image_model
@@ -69,7 +69,7 @@ def test_every_map_is_exact(name, tmp_path):
     config, plan = model.config, plan_of(model.config)
     images = image_recordings(config, random_images(config, count, seed=2))
     result = cosimulate(
-        model, images, Cosimulation(**{"simulator": "icarus"} | options), work=tmp_path / "work"
+        model, images, Simulation(**{"simulator": "icarus"} | options), work=tmp_path / "work"
     )
     kept = sum(math.prod(one.result) for one in plan.passes[:-1])
     # of an image a local decision and a global one, six fields each

@@ -25,7 +25,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, codes_of, samples_of
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.training.made_up import image_recordings, random_images, random_recordings
-from eskin.verbs.flow import Cosimulation, cosimulate
+from eskin.verbs.flow import Simulation, cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
 
@@ -294,9 +294,7 @@ def differences(design: Design, folder: Path) -> list[str]:
     converter also broken frames and limits of its data sheet that are not kept."""
     model = design.model
     config = model.config
-    how = Cosimulation(
-        simulator="icarus", stalls=design.stalls, seed=design.seed, builds=folder / "simulators"
-    )
+    how = Simulation(simulator="icarus", stalls=design.stalls, seed=design.seed, builds=folder / "simulators")
     if config.is_image:
         recordings = image_recordings(config, random_images(config, 3, design.seed))
     else:

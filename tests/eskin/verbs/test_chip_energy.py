@@ -16,7 +16,7 @@ from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
 from eskin.study.touch_ends import with_touches
 from eskin.verbs import asic_job
-from eskin.verbs.flow import Chip, Cosimulation, cosimulate
+from eskin.verbs.flow import Chip, Simulation, cosimulate
 from tests.support.random_models import random_integer_model
 from tests.support.table import refused
 from tests.support.tiny_cells import MEMORY_PINS, liberty_files
@@ -131,7 +131,7 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
         assert not asic_job.measured(other, *played.args[1:])["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     chip = Chip("ihp-sg13g2", tuple(paths), rom)
-    how = Cosimulation(level="netlist", target="asic", chip=chip, cocotb=())
+    how = Simulation(level="netlist", target="asic", chip=chip, cocotb=())
     for pace in ("full", "declared"):
         at_pace = replace(how, pace=pace, clock_hz=1e6)
         played = cosimulate(model, case.recordings, at_pace, work=tmp_path / pace)

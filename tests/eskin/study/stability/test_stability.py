@@ -53,7 +53,7 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name, monkeypatch
 
 def in_hardware(case: Bench, design=None) -> stability_job.Hardware:
     """Icarus: it builds fastest."""
-    how = stability_job.flow.Cosimulation(simulator="icarus", waves=False, hardware=design)
+    how = stability_job.flow.Simulation(simulator="icarus", waves=False, hardware=design)
     return stability_job.Hardware(case, how)
 
 
