@@ -2,7 +2,7 @@
 
 It runs in the simulator's own Python around cosim/wrapper.sv, in a work folder with ``bench.json``, the settings
 (`eskin.cosim.flow`), which name the file of vectors: the trace that the golden model computed. It leaves ``result.json``.
-Any other scenario is its own cocotb test that starts from `Bench`.
+Any other scenario is a separate cocotb test that starts from `Bench`.
 """
 
 import json
@@ -62,11 +62,11 @@ class StageMonitor:
 
 
 class EventReader:
-    """Reads the wrapper's events whenever it wakes, and gives those of each kind to whom they concern.
+    """Reads the wrapper's events whenever it wakes, and gives each kind of event to its receiver.
 
     Attributes
     ----------
-    take: kind -> what is called with its `Values`.
+    take: kind -> function that takes its `Values`.
     """
 
     def __init__(self, dut) -> None:
@@ -92,7 +92,7 @@ class HostBus:
 
     Parameters
     ----------
-    registers: name -> address. commands: those of register CONTROL, name -> bit.
+    registers: name -> address. commands: bits of register CONTROL by name.
     """
 
     def __init__(self, dut, registers: Mapping[Any, int], commands: Mapping[str, int]) -> None:
@@ -104,7 +104,7 @@ class HostBus:
         await self._access(register, self._dut.bus__w_stb)
 
     async def read(self, register: str, offset: int = 0) -> int:
-        """A register, or the one ``offset`` behind it; fails on an X bit."""
+        """The register ``offset`` addresses behind ``register``; fails on an X bit."""
         await self._access(register, self._dut.bus__r_stb, offset)
         value = self._dut.bus__r_data.value
         if not value.is_resolvable:
@@ -136,8 +136,8 @@ class FrameSource:
     ----------
     frames: sent so far; sent: of this recording. overruns: of these, those with a ``period`` that were due before the
     hardware was ready. waited: cycles in which a number was offered and not taken. stalled: it was a frame's first
-    one, in this recording. longest: cycles of a frame, from its first number's offer on. offered, taken: cycles of
-    the first and the last number of each frame of the recording; scans: in which those of a converter began.
+    one, in this recording. longest: cycles of a frame, from its first number's offer on. offered, accepted: cycles of
+    the first and the last number of each frame of the recording; scans: cycles in which a converter's scans began.
     jitter: largest distance of one from the declared rate, cycles.
     """
 
@@ -145,7 +145,7 @@ class FrameSource:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
         self._free, self.jitter, self.stalled = Event(), 0.0, False
         self.frames = self.overruns = self.waited = self.longest = self.sent = 0
-        self.offered, self.taken, self.scans = list[int](), list[int](), list[int]()
+        self.offered, self.accepted, self.scans = list[int](), list[int](), list[int]()
         events.take |= {"sent": lambda _: self._free.set(), "waited": self._has_waited}
         events.take |= dict.fromkeys(("frame", "lost"), self._was_taken)
         events.take["scan"] = self._has_scanned
@@ -155,7 +155,7 @@ class FrameSource:
         decision is accepted."""
         self._due = self._dut.cycle.value.to_unsigned() + 1
         self.sent, self.stalled = 0, False
-        self.offered, self.taken, self.scans = [], [], []
+        self.offered, self.accepted, self.scans = [], [], []
         if stalls is None:
             return
         for pattern in (self._dut.offers, self._dut.accepts):
@@ -178,9 +178,9 @@ class FrameSource:
             await self._free.wait()
 
     def untimely(self) -> int:
-        """The first frame (from 2 on) that was not offered when it was due, or else when the one before was through; 0:
+        """The first frame (from 2 on) that was not offered when it was due, or else when the frame before was through; 0:
         there is none."""
-        right = np.maximum(self._dues(1, len(self.taken) - 1), self.taken[:-1]) + 1
+        right = np.maximum(self._dues(1, len(self.accepted) - 1), self.accepted[:-1]) + 1
         return int(np.append(np.flatnonzero(self.offered[1:] != right) + 2, 0)[0])
 
     def _dues(self, first: int, count: int) -> np.ndarray:
@@ -200,7 +200,7 @@ class FrameSource:
 
     def _was_taken(self, values: Values) -> None:
         self.offered += (values.cycles - values.codes + 1).tolist()
-        self.taken += values.cycles.tolist()
+        self.accepted += values.cycles.tolist()
         self.longest = max(self.longest, *values.codes.tolist())
 
 
@@ -293,7 +293,7 @@ class Bench:
         status = {name: await self.bus.read(name) for name in KEPT}
         flags = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
         self.scoreboard.faults |= INPUT_STALLED * source.stalled
-        self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.taken)
+        self.scoreboard.end(status | {"TAXEL_FAULTS": flags}, source.accepted)
 
     async def _look(self, after: str) -> None:
         self.scoreboard.look(after, await self.bus.read("STATUS"))
@@ -368,7 +368,7 @@ class Bench:
         self.dut.dump.value = 1
 
     def _differs(self, stage: str, place: str, got: int | str = 1, cycle: int = -1, frame: int = 0) -> None:
-        frame = frame or len(self.source.taken) + 1
+        frame = frame or len(self.source.accepted) + 1
         raise self.scoreboard.mismatch(stage, 0, 0, got, cycle, place, frame)
 
     def _unknown(self, values: Values) -> None:

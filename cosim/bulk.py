@@ -58,7 +58,7 @@ def play(
             pace, look, samples = settings["period"], recordings[place].look, recordings[place]["samples"]
             device.frames(samples[:look], pace, device.limit)
             if look:
-                device.state.watch = number["STATUS"]  # which takes no cycle of its own
+                device.state.watch = number["STATUS"]  # which takes no extra cycle
                 device.frames(samples[look : look + 1], pace, device.limit)
                 device.state.watch, looks["TOUCH"] = -1, device.get("bus__r_data")
             device.frames(samples[look + bool(look) :], pace, device.limit)

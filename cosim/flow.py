@@ -203,7 +203,7 @@ def cosim(
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Files and compiler options of the converter's model and of its wiring. `spi.sv` stands for every SPI
-    chip that has no model of its own."""
+    chip without a model for it alone."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter.name
     models = (folder / f"{model}.sv" for model in (name, "spi"))
     values = converter_plan(config).parameters(config)

@@ -57,7 +57,7 @@ def budgets(config: AcceleratorConfig, played: "Part") -> list[Budget]:
     """The budgets of a co-simulation: of its cycles, clock_hz, pace, overruns.
 
     frame and decision depend on the pace, so they are judged at the declared one only; an overrun there (a
-    frame that was due while the chain was not ready for it) misses ``frame``. A reference row's time is that
+    frame that was due while the chain was not ready for it) misses ``frame``. A reference row's time is the time
     of all steps of a touch; it never decides.
     """
     clock_hz = played.clock_hz

@@ -164,8 +164,8 @@ def _joined(first: Any, second: Any, join: Any = None) -> Any:
 
 
 def joined(config: AcceleratorConfig, parts: Sequence[Part]) -> Played:
-    """One result from those of parts of the recordings, in their order and played alike: counts and seconds
-    are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
+    """One result from the results of parts of the recordings, in their order and played alike: counts and seconds
+    are sums, cycles the extremes, budgets follow from these cycles; the registers are the last part's, with the
     faults of all and the longest step.
     """
     whole: Part = reduce(_joined, parts)

@@ -34,7 +34,7 @@ WIDE_DECISION_FIELDS = DECISION_FIELDS | {"step": (7, 8), "class": (0, 7), "marg
 MARGIN_UNIT = 4
 KEPT: dict[str, Callable[[int, int], int]] = {"FAULTS": operator.or_, "LONGEST": max}
 KEPT |= dict.fromkeys(("STATUS", "TOUCHES", "VERSION"), lambda _, last: last)
-"""Registers read behind every recording, and what is kept of two recordings' values."""
+"""Registers read behind every recording, and how two recordings' values are joined."""
 ARMED, TOUCH, BUSY, NO_TOUCH = 1, 2, 4, 8
 """Bits of STATUS."""
 WRITE_REFUSED, INPUT_STALLED, OVERRUN, TAXEL_FAULT = 1, 2, 8, 64
@@ -120,7 +120,7 @@ class Recording:
         return (begin + margin) * (0 < begin < end - 2 * margin)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        # an array without offsets of its own has a row a frame
+        # an array without offsets has a row a frame
         own = f"{name.removesuffix('_frame')}_offsets"
         offsets = self.arrays[own if own in self.arrays else "offsets"]
         return self.arrays[name][slice(*offsets[self.position : self.position + 2].tolist())]
@@ -304,7 +304,7 @@ class Scoreboard:
         frame: int = 0,
     ) -> Mismatch:
         """The first by its cycle: this one in the present recording, or one that was found before. By default it is at the
-        place of that value of a stage; a decision's are those of its first field that differs."""
+        place of that value of a stage; a decision shows its first field that differs."""
         if want is None:
             place = "one too many"
         elif not place:

@@ -151,7 +151,7 @@ def read_rows(document: str) -> pd.DataFrame:
 
 
 def shares(counted_rows: pd.DataFrame) -> tuple[pd.Series, np.ndarray, np.ndarray]:
-    """A row for each counted design, as shares of the energy counted: that of clock and products; that of each
+    """A row for each counted design, as shares of the energy counted: energy of clock and products; energy of each
     toggle constant's unit. As shares of the cells counted: its `parts_of`."""
     part = PARTS[target(BOARD).device]
     configs = [suited(DESIGNS[name], target(BOARD)) for name in counted_rows.index]

@@ -164,7 +164,7 @@ def _value_faults(node: Any) -> Iterator[Fault]:
 
 
 def _call_faults(node: ast.Call, names: list[str]) -> Iterator[Fault]:
-    """Faults of a call by the name of what is called."""
+    """Faults of a call by the name of the called function."""
     name, args, show = _name(node.func), node.args, ast.unparse
     swapped: list[ast.expr] = []
     match name, args:
@@ -338,7 +338,7 @@ def verdict(shared: tuple[Path, Path, int], work: Work) -> Record:
 
 
 def judge(root: Path, count: int, seed: int, only: str = "") -> pd.DataFrame:
-    """Choose mutants, run what is not yet known, the tests as they are first: file, line, kind, was, now,
+    """Choose mutants, run those without a verdict, the tests as they are first: file, line, kind, was, now,
     outcome, compared and reason of each.
 
     Parameters

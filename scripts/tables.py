@@ -16,7 +16,7 @@ runs RESULT ...
     of examples/thesis/run.py and the JSON of ``eskin enrol --evaluate``, in the order of the rows.
 stress FOLDER ...
     Of each result folder, or model folder of ``eskin train``, the network that clean accuracy alone would choose and
-    the one chosen, under the panel of ``--stress``.
+    the chosen network, under the panel of ``--stress``.
 steps [CELL ...]
     Cycles of a step against the ideal, formats of preset ``thesis``.
 

@@ -31,7 +31,7 @@ def save_taught(model: IntegerModel, path: str | Path) -> None:
 
 
 def load_taught(model: IntegerModel, path: str | Path) -> IntegerModel:
-    """``model`` with the taught touches that `save_taught` wrote to ``path`` instead of its own.
+    """``model`` with the taught touches that `save_taught` wrote to ``path`` instead of the model's.
 
     Raises
     ------

@@ -15,7 +15,7 @@ class InputError(ValueError):
 
     @property
     def field(self) -> str | None:
-        """The field that is wrong: the one with which the sentence begins, if it does."""
+        """The field that is wrong: the sentence begins with it, if it names one."""
         found = re.match(r"`(\w+)`", str(self))
         return found and found[1]
 

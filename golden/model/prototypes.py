@@ -124,7 +124,7 @@ def teach(model: IntegerModel, codes: np.ndarray, label: int | str) -> IntegerMo
 
 
 def forget(model: IntegerModel, label: int | str | None = None) -> IntegerModel:
-    """The model without the taught touches of class ``label``; None: without those of every class.
+    """The model without the taught touches of class ``label``; None: without the taught touches of every class.
 
     Raises
     ------

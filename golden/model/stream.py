@@ -1,6 +1,6 @@
 """A model that takes frames one by one and decides at the same frame as the hardware does.
 
-docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of
+docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule come from
 ``eskin.golden.model.pipeline``; no more than a few touches of frames are kept, so that a stream may last for
 ever.
 """
@@ -355,8 +355,8 @@ class Stream:
     def _step(self, touch: _Touch, last: int) -> list[Decision]:
         """The decisions of the touch's next window, whose last frame is ``last``."""
         config, k, start = self.config, touch.completed, touch.start_frame - self._base
-        kept, spans = self._kept[: last - self._base], touch.spans[: k + 1]
-        touch.sums[k] = window_values(config, kept, start, spans, touch.doublings)[0][k]
+        frames, spans = self._kept[: last - self._base], touch.spans[: k + 1]
+        touch.sums[k] = window_values(config, frames, start, spans, touch.doublings)[0][k]
         last = touch.ended.end if touch.ended else last
         flagged = self._front.flagged[0]
         touch.faults[k] = np.repeat((flagged > 0) & (flagged <= last), config.kinds)

@@ -29,8 +29,8 @@ ONE_PORT, BITS_OF_MACROS = ("pretrigger_ring", "readout.places"), 2048
 than these."""
 
 BITS_OF_A_GATE = 3
-"""Flip-flops from which on a clock gate of their own saves energy: its own pin costs about as much as one of
-theirs."""
+"""Flip-flops from which on a separate clock gate saves energy: the gate's pin costs about as much as a flip-flop's
+pin."""
 
 
 @dataclass(frozen=True, kw_only=True)

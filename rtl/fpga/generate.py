@@ -97,8 +97,8 @@ def generate(
     them), load.hex (bus writes that load the model: address and word), registers.json, registers.h,
     eskin.rdl (`eskin.rtl.program.register_files`); with vectors: test_accelerator.py (a cocotb
     bench), its Makefile and vectors.npz; behind a bus eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h
-    (load.hex for it); with streams alone eskin_axis.sv. Of these modules the one that a system takes, the
-    last one named here that is there, is in filelist.f and eskin.core (FuseSoC); waiver.vlt
+    (load.hex for it); with streams alone eskin_axis.sv. Of these modules the module that a system takes, the
+    last named here that is there, is in filelist.f and eskin.core (FuseSoC); waiver.vlt
     has what Verilator's lint shall pass over.
 
     Raises

@@ -47,7 +47,7 @@ class Ddc232Converter(wiring.Component):
     pins : Out
         `DDC_PINS`; all from registers.
 
-    The others are those of `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
+    The others: `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
     by the plan's deadline. From any state of its registers the controller is in "idle" or "reset" within a
     setup's time: every other state counts down to one of them.
     """

@@ -131,8 +131,9 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
         other = replace(random_integer_model(case.config, 6), config=case.config)
         assert not asic_job.measured(other, *played.args[1:])["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
-    chip = {"pdk": "ihp-sg13g2", "liberty": paths, "rom": rom}
-    how = Simulation(level="netlist", target="asic", cocotb=(), **chip)
+    how = Simulation(
+        level="netlist", target="asic", pdk="ihp-sg13g2", liberty=list(paths), rom=rom, cocotb=()
+    )
     for pace in ("full", "declared"):
         at_pace = replace(how, pace=pace, clock_hz=1e6)
         played = cosimulate(model, case.recordings, at_pace, work=tmp_path / pace)

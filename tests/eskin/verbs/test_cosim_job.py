@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from eskin.cosim.results import Cycles, GaveUp, Placed, Stage, joined
-from eskin.cosim.simulation import Simulation
 from eskin.data.archive import save_archive
+from eskin.golden.core import content_key
 from eskin.golden.model import IntegerModel
 from eskin.jobs import Jobs
 from eskin.verbs import flow
@@ -46,7 +46,7 @@ def here(tmp_path, monkeypatch) -> Path:
 def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
     monkeypatch.setitem(flow.PART, "verilator", 4)
     recordings, numbers = scene(10), list(range(30, 40))
-    how = Simulation(pace="declared", clock_hz=1e5, stalls=True)
+    how = flow.Simulation(pace="declared", clock_hz=1e5, stalls=True)
     whole = flow.cosimulate(model, recordings, how, numbers=numbers, work=here / "whole")
     moves = []
     jobs = Jobs(workers=1, progress=lambda *move: moves.append(move))
@@ -54,7 +54,7 @@ def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
     assert moves[-1] == ("parts of up to 4 compiled and played", 3, 3)
     gaps = ("cycles", "budgets", "overruns")  # random stalls begin anew in each part
     assert without(parts, *TIMES, *LOADING, *gaps) == without(whole, *TIMES, *LOADING, *gaps)
-    how, jobs = Simulation(), Jobs(workers=2)
+    how, jobs = flow.Simulation(), Jobs(workers=2)
     plain = flow.cosimulate_parts(model, recordings, numbers, how, jobs=jobs, work=here / "work")
     again = flow.cosimulate(model, recordings, how, numbers=numbers, work=here / "whole")
     ways = ("cocotb_recordings", "bulk_recordings")  # one of each class under cocotb, and all
@@ -71,8 +71,8 @@ def test_another_liberty_file_makes_other_parts(tmp_path):
     path, keys = tmp_path / "cells.lib", []
     for text in "aab":
         path.write_text(text)
-        keys.append(flow.contents(Simulation(liberty=[path])))
-    assert keys[0] == keys[1] != keys[2] and keys[0][0] != flow.contents(Simulation())[0]
+        keys.append(content_key(flow.contents(flow.Simulation(pdk="sky130hd", liberty=[path]))))
+    assert keys[0] == keys[1] != keys[2] != content_key(flow.contents(flow.Simulation()))
 
 
 @pytest.mark.slow
@@ -87,7 +87,7 @@ def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, m
 
     monkeypatch.setattr(flow, "run", other)
     where = {"jobs": Jobs(workers=1), "work": here / "work"}
-    how = Simulation(simulator="icarus")
+    how = flow.Simulation(simulator="icarus")
     result = flow.cosimulate_parts(model, scene(6), [20, 21, 22, 23, 24, 25], how, **where)
     assert not result.bit_exact and not result.passed
     assert result.mismatches == result.stages.logit.mismatches == len(result.mismatch_list) > 0
