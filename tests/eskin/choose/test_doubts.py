@@ -45,13 +45,13 @@ def lost(on_smooth, on_rough) -> list[dict]:
         (below(None), "", []),
         (below(None, (BASELINE, 0.915), (BASELINE | {"groups": ["speed"]}, 0.99)), "", []),
         (below(None, (BASELINE, 0.925), (BASELINE, 0.91)), "below_baselines",
-         ["with person left out, the ", "92.5 %", "90.0 %", "2.5 points", "--cell auto"]),
-        (below(BEST_IS_LARGEST, (BASELINE, 0.93)), "below_baselines", ["try --cell gru --hidden 16"]),
+         ["with person left out, the ", "92.5 %", "90.0 %", "2.5 points", "`cell` auto"]),
+        (below(BEST_IS_LARGEST, (BASELINE, 0.93)), "below_baselines", ["try `cell` gru `hidden` 16"]),
         (below([LINEAR, SMALL, LARGE | {"accuracy": 0.85}], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
         (below([LINEAR], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
         (below(None, (VECTORS, 0.939)), "", []),  # within two standard errors
         (below(BEST_IS_LARGEST, (VECTORS, 0.95)), "below_baselines",
-         ["eskin has no hardware for it; try --cell gru --hidden 16"]),
+         ["eskin has no hardware for it; try `cell` gru `hidden` 16"]),
         (below([LINEAR], (WHOLE, 0.95)), "below_baselines", [NONE_BETTER]),
         # what chose nothing beside what was chosen without the fold
         (below([LINEAR], (BASELINE, 0.905), (WHOLE, 0.9), split=UNSEEN), "below_baselines",
@@ -113,7 +113,7 @@ def test_neighbours_that_look_alike():
     # what `run` would refuse is not advised
     refused = {"source_file": np.arange(90), "sensor": np.zeros(90), "one_class": np.arange(90) // 15}
     assert "an array in the archive" in doubts.look_alike(sessions(30.0, refused), [], 5)[0]["text"]
-    assert "--group session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
+    assert "`group` session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell

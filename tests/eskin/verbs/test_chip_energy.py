@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.device import Design, Device
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import PRESETS
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.nets import Nets, costs
@@ -16,7 +17,7 @@ from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
 from eskin.study.touch_ends import with_touches
 from eskin.verbs import asic_job
-from eskin.verbs.flow import Chip, Simulation, cosimulate
+from eskin.verbs.flow import cosimulate
 from tests.support.random_models import random_integer_model
 from tests.support.table import refused
 from tests.support.tiny_cells import MEMORY_PINS, liberty_files
@@ -130,8 +131,9 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
         other = replace(random_integer_model(case.config, 6), config=case.config)
         assert not asic_job.measured(other, *played.args[1:])["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
-    chip = Chip("ihp-sg13g2", tuple(paths), rom)
-    how = Simulation(level="netlist", target="asic", chip=chip, cocotb=())
+    how = Simulation(
+        level="netlist", target="asic", pdk="ihp-sg13g2", liberty=list(paths), rom=rom, cocotb=()
+    )
     for pace in ("full", "declared"):
         at_pace = replace(how, pace=pace, clock_hz=1e6)
         played = cosimulate(model, case.recordings, at_pace, work=tmp_path / pace)

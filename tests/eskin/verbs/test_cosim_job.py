@@ -71,8 +71,8 @@ def test_another_liberty_file_makes_other_parts(tmp_path):
     path, keys = tmp_path / "cells.lib", []
     for text in "aab":
         path.write_text(text)
-        keys.append(content_key(flow.Simulation(chip=flow.Chip("sky130hd", (path,), False))))
-    assert keys[0] == keys[1] != keys[2] != content_key(flow.Simulation())
+        keys.append(content_key(flow.contents(flow.Simulation(pdk="sky130hd", liberty=[path]))))
+    assert keys[0] == keys[1] != keys[2] != content_key(flow.contents(flow.Simulation()))
 
 
 @pytest.mark.slow
