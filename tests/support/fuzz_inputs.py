@@ -271,7 +271,7 @@ def damage(path: Path, rng: random.Random) -> None:
     path.write_bytes(data)
 
 
-# ---------------------------------------------------------------------- who reads it
+# ---------------------------------------------------------------------- readers
 RECORDED = """inspect @ --json look.json
 inspect @
 train --data @ --out made

@@ -4,7 +4,9 @@ import numpy as np
 
 from eskin.choose import doubts
 from eskin.golden.data import Recordings
+from eskin.training.evaluate import HeldBack
 from tests.eskin.choose.test_candidate import CONFIG
+from tests.support.result_case import evaluation
 from tests.support.table import each_row
 
 NAMES = ("smooth", "rough", "edge")
@@ -43,13 +45,13 @@ def lost(on_smooth, on_rough) -> list[dict]:
         (below(None), "", []),
         (below(None, (BASELINE, 0.915), (BASELINE | {"groups": ["speed"]}, 0.99)), "", []),
         (below(None, (BASELINE, 0.925), (BASELINE, 0.91)), "below_baselines",
-         ["with person left out, the ", "92.5 %", "90.0 %", "2.5 points", "--cell auto"]),
-        (below(BEST_IS_LARGEST, (BASELINE, 0.93)), "below_baselines", ["try --cell gru --hidden 16"]),
+         ["with person left out, the ", "92.5 %", "90.0 %", "2.5 points", "`cell` auto"]),
+        (below(BEST_IS_LARGEST, (BASELINE, 0.93)), "below_baselines", ["try `cell` gru `hidden` 16"]),
         (below([LINEAR, SMALL, LARGE | {"accuracy": 0.85}], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
         (below([LINEAR], (BASELINE, 0.93)), "below_baselines", [NONE_BETTER]),
         (below(None, (VECTORS, 0.939)), "", []),  # within two standard errors
         (below(BEST_IS_LARGEST, (VECTORS, 0.95)), "below_baselines",
-         ["eskin has no hardware for it; try --cell gru --hidden 16"]),
+         ["eskin has no hardware for it; try `cell` gru `hidden` 16"]),
         (below([LINEAR], (WHOLE, 0.95)), "below_baselines", [NONE_BETTER]),
         # what chose nothing beside what was chosen without the fold
         (below([LINEAR], (BASELINE, 0.905), (WHOLE, 0.9), split=UNSEEN), "below_baselines",
@@ -58,9 +60,9 @@ def lost(on_smooth, on_rough) -> list[dict]:
         (below([LINEAR], (WHOLE, 0.9)), "", []),
         (by_choice(0.87), "", []),
         (by_choice(0.85), "by_choice", ["90.0 % correctly on the folds that chose it", "85.0 %: quote the second figure for a new person"]),
-        (doubts.below_range({"integer_accuracy": 0.8}, UNSEEN), "", []),
-        (doubts.below_range({"integer_accuracy": 0.799}, UNSEEN), "below_range", ["79.9 %", "promises 80.0 % to 90.8 %"]),
-        (doubts.seen_in_training({"recordings": 356, "seen_in_training": 1}, "images"), "seen_in_training",
+        (doubts.below_range(evaluation(1, integer=0.8), UNSEEN), "", []),
+        (doubts.below_range(evaluation(1, integer=0.799), UNSEEN), "below_range", ["79.9 %", "promises 80.0 % to 90.8 %"]),
+        (doubts.seen_in_training(HeldBack(**vars(evaluation(356)), seen_in_training=1), "images"), "seen_in_training",
          ["1 of the 356 images held back (0.3 %) are also in the training data"]),
         (lost([9, 1, 0, 0], [0, 9, 1, 0]), "", []),
         (lost([9, 1, 0, 0], [0, 0, 0, 0]), "", []),  # no recording of it
@@ -111,7 +113,7 @@ def test_neighbours_that_look_alike():
     # what `run` would refuse is not advised
     refused = {"source_file": np.arange(90), "sensor": np.zeros(90), "one_class": np.arange(90) // 15}
     assert "an array in the archive" in doubts.look_alike(sessions(30.0, refused), [], 5)[0]["text"]
-    assert "--group session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
+    assert "`group` session" in doubts.look_alike(sessions(30.0, refused | groups), [], 5)[0]["text"]
     # the recordings of a class do not depend on their place
     assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell
