@@ -66,7 +66,7 @@ class Ddc232Converter(wiring.Component):
         m.d.sync += dvalid_was.eq(dvalid_n)
         falls = dvalid_was & ~dvalid_n
 
-        clock_timer = Signal(range(max(2, plan.clk_half)))
+        clock_timer = Signal(range(plan.clk_half))
         clock_over = clock_timer == 0
         m.d.sync += [
             clock_timer.eq(Mux(clock_over, plan.clk_half - 1, clock_timer - 1)),
