@@ -1,7 +1,7 @@
 """Second operands of element-wise products: gates, which the step writes, and constants, which the host
 loads.
 
-Gates are those of docs/specification.md, section 5.
+Gates: docs/specification.md, section 5.
 """
 
 from collections.abc import Sequence

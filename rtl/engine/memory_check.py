@@ -1,4 +1,4 @@
-"""Checksum over the constants in the engine's memories: docs/specification.md section 11."""
+"""Checksum over the constants in the engine's memories: docs/specification_interfaces.md section 11."""
 
 from functools import reduce
 from operator import xor

@@ -1,5 +1,5 @@
 """Frames from a DDC232: configuration, its readback, integrations in turn on both sides
-(docs/specification.md section 12)."""
+(docs/specification_interfaces.md section 12)."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
@@ -45,7 +45,7 @@ class Ddc232Converter(wiring.Component):
     pins : Out
         `DDC_PINS`; all from registers.
 
-    The others are those of `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
+    The others: `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
     by the plan's deadline. From any state of its registers the controller is in "idle" or "reset" within a
     setup's time: every other state counts down to one of them.
     """

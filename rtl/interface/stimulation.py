@@ -1,4 +1,4 @@
-"""Stimulation: the stimulator's line from decisions or positions, wiring only (docs/specification.md section
+"""Stimulation: the stimulator's line from decisions or positions, wiring only (docs/specification_interfaces.md section
 14)."""
 
 import math

@@ -17,6 +17,15 @@ def test_comments_and_docstrings_are_not_counted():
     assert house.tokens(text) == 7 and house.long_strings(text) == 250
 
 
+def test_names_and_phrases_that_say_too_little_are_counted():
+    """Four names are bound; a name that is read, a key, and a string that is no docstring do not count."""
+    text = (
+        'def told(one, *, seed=1):\n    """The sums of touches and those\n    of rest."""\n'
+        '    for held in one:  # That of whom?\n        self.kept, text = held, "what is"\n'
+    )
+    assert house.unclear(text) == (4, 2)
+
+
 def test_what_has_no_cap_may_not_be_there_and_a_cap_below_todays_figure_fails():
     assert house.over_budget({"a": 1, "b": 0}, {}) == ["a is 1, above its cap of 0"]
     assert house.over_budget({"part": 7}, {"part": 7}) == []

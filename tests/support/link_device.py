@@ -1,4 +1,4 @@
-"""A board in Python behind a pseudo-terminal: docs/specification.md section 9, with the golden model for an
+"""A board in Python behind a pseudo-terminal: docs/specification_interfaces.md section 9, with the golden model for an
 accelerator."""
 
 from __future__ import annotations

@@ -26,7 +26,8 @@ def umask():
     os.umask(before)
 
 
-def test_files_and_folders_are_readable_as_the_umask_says(tmp_path, umask):
+def test_files_and_folders_are_readable_as_the_umask_says(tmp_path, umask, monkeypatch):
+    monkeypatch.setattr("eskin.rtl.fpga.generate.verilog", lambda *design: "module")
     write_json(tmp_path / "deep" / "a.json", {})
     with replacing_folder(tmp_path / "folder") as fresh:
         (fresh / "file").write_text("")
