@@ -100,7 +100,7 @@ def build(
     waves:
         Able to write a VCD (Verilator needs code for it, which is slower).
     wrapper, top:
-        What is simulated, and its module; None: ``top`` is in ``design``.
+        Simulated design and its module; None: ``top`` is in ``design``.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def build(
         The build fails.
     """
     if simulator not in ("verilator", "icarus"):
-        raise InputError(f"--simulator {simulator}: is unknown; use verilator or icarus")
+        raise InputError(f"`simulator` {simulator}: is unknown; use verilator or icarus")
     verilator = simulator == "verilator"
     need_tools(*(("perl", "g++", "make") if verilator else ("iverilog", "vvp")))
     paths = [*([wrapper] if wrapper else []), *map(Path, design)]
@@ -192,7 +192,7 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
     command = runner._test_command
     vars(runner).update(
         _get_sim_cmd_prefix=lambda: ["timeout", "-k", "5", f"{limit_s:.3f}"],
-        # the wrapper chooses what is dumped, which Icarus' -none would forbid
+        # the wrapper chooses the dumped signals, which Icarus' -none would forbid
         _test_command=lambda: [[word for word in words if word != "-none"] for words in command()],
     )
     begin = time.monotonic()

@@ -1,7 +1,7 @@
 """`make formal`: every proof and every seeded bug, two at a time, and the table of their results.
 
 ``python -m formal.run [--quick] [--jobs N] [WORD ...]``: only the proofs whose title has one of the words;
-``--quick`` only those of ``make test``. A verdict is kept by its circuit and its task, so an interrupted run
+``--quick`` only the proofs of ``make test``. A verdict is kept by its circuit and its task, so an interrupted run
 goes on where it was. Exit status 0 where every proof passed and every bug was found. The table is also
 build/formal/proofs.md and proofs.json.
 """
@@ -71,17 +71,17 @@ def _anew(bug: Bug) -> Iterator[None]:
             raise ValueError(f"{bug.file} no longer has '{bug.old}': write the seeded bug anew")
         return compile(text.replace(bug.old, bug.new), loader.path, "exec")
 
-    def stamp() -> dict[str, Any]:
+    def unload() -> dict[str, Any]:
         return {
             name: sys.modules.pop(name) for name in [*sys.modules] if name.startswith(("eskin.", "formal."))
         }
 
-    before = stamp()
+    before = unload()
     try:
         with mock.patch.object(SourceFileLoader, "get_code", get_code):
             yield
     finally:
-        stamp()
+        unload()
         sys.modules.update(before)
         for name, module in before.items():
             parent, _, child = name.rpartition(".")

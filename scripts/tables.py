@@ -16,7 +16,7 @@ runs RESULT ...
     of examples/thesis/run.py and the JSON of ``eskin enrol --evaluate``, in the order of the rows.
 stress FOLDER ...
     Of each result folder, or model folder of ``eskin train``, the network that clean accuracy alone would choose and
-    the one chosen, under the panel of ``--stress``.
+    the chosen network, under the panel of ``--stress``.
 steps [CELL ...]
     Cycles of a step against the ideal, formats of preset ``thesis``.
 
@@ -37,6 +37,7 @@ import typer
 
 from eskin.choose.choice_table import front_end_words, network_name
 from eskin.choose.networks import network
+from eskin.cosim.results import Played
 from eskin.golden.core import PRESETS, AcceleratorConfig, Record
 from eskin.pages.views import GAP, count, percent, verdict
 from eskin.rtl.fpga.synthesis import ICE40, synthesise
@@ -88,14 +89,14 @@ def placed(config: AcceleratorConfig) -> Row:
     request = build_job.BuildRequest(target=BOARD, link=False, seeds=3, **of_model)
     result = build_job.build(request)[0]
     energy = result["energy"]
-    touch_j = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
+    touch_j = energy.per_touch_j + energy.preprocessing_per_touch_j
     return (
         result["logic_cells"],
         f"{result['bram']} + {result['spram']}",
         ", ".join(f"{1e-6 * hertz:.1f}" for hertz in result["seeds"].values()),
-        energy["activity"]["step_cycles"],
+        energy.activity.step_cycles,
         f"{1e6 * touch_j:.2f} uJ",
-        f"{1e6 * energy['choices'][1]['idle_w']:.1f} uW",
+        f"{1e6 * energy.choices[1].idle_w:.1f} uW",
     )
 
 
@@ -118,8 +119,8 @@ def parts(name: str) -> Iterator[Row]:
 def run_figures(folder: Path, run: Record) -> Record:
     """Figures of a result folder of ``eskin run`` by column."""
     pace = "cosim.json" if run.get("images") else "cosim_declared.json"
-    names = "model/training.json", "cosim.json", pace
-    training, played, paced = (json.loads((folder / file).read_text()) for file in names)
+    training = json.loads((folder / "model/training.json").read_text())
+    played, paced = (Played.model_validate_json((folder / file).read_text()) for file in ("cosim.json", pace))
     split, source = training["cross_validation"][0], Path(run["data"]["source"])
     chosen = next(row for row in run["candidates"] if row["chosen"])
     figures = {
@@ -129,8 +130,8 @@ def run_figures(folder: Path, run: Record) -> Record:
         "own folds": percent(split["integer_accuracy"]),
         "standard error": percent(split.get("nested", chosen)["standard_error"]),
         "agreement": percent(split["agreement"]),
-        "hardware equals model": f"{verdict(played)}, {count(played['compared_values'])} values",
-        "last sample to decision": f"{1e6 * paced['cycles']['decision_latency_max'] / paced['clock_hz']:.3g} us",
+        "hardware equals model": f"{verdict(played)}, {count(played.compared_values)} values",
+        "last sample to decision": f"{1e6 * (paced.cycles.decision_latency_max or 0) / paced.clock_hz:.3g} us",
     }
     if run.get("images"):
         return figures

@@ -18,6 +18,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from string import Formatter
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -456,5 +457,5 @@ def test_the_documents_show_what_is_refused():
 def test_the_slower_run_of_energy_is_slower(held):
     """Its frames take more cycles than at full pace, however many those take: the difference is divided
     by."""
-    full = {"frames": 80, "simulated_cycles": 80 * held * TOUCHES.sensor.taxels}
-    assert 80 * energy_job.slower_cycles(TOUCHES, full) >= 1.5 * full["simulated_cycles"]
+    full = SimpleNamespace(frames=80, simulated_cycles=80 * held * TOUCHES.sensor.taxels)
+    assert 80 * energy_job.slower_cycles(TOUCHES, full) >= 1.5 * full.simulated_cycles

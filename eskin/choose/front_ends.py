@@ -190,7 +190,7 @@ def integer_features(config: AcceleratorConfig, touches: Any) -> np.ndarray:
     Like quantisation, it removes fraction bits from the feature format if the normaliser's scale would not
     fit 16 bits.
     """
-    means = real_features(config, touches.sums)
+    means = real_features(config, touches.sums, touches.lengths)
     mu, sigma = scaling(config, means, touches.completed)
     while True:
         try:
@@ -208,7 +208,7 @@ def integer_features(config: AcceleratorConfig, touches: Any) -> np.ndarray:
                 logit_format=QFormat(logit.int_bits + 1, logit.frac_bits - 1),
                 dense_bias_format=QFormat(bias.int_bits + 1, bias.frac_bits - 1),
             )
-    codes = normalise(filled, touches.sums, touches.completed, mean, scale)
+    codes = normalise(filled, touches.sums, touches.completed, mean, scale, lengths=touches.lengths)
     return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
 
 

@@ -123,7 +123,7 @@ def _wide(config: AcceleratorConfig) -> str:
 def _frame_values(config: AcceleratorConfig) -> Record:
     """Values of the templates beside the configuration (``c``) and its fields.
 
-    hop_sums: what is added up hop by hop, ``depth`` hops of it. ring: frames of deviations that are held. moves:
+    hop_sums: sums that are added up hop by hop, ``depth`` hops of it. ring: frames of deviations that are held. moves:
     activity is of changes. checks: blocks of the mean that the onset rule judges. The rest are types and terms.
     """
     rule, windows, kinds = config.onset_rule, config.windows, config.features.feature_kinds
@@ -200,6 +200,10 @@ def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
             f"configuration '{config.name}', field readout: is 'prototypes', which C does not have; export a "
             "model with readout 'dense'"
         )
+    if config.follows_touch:
+        raise InputError(
+            f"configuration '{config.name}', field window_mode: is 'whole', which C does not have yet; use 'free'"
+        )
     image = config.is_image
     tables = _image_tables(model) if image else _frame_tables(model)
     values: Record = _image_values(config) if image else _frame_values(config)
@@ -244,8 +248,8 @@ def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]
             frame = trace.config.sensor.source_frame(int(frame))
             flags, *before = of_recording.get(frame, (0, 0, 0, 0, 0))
             latest = latest if is_global else int(label)
-            kept = before[:3] if flags & 2 else (int(label), int(margin), int(step))
-            of_recording[frame] = (flags | 1 + int(is_global), *kept, latest)
+            row = before[:3] if flags & 2 else (int(label), int(margin), int(step))
+            of_recording[frame] = (flags | 1 + int(is_global), *row, latest)
         calls.append(
             [
                 (frame, *call)

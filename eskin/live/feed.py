@@ -126,7 +126,7 @@ class Differs:
 
 @dataclass(frozen=True)
 class End:
-    """A recording is over. decision: that of its first touch, -1 none. whole: the recording was played to its
+    """A recording is over. decision: its first touch's, -1 none. whole: the recording was played to its
     end."""
 
     decision: int
@@ -166,4 +166,4 @@ class Tally:
     mismatches: int = 0
     behind_s: float = 0.0
     frames_per_s: float = 0.0
-    said: list[str] = field(default_factory=list)
+    sentences: list[str] = field(default_factory=list)

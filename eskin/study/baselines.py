@@ -79,7 +79,7 @@ class Scene:
             )
         where = np.full(len(recordings), -1)
         where[usable] = np.arange(len(usable))
-        means = real_features(config, touches.sums)
+        means = real_features(config, touches.sums, touches.lengths)
         return cls(recordings, config, touches, where, means, recordings.labels[usable])
 
     @property

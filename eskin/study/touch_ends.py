@@ -19,7 +19,7 @@ def touches_and_ends(
     first = touches.first_touch()
     touches = touches.take(first[first >= 0])
     ends = recordings.lengths.copy()
-    after = touches.start_frame - 1 + config.last_frame + config.windows.hop
+    after = touches.ends(config)[:, -1] + config.windows.hop
     ends[touches.recording] = np.minimum(ends[touches.recording], after)
     return touches, ends
 
@@ -42,7 +42,7 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int) -> tup
             f"recordings '{recordings.source}': none has a whole touch; energy needs one: look at their onsets with "
             "'eskin inspect'"
         )
-    after = touches.start_frame - 1 + config.last_frame + config.windows.hop
+    after = touches.ends(config)[:, -1] + config.windows.hop
     longer = having[after <= recordings.lengths[having]]
     having = longer if len(longer) else having
     numbers = having[recordings.subset(having).evenly(min(count, len(having)))]

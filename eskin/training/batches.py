@@ -80,8 +80,10 @@ class Batches:
         speed = _log_uniform(recipe.warp, rows.shape, generator)
         amplitude = _log_uniform(recipe.gain, rows.shape, generator)
         amplitude = amplitude * speed**recipe.speed_gain
-        # a touch at another speed: window k of it lies at k * speed of the recorded one, between two windows
-        position = torch.arange(self._config.windows.steps) * speed[..., None]
+        # a touch at another speed: window k of it lies at k * speed of the recorded one, between two windows;
+        # windows that follow the touch stay where they are
+        moved = torch.ones_like(speed) if self._config.follows_touch else speed
+        position = torch.arange(self._config.windows.steps) * moved[..., None]
         last = (self._ends[rows] - 1)[..., None]
         counts = position <= last
         position = torch.minimum(position, last.float())

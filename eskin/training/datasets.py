@@ -38,7 +38,12 @@ def find_dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Reci
     long = long.take(first[first >= 0])
     touches = long.take(np.arange(len(long)), config.windows.steps)
     return Dataset(
-        touches, index, recordings.labels, real_features(config, long.sums), long.faults, long.completed
+        touches,
+        index,
+        recordings.labels,
+        real_features(config, long.sums, long.lengths),
+        long.faults,
+        long.completed,
     )
 
 

@@ -276,8 +276,11 @@ def fit_sturdy(
         ways.append((strength * LOST / 2, (products, ((number - 1) * sums + level) / number, classes)))
     for part in CUT_AFTER:
         begun = features * (np.arange(steps) < max(round(part * steps), 1))[:, None]
+        if config.follows_touch:  # its windows divide what there is of it
+            begun = _at_rate(features, part)
         ways.append((strength * CUT, moments_of(shaped(begun))))
-    ways += [(strength * RATE, moments_of(shaped(_at_rate(features, factor)))) for factor in RATES]
+    rates = () if config.follows_touch else RATES
+    ways += [(strength * RATE, moments_of(shaped(_at_rate(features, factor)))) for factor in rates]
     late = min(max(round(OVERLAP_AFTER * steps), 1), steps)
     still = features[:, :1] if config.rest_level.rest == "none" else at_rest
     over = np.zeros_like(features)

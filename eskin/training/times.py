@@ -4,32 +4,43 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.core import AcceleratorConfig, Result
 from eskin.golden.model import Touches, Trace
 
 
 def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
     """Seconds to the end of each window: median over touches."""
-    ends = np.array([last for _, last in config.window_spans])
-    since = (
-        touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
-    )
+    ends = np.array([last for _, last in config.window_spans])[None]
+    since = touches.ends(config) - touches.onset_frame[:, None] if len(touches) else ends
     return np.median(since, axis=0) / config.sensor.scan_rate_hz
 
 
 def decision_times(trace: Trace) -> np.ndarray:
     """(R) seconds to the end of the window that each recording was decided on; NaN: not decided."""
     touches, step, first = trace.touches, trace.global_step, trace.first
-    ends = np.array([last for _, last in trace.config.window_spans])[step]
-    since = touches.start_frame - 1 + ends - touches.onset_frame
+    ends = np.take_along_axis(touches.ends(trace.config), np.maximum(step, 0)[:, None], axis=1)[:, 0]
+    since = ends - touches.onset_frame
     seconds = np.where(step >= 0, since / trace.config.sensor.scan_rate_hz, np.nan)
     return np.append(seconds, np.nan)[first]  # -1, no touch, is the last
 
 
-def step_rows(steps: Iterable[tuple[float, float, float]]) -> list[Record]:
+class Accuracies(Result):
+    """Shares of recordings that the two models classify correctly."""
+
+    float_accuracy: float
+    integer_accuracy: float
+
+
+class StepAccuracies(Accuracies):
+    """Of the local decision of a step, ``time_s`` from the onset to the end of its window (median over touches)."""
+
+    step: int
+    time_s: float
+
+
+def step_rows(steps: Iterable[tuple[float, float, float]]) -> list[StepAccuracies]:
     """``per_step`` of a result, of (time, float accuracy, integer accuracy) of each step."""
-    names = ("time_s", "float_accuracy", "integer_accuracy")
     return [
-        {"step": k, **dict(zip(names, map(float, figures), strict=True))}
-        for k, figures in enumerate(steps, 1)
+        StepAccuracies(step=k, time_s=time_s, float_accuracy=real, integer_accuracy=integer)
+        for k, (time_s, real, integer) in enumerate(steps, 1)
     ]

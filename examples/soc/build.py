@@ -86,7 +86,7 @@ def prepare(options: argparse.Namespace) -> None:
     generate(config, model.arrays, folder / "eskin", bus="wishbone")
     program = firmware(folder)
     shutil.copy(LICENCE, folder / "LICENSE.serv")
-    # ---------------------------------------------------------------- what is played, and what it is to bring
+    # ---------------------------------------------------------------- recordings, and the decisions expected of them
     recordings = load_recordings(options.data, config=config)
     if not 0 < options.recordings <= len(recordings):
         raise InputError(

@@ -28,7 +28,7 @@ from eskin.rtl.top.system import System
 
 SERV = Path(pythondata_cpu_serv.data_location)
 CORE = sorted(path for path in (SERV / "rtl").glob("serv_*.v") if path.name != "serv_synth_wrapper.v")
-"""Verilog of the CPU; serv_synth_wrapper.v is a top of its own."""
+"""Verilog of the CPU; serv_synth_wrapper.v is a second top."""
 LICENCE = SERV / "LICENSE"
 """Goes with whatever contains the CPU."""
 BAUD = 1e6

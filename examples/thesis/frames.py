@@ -37,7 +37,7 @@ def in_time(touch: np.ndarray, count: int) -> np.ndarray:
 
 
 def shape_of(config: AcceleratorConfig) -> tuple[int, int]:
-    """Rows and columns: those of the configuration if they fit the taxels, otherwise the most nearly square
+    """Rows and columns of the configuration if they fit the taxels, otherwise the most nearly square
     ones."""
     taxels, grid = config.sensor.taxels, (config.interface.rows, config.interface.columns)
     if math.prod(grid) == taxels:

@@ -87,8 +87,8 @@ class Svm:
 
     def __init__(self, within: np.ndarray, labels: np.ndarray, classes: int, penalty: float) -> None:
         self._model = SVC(C=penalty, kernel="precomputed").fit(within, labels)
-        self.kept = self._model.support_
-        self.weights = len(self.kept) * (classes - 1)
+        self.support = self._model.support_
+        self.weights = len(self.support) * (classes - 1)
 
     def decide(self, values: np.ndarray) -> np.ndarray:
         return self._model.predict(values)
@@ -100,7 +100,7 @@ class Rls:
     def __init__(self, within: np.ndarray, labels: np.ndarray, classes: int, penalty: float) -> None:
         targets = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
         self._model = KernelRidge(alpha=1 / penalty, kernel="precomputed").fit(within, targets)
-        self.kept = np.arange(len(labels))
+        self.support = np.arange(len(labels))
         self.weights = len(labels) * classes
 
     def decide(self, values: np.ndarray) -> np.ndarray:
@@ -126,12 +126,12 @@ class TensorMethod(Method):
         labels, distance = scene.labels[part], between[np.ix_(part, part)]
         width, penalty = self._best(distance, labels, scene.classes, seed)
         model = self.classifier(np.exp(-distance / width), labels, scene.classes, penalty)
-        support, shape = len(model.kept), tensors.shape[1:]
+        support, shape = len(model.support), tensors.shape[1:]
 
         def single(row: int) -> np.ndarray:
             values = np.zeros((1, len(part)))
-            stored = [basis[part[model.kept]] for basis in bases]
-            values[:, model.kept] = np.exp(-distances(subspaces(tensors[row : row + 1]), stored) / width)
+            stored = [basis[part[model.support]] for basis in bases]
+            values[:, model.support] = np.exp(-distances(subspaces(tensors[row : row + 1]), stored) / width)
             return model.decide(values)
 
         return Fitted(

@@ -82,20 +82,20 @@ def _frames(m: Module, config) -> None:
         m.d.sync += entered.eq(Mux(entered == taxels - 1, 0, entered + 1))
     with m.If(left):
         m.d.sync += gone.eq(Mux(gone == taxels - 1, 0, gone + 1))
-    held = Signal(range(8))  # beats in the pipeline
-    m.d.sync += held.eq(held + made - left)
+    beats_ahead = Signal(range(8))  # beats in the pipeline
+    m.d.sync += beats_ahead.eq(beats_ahead + made - left)
     ahead = _stages(dut, gone)
-    prove(held == ahead, "as many beats as stages that hold one")
+    prove(beats_ahead == ahead, "as many beats as stages that hold one")
     prove(aligner.index == entered, "taxels in order")
     prove((gone < taxels) & (entered < taxels), "the reference's own taxels")
     prove(aligner.inside == (aligner.index != 0), "inside a frame")
     prove(~aligner.filling | aligner.inside, "what is filled up has begun")
-    prove((gone + held) % taxels == entered, "frames leave whole: as many beats as came in")
+    prove((gone + beats_ahead) % taxels == entered, "frames leave whole: as many beats as came in")
     if taxels <= STATE_BEATS:
-        clear = before(held == 0, "clear")
+        clear = before(beats_ahead == 0, "clear")
         begins = made & (aligner.index == 0)
-        prove(~begins | clear & (held == 0), "a frame begins 2 cycles after the one before has left")
-        prove(dut.empty == Cat(held == 0, clear), "empty stages")
+        prove(~begins | clear & (beats_ahead == 0), "a frame begins 2 cycles after the one before has left")
+        prove(dut.empty == Cat(beats_ahead == 0, clear), "empty stages")
     prove(good <= accepted, "what goes in was taken")
     # of a sender that frames as it should every beat goes in, and none is repeated
     expects = Signal(range(taxels))

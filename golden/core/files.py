@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from eskin.golden.core.errors import InputError
 
@@ -145,9 +146,17 @@ def locked(path: Path) -> Iterator[None]:
         yield
 
 
+class Result(BaseModel):
+    """A result, or a part of one: fields of JSON, by their names there. A field that was not set is not written."""
+
+    def plain(self) -> dict[str, Any]:
+        """Its fields as JSON holds them."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+
 def write_json(path: str | Path, value: Any) -> None:
     """``value`` as indented JSON. NaN and infinities are errors, because JSON has no such numbers."""
-    text = json.dumps(value, indent=2, allow_nan=False)
+    text = json.dumps(value, indent=2, allow_nan=False, default=Result.plain)
     with replacing(path) as temporary:
         temporary.write_text(text + "\n")
 
@@ -227,12 +236,12 @@ def check_folder(out: Path, mark: str) -> None:
     InputError
     """
     if not out.name:
-        raise InputError(f"--out {out}: cannot be replaced; name a new folder")
+        raise InputError(f"`out` {out}: cannot be replaced; name a new folder")
     if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; name a new folder")
+        raise InputError(f"`out` {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
         raise InputError(
-            f"--out {out}: holds other files and no {mark}, so it is not an earlier result; name a new folder"
+            f"`out` {out}: holds other files and no {mark}, so it is not an earlier result; name a new folder"
         )
 
 

@@ -18,7 +18,7 @@ from eskin.golden.core.images import Stage, layer_stages, parse_layer
 
 Rest = Literal["none", "tracked", "initial"]
 OnsetRule = Literal["band", "baseline", "immediate"]
-WindowMode = Literal["touch", "free"]
+WindowMode = Literal["touch", "free", "whole"]
 FeatureKind = Literal["mean", "activity", "integral"]
 ActivityRule = Literal["sum", "change"]
 FeatureScale = Literal["array", "taxel"]
@@ -204,10 +204,12 @@ class Faults(Group):
 class Windows(Group):
     """The position and the number of windows in a touch.
 
-    - window_mode: ``touch`` (hops start pretrigger_frames before the onset, and windows end at touch_frames at the latest) or
-      ``free`` (hops run from arm).
-    - hop, window: lengths in frames.
+    - window_mode: ``touch`` (hops start pretrigger_frames before the onset, and windows end at touch_frames at the latest),
+      ``free`` (hops run from arm) or ``whole`` (the windows divide the whole touch once it has ended: by rearm_frames quiet
+      frames, by the end of the recording, or after touch_frames).
+    - hop, window: lengths in frames. ``whole``: the first hop, which doubles as the touch goes on.
     - steps: windows per touch, which are steps of the network.
+    - store_per_window: ``whole`` only: the most hops of a window; steps times as many sums are stored.
     """
 
     window_mode: WindowMode = "touch"
@@ -216,20 +218,32 @@ class Windows(Group):
     hop: Annotated[StrictInt, Interval(ge=1, le=65535)] = 307
     window: StrictInt = 615
     steps: Annotated[StrictInt, Interval(ge=1, le=256)] = 20
+    store_per_window: Annotated[StrictInt, Interval(ge=2, le=8)] = 8
 
     def refusals(self) -> Iterator[Refusal]:
         if self.window not in (2 * self.hop, 2 * self.hop + 1):
             yield "window", f"is {self.window} at hop {self.hop}; a window is 2 hop or 2 hop + 1 frames"
-        if self.window_mode == "free":
+        if self.window_mode != "touch":
+            mode = f"with window_mode '{self.window_mode}'"
             if self.window != 2 * self.hop:
-                yield "window", f"is {self.window}; free-running windows are 2 hop = {2 * self.hop} frames"
+                yield "window", f"is {self.window}; {mode} it is 2 hop = {2 * self.hop} frames"
             if self.pretrigger_frames:
-                yield "pretrigger_frames", "must be 0 with free-running windows, which keep no raw frames"
-        elif self.hop * (self.steps - 1) + 1 > self.touch_frames:
+                yield "pretrigger_frames", f"must be 0 {mode}, which keeps no raw frames"
+        if self.window_mode == "touch" and self.hop * (self.steps - 1) + 1 > self.touch_frames:
             yield (
                 "steps",
                 f"is {self.steps}: window {self.steps} would begin after frame {self.touch_frames}; lower "
                 "steps or hop",
+            )
+        if self.window_mode == "whole" and self.steps * self.store_per_window % 2:
+            yield (
+                "store_per_window",
+                f"is {self.store_per_window} with {self.steps} steps; sums are added in pairs, so make one of them even",
+            )
+        if self.window_mode == "whole" and self.hop * self.steps > self.touch_frames:
+            yield (
+                "touch_frames",
+                f"is {self.touch_frames}; the longest touch takes at least {self.steps} hops of {self.hop} frames",
             )
 
 
@@ -464,7 +478,7 @@ class Hardware(Group):
 class Interface(Group):
     """Hardware on the pins in front of the chain. With ``none`` nothing of it is built.
 
-    - converter: ``none``, a name from golden/core/converters, or an object of the name and its own fields:
+    - converter: ``none``, a name from golden/core/converters, or an object of the name and the converter's fields:
       ``{"name": "ddc232", "bits": 16}``.
     - rows, columns: size of the array (taxel = row x columns + column), for ``matrix``, ``mpr121`` and position.
     - position: compute where the array is touched. position_rest: sample of an untouched cell. position_threshold: codes above

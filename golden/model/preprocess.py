@@ -23,6 +23,9 @@ BATCH_SAMPLES = 1 << 22
 """Samples (frames x recordings x taxels) held at once while scanning, so that memory does not grow with the
 data set."""
 
+OPEN = 1 << 62
+"""A frame behind every other: the end of a touch that goes on, and of a window that never is complete."""
+
 Progress = Callable[[int, int], None]
 """Called with (recordings done, recordings in all)."""
 
@@ -40,6 +43,11 @@ class Touches:
     (n, K, D), bool: the fault detector had masked the taxel when window k was complete; None without a
     detector. flagged (recordings, taxels): frame, 1-based, that raised the taxel's fault flag, 0 = none; None
     without. armed (recordings), bool: the detector is ARMED after the last frame; None where nobody asks.
+
+    With ``window_mode`` whole, completed is all windows or none, and partial: the touch had ``touch_frames`` frames.
+    None in the other modes, where the configuration says them: ended (n), frame, 1-based, with which the touch
+    ended; cut (n), bool, the end of the recording ended it; lengths (n, K), index of each window's length in
+    ``window_lengths``.
     """
 
     recordings: int
@@ -52,6 +60,9 @@ class Touches:
     faults: np.ndarray | None = None
     flagged: np.ndarray | None = None
     armed: np.ndarray | None = None
+    ended: np.ndarray | None = None
+    cut: np.ndarray | None = None
+    lengths: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.recording)
@@ -71,7 +82,17 @@ class Touches:
             partial=self.partial[rows],
             sums=self.sums[rows][:, :steps],
             faults=None if self.faults is None else self.faults[rows][:, :steps],
+            ended=None if self.ended is None else self.ended[rows],
+            cut=None if self.cut is None else self.cut[rows],
+            lengths=None if self.lengths is None else self.lengths[rows][:, :steps],
         )
+
+    def ends(self, config: AcceleratorConfig) -> np.ndarray:
+        """(n, K) frame, 1-based, with which each window is there; beyond the recording's last where it is not."""
+        spans = window_spans(config, self.sums.shape[1])
+        if self.ended is not None:
+            return np.repeat(self.ended[:, None], len(spans), axis=1)
+        return self.start_frame[:, None] - 1 + np.array([last for _, last in spans], dtype=np.int64)
 
     def first_touch(self) -> np.ndarray:
         """For each recording the index of its first touch, -1 where there is none."""
@@ -84,7 +105,7 @@ class Touches:
 def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int], ...]:
     """First and last frame, 1-based from the start of window 1, of ``steps`` windows.
 
-    The first ``config.windows.steps`` are those of the configuration; later ones go on at the same hop with
+    The first ``config.windows.steps`` are the configuration's windows; later ones go on at the same hop with
     the full window length.
     """
     further = (
@@ -92,6 +113,43 @@ def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int]
         for k in range(config.windows.steps, steps)
     )
     return (*config.window_spans[:steps], *further)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A touch of ``window_mode`` whole that has ended; frames are 1-based. start: its first; loud: its last that
+    met the onset rule; end: its last; cut: because the recording did."""
+
+    start: int
+    loud: int
+    end: int
+    cut: bool
+
+    def partial(self, config: AcceleratorConfig) -> bool:
+        """It had as many frames as a touch may have."""
+        return self.end - self.start + 1 == config.last_frame
+
+
+Windows = tuple[tuple[tuple[int, int], ...], np.ndarray, int]
+"""Of one touch: first and last frame of each window, 1-based from the touch's first; the index of each one's length;
+how often the hop has doubled."""
+
+
+def divided(config: AcceleratorConfig, ended: Ended) -> Windows:
+    """The windows that divide a touch (section 2, ``window_mode`` whole)."""
+    steps, hop, frames = config.windows.steps, config.windows.hop, ended.end - ended.start + 1
+    doublings = (frames // hop // config.stored_sums).bit_length()
+    hop <<= doublings
+    count = min(max(-((ended.start - 1 - ended.loud) // hop), 1), frames // hop)
+    if not count:
+        return ((1, OPEN),) * steps, np.zeros(steps, dtype=np.int64), 0
+    first, stop = (np.arange(steps) + more for more in (0, 1))
+    if count < steps:  # a sum each, the last one again
+        first, stop = np.minimum(first, count - 1), np.minimum(stop, count)
+    else:
+        first, stop = first * count // steps, stop * count // steps
+    spans = zip((first * hop + 1).tolist(), (stop * hop).tolist(), strict=True)
+    return tuple(spans), stop - first - 1, doublings
 
 
 def find_touches(
@@ -109,8 +167,8 @@ def find_touches(
     ----------
     steps:
         Windows a touch, K; default ``config.windows.steps``. A higher number adds windows after the touch
-        (for time warp in training). Neither the detector, ``partial`` nor the first ``config.windows.steps``
-        windows depend on it.
+        (for time warp in training; with ``window_mode`` whole there are none). Neither the detector,
+        ``partial`` nor the first ``config.windows.steps`` windows depend on it.
     onsets:
         (R) the frame at which each recording's one touch is forced, -1 none. The onset rule is then not used.
     progress:
@@ -128,40 +186,51 @@ def find_touches(
             f"{recordings.source}: has {recordings.taxels} taxels and configuration '{config.name}', field "
             f"taxels, has {config.sensor.taxels}; use recordings and a configuration of one array"
         )
-    spans = window_spans(config, config.windows.steps if steps is None else steps)
+    follows, steps = config.follows_touch, config.windows.steps if steps is None else steps
+    spans = window_spans(config, min(steps, config.windows.steps) if follows else steps)
     recordings = recordings.scanned(config.sensor.scan_every)
     lengths = recordings.lengths
-    rows: list[tuple[int, int, int, int, bool]] = []
+    rows: list[tuple[int, int, int, int, bool, int, bool]] = []
     sums: list[np.ndarray] = []
+    places: list[np.ndarray] = []
     flagged = np.zeros((len(lengths), config.sensor.taxels), dtype=np.int64)
     armed = np.zeros(len(lengths), dtype=bool)
-    for first, last, deviations, touches, front in scans(config, recordings, onsets, most):
+    for first, last, deviations, begun, front in scans(config, recordings, onsets, most):
         flagged[first:last], armed[first:last] = front.flagged, front.armed
-        for index, onset, start in touches:
-            length = int(lengths[first + index])
-            window_sums, ended = window_values(config, deviations[:length, index], start, spans)
-            rows.append((first + index, onset, start, ended, length < start - 1 + config.last_frame))
+        for index, onset, start in begun:
+            length, end, cut, doublings = int(lengths[first + index]), start - 1 + config.last_frame, False, 0
+            partial = length < end
+            if follows:
+                ended = front.ended[index, start]
+                own, place, doublings = divided(config, ended)
+                spans, end, cut, partial = own[: len(spans)], ended.end, ended.cut, ended.partial(config)
+                places.append(place[: len(spans)])
+            of_recording = deviations[:length, index]
+            window_sums, complete = window_values(config, of_recording, start, spans, doublings)
+            rows.append((first + index, onset, start, complete, partial, end, cut))
             sums.append(window_sums)
         if progress:
             progress(last, len(lengths))
-    recording, onset_frame, start_frame, completed, partial = np.array(rows, dtype=np.int64).reshape(-1, 5).T
-    faults = None
-    if config.faults.fault_frames:
-        ends = start_frame[:, None] - 1 + np.array([last for _, last in spans], dtype=np.int64)
-        of_touch = np.repeat(flagged[recording], config.kinds, axis=1)[:, None]
-        faults = (of_touch > 0) & (of_touch <= ends[..., None])
-    return Touches(
-        recordings=len(lengths),
-        recording=recording,
-        onset_frame=onset_frame,
-        start_frame=start_frame,
-        completed=completed,
-        partial=partial.astype(bool),
-        sums=np.array(sums, dtype=np.int64).reshape(len(rows), len(spans), config.inputs),
-        faults=faults,
-        flagged=flagged if config.faults.fault_frames else None,
+    table = np.array(rows, dtype=np.int64).reshape(-1, 7).T
+    shape = len(rows), len(spans)
+    touches = Touches(
+        len(lengths),
+        recording=table[0],
+        onset_frame=table[1],
+        start_frame=table[2],
+        completed=table[3],
+        partial=table[4] > 0,
+        sums=np.array(sums, dtype=np.int64).reshape(*shape, config.inputs),
         armed=armed,
+        ended=table[5] if follows else None,
+        cut=table[6] > 0 if follows else None,
+        lengths=np.array(places, dtype=np.int64).reshape(shape) if follows else None,
     )
+    if not config.faults.fault_frames:
+        return touches
+    of_touch = np.repeat(flagged[touches.recording], config.kinds, axis=1)[:, None]
+    faults = (of_touch > 0) & (of_touch <= touches.ends(config)[..., None])
+    return dataclasses.replace(touches, faults=faults, flagged=flagged)
 
 
 def companded(values: np.ndarray, knee: int, frac: int) -> np.ndarray:
@@ -178,18 +247,17 @@ def companded(values: np.ndarray, knee: int, frac: int) -> np.ndarray:
     return np.sign(values) * (((exponent - knee - 1) << frac) + ((biased << frac) >> exponent))
 
 
-def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
+def real_features(
+    config: AcceleratorConfig, sums: np.ndarray, lengths: np.ndarray | None = None
+) -> np.ndarray:
     """Features before mu and sigma, from which the network learns, float64, shape of ``sums`` (..., K, D):
     means and mean activities of a block in codes; integrals as logarithms. Masked taxels are
-    included."""
-    spans = window_spans(config, sums.shape[-2])
-    units = np.array(
-        [
-            [config.feature_unit(last - first + 1, kind) for kind in config.features.feature_kinds]
-            for first, last in spans
-        ]
-    )
-    return sums / (units[:, list(config.input_kinds)] if config.kinds > 1 else units)
+    included. lengths: `Touches.lengths`."""
+    if lengths is None:  # later windows are as long as the first
+        known = config.length_index
+        lengths = np.array([*known, *[known[0]] * sums.shape[-2]][: sums.shape[-2]], dtype=np.int64)
+    units = np.array(config.feature_units).reshape(-1, config.kinds)[lengths]
+    return sums / (units[..., list(config.input_kinds)] if config.kinds > 1 else units)
 
 
 def normalise(
@@ -199,6 +267,7 @@ def normalise(
     mean: np.ndarray,
     scale: np.ndarray,
     faults: np.ndarray | None = None,
+    lengths: np.ndarray | None = None,
 ) -> np.ndarray:
     """Feature codes of windowed sums (section 3): ``narrow(SAT((d - mean) >> shift) * scale,
     gate_frac, feature_format)``, d with as many fraction bits as the means have.
@@ -214,15 +283,17 @@ def normalise(
         (``config.window_lengths``) one, or one a kind, or one an input (``config.constants``).
     faults:
         (n, K, D) bool, taxels masked by the fault detector (``Touches.faults``).
+    lengths:
+        (n, K) the index of each window's length (``Touches.lengths``); None: ``config.length_index``.
 
     Returns
     -------
     (n, K, D) int64 codes of ``feature_format``; 0 for masked taxels.
     """
     steps = sums.shape[1]
-    lengths_of_steps = list(config.length_index[:steps])
-    mean, scale = (by_input(config, values)[lengths_of_steps] for values in (mean, scale))
-    shift, frac = shifts_by_input(config)[lengths_of_steps], config.mean_frac
+    lengths = np.array(config.length_index[:steps], dtype=np.int64) if lengths is None else lengths
+    mean, scale = (by_input(config, values)[lengths] for values in (mean, scale))
+    shift, frac = shifts_by_input(config)[lengths], config.mean_frac
     # a floor, not a rounding: the half is in the mean already (normaliser_constants)
     centred = clamp(((sums << frac) - mean) >> shift + frac, config.centred_format)
     centred[..., list(config.input_mask)] = 0
@@ -262,7 +333,7 @@ def shifts_by_input(config: AcceleratorConfig) -> np.ndarray:
 
 
 def window_values(
-    config: AcceleratorConfig, deviations: np.ndarray, start: int, spans
+    config: AcceleratorConfig, deviations: np.ndarray, start: int, spans, doublings: int = 0
 ) -> tuple[np.ndarray, int]:
     """Values of every window of a touch for every taxel (section 2), and the number of leading windows that
     the recording completes.
@@ -275,6 +346,8 @@ def window_values(
         First frame, 1-based, of the touch's first window.
     spans:
         First and last frame of each window, 1-based from ``start``.
+    doublings:
+        Of the hop, with ``window_mode`` whole: bits that a mean or an activity loses.
 
     Returns
     -------
@@ -290,13 +363,13 @@ def window_values(
     total = _running(touch)
     for number, kind in enumerate(config.features.feature_kinds):
         if kind == "mean":
-            sums = total[ends[:, 1]] - total[ends[:, 0] - 1]
+            sums = total[ends[:, 1]] - total[ends[:, 0] - 1] >> doublings
         elif kind == "integral":
             sums = companded(total[ends[:, 1]], config.features.integral_knee, config.features.integral_frac)
         else:
             block = config.features.activity_block
             amounts = _running(_block_activity(config, deviations, start))
-            sums = amounts[ends[:, 1] // block] - amounts[(ends[:, 0] - 1) // block]
+            sums = amounts[ends[:, 1] // block] - amounts[(ends[:, 0] - 1) // block] >> doublings
         values[:completed, :, number] = sums
     return values.reshape(len(spans), values.shape[1] * config.kinds), completed
 
@@ -322,7 +395,7 @@ def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: in
     if config.features.activity_rule == "sum" or not len(of_touch):
         return np.abs(of_touch)
     reads_back = config.windows.window_mode == "free" and lead > 0
-    # without a block before, the first is its own predecessor: it changes by 0
+    # without a block before, the first is compared with itself: it changes by 0
     before = blocks(deviations[lead - block : lead]) if reads_back else of_touch[:1]
     return np.abs(np.diff(np.concatenate([before, of_touch]), axis=0))
 
@@ -331,6 +404,8 @@ def start_frame(config: AcceleratorConfig, onset: int, previous_end: int) -> int
     """First frame of window 1 of a touch whose onset is frame ``onset`` (0: the gate opens at once)."""
     if config.windows.window_mode == "touch":
         return max(1, onset - config.windows.pretrigger_frames, previous_end + 1)
+    if config.follows_touch:
+        return onset + 1
     # The gate opens with frame g = onset + 1, so hop j0 = floor((g - 1) / hop) is under way. Window 1 begins
     # with the hop before it; hop 0 has none, so j0 is at least 1.
     return (max(onset // config.windows.hop, 1) - 1) * config.windows.hop + 1
@@ -371,6 +446,11 @@ class TouchFinder:
         """(recordings), bool: a touch may begin."""
         self.end = np.zeros(recordings, dtype=np.int64)
         """(recordings): the last frame of the latest touch, 0 before the first."""
+        self.ended: dict[tuple[int, int], Ended] = {}
+        """``window_mode`` whole: touches that have ended, by recording and first frame."""
+        self._start, self._loud = np.ones((2, recordings), dtype=np.int64)
+        if config.opens_at_once and config.follows_touch:
+            self.end[:] = self._loud[:] = OPEN
         self._quiet = np.zeros(recordings, dtype=np.int64)
         self._baseline = np.zeros(shape, dtype=np.int32)
         self._settling = np.zeros(shape, dtype=np.int64)
@@ -413,10 +493,10 @@ class TouchFinder:
         if first < settle:
             self._settle(samples[: settle - first], min(settle, last))
         recent = len(self._recent)
-        # deviations that the onset rule still needs, then those of these frames
+        # deviations that the onset rule still needs, then the deviations of these frames
         history = np.zeros((recent + len(samples), *samples.shape[1:]), dtype=np.int32)
         history[:recent] = self._recent
-        deviations = history[recent:]  # a view: the rule reads what is written here
+        deviations = history[recent:]  # a view: the rule reads the deviations written here
         if not tracked and last > settle:
             begin = max(settle - first, 0)
             deviations[begin:] = self._deviation(samples[begin:], self._baseline)
@@ -424,6 +504,7 @@ class TouchFinder:
         self.frames = last
         if config.opens_at_once:
             begun = first == 0 < last
+            self._end_longest(last, lengths)
             return deviations, [(index, 0, 1) for index in range(len(self.armed) if begun else 0)]
 
         touches: list[tuple[int, int, int]] = []
@@ -438,12 +519,30 @@ class TouchFinder:
                 touches += self._judge(judged, over, lengths, None if forced is None else forced == judged)
             before = judged
             # No recording can have another touch. Deviations are still wanted to the end.
-            if whole and not self.armed.any() and (self.end >= lengths).all():
+            over = (self.end >= lengths) & (self.end < OPEN)
+            if whole and not self.armed.any() and over.all():
                 if tracked:
                     self._track(samples, deviations, first, before, last)
                 break
+        self._end_longest(last, lengths)
         self._recent = history[len(history) - recent :].copy()
         return deviations, touches
+
+    def finish(self, lengths: np.ndarray) -> None:
+        """The recordings end after ``lengths`` frames, and with them their touches of ``window_mode`` whole."""
+        self._end(np.array(True), lengths, cut=True)
+
+    def _end_longest(self, last: int, lengths: np.ndarray) -> None:
+        """End the touches that have had ``touch_frames`` frames by frame ``last``."""
+        ends = self._start - 1 + self.config.last_frame
+        self._end(ends <= np.minimum(last, lengths), ends)
+
+    def _end(self, which: np.ndarray, ends: np.ndarray, *, cut: bool = False) -> None:
+        """End the touches under way with their frames ``ends`` (recordings)."""
+        for index in np.flatnonzero(which & (self.end == OPEN)).tolist():
+            start, end = int(self._start[index]), int(ends[index])
+            self.ended[index, start] = Ended(start, min(int(self._loud[index]), end), end, cut)
+            self.end[index] = end
 
     def _settle(self, samples: np.ndarray, last: int) -> None:
         """The rest level of settling frames, the last of which is frame ``last``."""
@@ -488,19 +587,26 @@ class TouchFinder:
         """The detector's step at the end of frame ``judged``: (recording, onset frame, start frame) of
         touches that begin."""
         rule = self.config.onset_rule
-        # flags are found for all frames of a push at once: those of later frames do not count yet
+        # flags are found for all frames of a push at once: flags of later frames do not count yet
         sound = (self.flagged == 0) | (self.flagged > judged)
         self._hits[judged // self._period % len(self._hits)] = (over & self._live & sound).any(axis=1)
-        met = self._hits.sum(axis=0) >= rule.onset_hits if forced is None else forced
-        rearming = ~self.armed & (judged > self.end) & (judged <= lengths)
-        self._quiet = np.where(rearming & ~met, self._quiet + self._period, 0)
+        own = self._hits.sum(axis=0) >= rule.onset_hits
+        met = own if forced is None else forced
+        self._end_longest(judged - 1, lengths)
+        goes_on = self.end == OPEN
+        rearming = ~self.armed & (goes_on | (judged > self.end)) & (judged <= lengths)
+        self._quiet = np.where(rearming & ~own, self._quiet + self._period, 0)
+        self._loud = np.where(rearming & own & goes_on, judged, self._loud)
         touches = []
         for index in np.flatnonzero(self.armed & met & (judged <= lengths)):
             start = start_frame(self.config, judged, int(self.end[index]))
             touches.append((int(index), judged, start))
-            self.armed[index], self.end[index] = False, start - 1 + self.config.last_frame
+            self.armed[index], self._start[index], self._loud[index] = False, start, judged
+            self.end[index] = OPEN if self.config.follows_touch else start - 1 + self.config.last_frame
         # last, because the detector is armed from the next frame on
-        self.armed |= rearming & (self._quiet >= rule.rearm_frames)
+        quiet = rearming & (self._quiet >= rule.rearm_frames)
+        self.armed |= quiet
+        self._end(quiet, np.full_like(self.end, judged))
         return touches
 
     def _judge_faults(self, samples: np.ndarray, lengths: np.ndarray) -> None:
@@ -527,9 +633,9 @@ def scans(
     forced: np.ndarray | None = None,
     most: int | None = None,
 ) -> Iterator[tuple[int, int, np.ndarray, list[tuple[int, int, int]], TouchFinder]]:
-    """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first, the one behind the
+    """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first recording, the recording behind the
     last, their deviations (frames, recordings, taxels), their touches (recording, onset frame, start frame),
-    in order, and the detectors as each recording leaves its own."""
+    in order, and the detectors as each recording leaves them."""
     recordings = recordings.scanned(config.sensor.scan_every)
     lengths, taxels = recordings.lengths, config.sensor.taxels
     for first, last in _batches(lengths, taxels, most):
@@ -538,6 +644,7 @@ def scans(
             samples[: lengths[index], index - first] = recordings.recording(index)
         front, onsets = TouchFinder(config, last - first), None if forced is None else forced[first:last]
         deviations, touches = front.push(samples, lengths[first:last], onsets)
+        front.finish(lengths[first:last])
         yield first, last, deviations, sorted(touches), front
 
 

@@ -1,6 +1,6 @@
 """A model that takes frames one by one and decides at the same frame as the hardware does.
 
-docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of
+docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule come from
 ``eskin.golden.model.pipeline``; no more than a few touches of frames are kept, so that a stream may last for
 ever.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, array_of
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
-from eskin.golden.model.preprocess import Touches, TouchFinder, window_values
+from eskin.golden.model.preprocess import Ended, Touches, TouchFinder, divided, window_values
 from eskin.golden.model.prototypes import check_teachable, class_index, forget, teach, trajectory_codes
 from eskin.golden.model.vectors import ARMED, NO_TOUCH, TOUCH
 
@@ -60,13 +60,18 @@ class Decision:
 
 @dataclass
 class _Touch:
-    """The touch under way. sums (K, D), faults (K, D): of its complete windows."""
+    """The touch under way. sums (K, D), faults (K, D), lengths (K): of its complete windows. spans, doublings: as
+    `window_values` takes them; ended: with ``window_mode`` whole, once it has."""
 
     number: int
     onset_frame: int
     start_frame: int
     sums: np.ndarray
     faults: np.ndarray
+    spans: tuple[tuple[int, int], ...]
+    lengths: np.ndarray | None = None
+    doublings: int = 0
+    ended: Ended | None = None
     completed: int = 0
     decided: bool = False
     """The global decision was given."""
@@ -108,7 +113,9 @@ class Stream:
         of an activity before them."""
         self._piece = config.last_frame
         """Number of frames processed together. Onsets lie further apart, because rearming takes longer than
-        the pre-trigger ring reaches back."""
+        the pre-trigger ring reaches back; a touch that ends by itself lasts as long as rearming."""
+        if config.follows_touch:
+            self._piece = min(self._piece, config.onset_rule.rearm_frames)
         self.arm()
 
     @property
@@ -122,7 +129,8 @@ class Stream:
         self._front = TouchFinder(config)
         self._frames = 0  # of the source
         # deviations of frames base + 1 ...
-        self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)
+        frames = self._before + config.last_frame + 3 * self._piece
+        self._kept = np.zeros((frames, config.sensor.taxels), dtype=np.int32)
         self._base = 0
         # the hardware has overwritten half of the touch before with the current one: neither can be taught
         if getattr(self, "_touch", None):
@@ -199,6 +207,9 @@ class Stream:
         touch = self._touch
         if touch is None:
             return []
+        if self.config.follows_touch:
+            self._front.finish(np.array([self._front.frames]))
+            return self._go_on()
         decided = self._decided(touch) if touch.completed else None
         self._end(touch, decided)
         if decided is None or touch.decided:
@@ -295,7 +306,12 @@ class Stream:
         for _, onset, start in begun:
             shape = (self.config.windows.steps, self.config.inputs)
             self._touch = _Touch(
-                self._touches, onset, start, np.zeros(shape, np.int64), np.zeros(shape, dtype=bool)
+                self._touches,
+                onset,
+                start,
+                np.zeros(shape, np.int64),
+                np.zeros(shape, dtype=bool),
+                self._spans,
             )
             self._touches += 1
             decisions += self._go_on()
@@ -320,21 +336,28 @@ class Stream:
     def _go_on(self) -> list[Decision]:
         """Decisions of the windows that are complete by now; the touch ends with its last window."""
         touch, decisions = self._touch, []
+        if touch and self.config.follows_touch:
+            touch.ended = self._front.ended.pop((0, touch.start_frame), None)
+            if touch.ended is None:
+                return []
+            touch.spans, touch.lengths, touch.doublings = divided(self.config, touch.ended)
         while touch and self._touch:
-            last = touch.start_frame - 1 + self._spans[touch.completed][1]
+            last = touch.start_frame - 1 + touch.spans[touch.completed][1]
             if last > self._front.frames:
                 break
             decisions += self._step(touch, last)
             if touch.completed == len(self._spans):
                 self._end(touch, self._decided(touch) if self.config.has_prototypes else None)
+        if touch and touch.ended and self._touch:  # without a window
+            self._end(touch, None)
         return decisions
 
     def _step(self, touch: _Touch, last: int) -> list[Decision]:
         """The decisions of the touch's next window, whose last frame is ``last``."""
         config, k, start = self.config, touch.completed, touch.start_frame - self._base
-        touch.sums[k] = window_values(config, self._kept[: last - self._base], start, self._spans[: k + 1])[
-            0
-        ][k]
+        frames, spans = self._kept[: last - self._base], touch.spans[: k + 1]
+        touch.sums[k] = window_values(config, frames, start, spans, touch.doublings)[0][k]
+        last = touch.ended.end if touch.ended else last
         flagged = self._front.flagged[0]
         touch.faults[k] = np.repeat((flagged > 0) & (flagged <= last), config.kinds)
         touch.completed = k + 1
@@ -366,7 +389,8 @@ class Stream:
         ]
         early = early_steps(config, decided.local, decided.margin, np.array([k + 1]))[1][0]
         if not touch.decided and (early or touch.completed == len(self._spans)):
-            decisions.append(self._global(touch, decided, frame, partial=False))
+            partial = touch.ended is not None and touch.ended.partial(config) and not early
+            decisions.append(self._global(touch, decided, frame, partial=partial))
         return decisions
 
     def _decided(self, touch: _Touch) -> Decided:
@@ -382,6 +406,7 @@ class Stream:
             partial=np.zeros(1, dtype=bool),
             sums=touch.sums[None, :steps],
             faults=touch.faults[None, :steps] if self.config.faults.fault_frames else None,
+            lengths=None if touch.lengths is None else touch.lengths[None, :steps],
         )
         return decide_touches(self.model, single)
 

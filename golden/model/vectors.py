@@ -52,8 +52,8 @@ def write_vectors(
     first, index = np.unique(touches.recording, return_index=True)
     # what opens at once is seen with the first frame; one that is cut short stays open to the end
     begin[first] = np.maximum(touches.onset_frame[index], 1)
-    last = np.maximum(touches.start_frame[index] - 1 + trace.config.last_frame, begin[first])
-    end[first] = np.where(touches.partial[index], recordings.lengths[first] + 1, last)
+    last = touches.ends(trace.config)[index, -1] + (0 if touches.cut is None else touches.cut[index])
+    end[first] = np.maximum(np.minimum(last, recordings.lengths[first] + 1), begin[first])
     arrays: dict[str, np.ndarray] = {
         # the port is 16 bits wide, whatever the samples are: negative ones as two's complement
         "samples": (recordings.samples & 0xFFFF).astype(np.uint16),
@@ -133,10 +133,11 @@ def completing_frames(trace: Trace) -> np.ndarray:
     completed by the onset's frame.
     """
     touches = trace.touches
-    last = np.array([span[1] for span in trace.config.window_spans], dtype=np.int64)
-    frames = np.maximum(touches.start_frame[:, None] - 1 + last, touches.onset_frame[:, None])
+    frames = np.maximum(touches.ends(trace.config), touches.onset_frame[:, None])
+    if touches.cut is not None:
+        frames[touches.cut] = 0
     closing = np.where(
-        trace.global_partial,
+        trace.global_partial & (touches.cut is None),
         0,
         np.take_along_axis(frames, np.maximum(trace.global_step, 0)[:, None], axis=1)[:, 0],
     )

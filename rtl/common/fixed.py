@@ -54,7 +54,7 @@ def round_half_up(value: Value, shift: int) -> Value:
 
 
 def narrow(value: Value, shift: int, fmt: QFormat) -> Value:
-    """The one narrowing of the datapath: RND by ``shift`` bits, then SAT into ``fmt``."""
+    """The narrowing that all of the datapath uses: RND by ``shift`` bits, then SAT into ``fmt``."""
     return saturate(round_half_up(value, shift), fmt)
 
 

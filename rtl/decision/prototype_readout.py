@@ -56,7 +56,7 @@ class PrototypeReadout(Block):
     the touch into the slot of a taught one.
 
     The codes are in one memory, step by step, place by place, value by value, so that a step begins where the
-    one before ended and a single counter addresses all of a touch. With places for taught touches the first
+    step before ended and a single counter addresses all of a touch. With places for taught touches the first
     place of each step is the touch's own: it is written there as it comes. Teaching goes through the memory
     once and copies it, while no touch is open.
 
@@ -183,7 +183,7 @@ class PrototypeReadout(Block):
         if teaches:
             looks = self.commands.look & self.idle
             wanted, reads = loads | looks, reading | looks
-        beyond = Signal()  # the host's address is that of a class's number
+        beyond = Signal()  # the host's address is a class's number
         written = self.written = Signal()
         at = Signal(range(words))
         target = Signal()  # of a pass that teaches, the place under way
@@ -318,7 +318,9 @@ class PrototypeReadout(Block):
                 m.d.sync += register.eq(value)
         if checks:
             odd = comparing & (read.data.xor() ^ codes[:stored].xor())
-            counted = (address.xor() ^ _odd_of_next(address)) & ~back  # its own sum would take a second adder
+            counted = (
+                address.xor() ^ _odd_of_next(address)
+            ) & ~back  # a separate sum would take a second adder
             guards += [
                 parity_wrong(m, register, changes, counted if register is address else value)
                 for register, changes, value in registers

@@ -24,7 +24,7 @@ class RowChain(wiring.Component):
     load : Out(array of signed(accumulator_bits))
         Addends for the lanes, in place after as many shifts as there are lanes.
     total : Out(signed(accumulator_bits))
-        After a swap the sum of lane 0, after p shifts that of lane p.
+        After a swap the sum of lane 0, after p shifts the sum of lane p.
     """
 
     def __init__(self, accumulator_bits: int, count: int):

@@ -1,9 +1,9 @@
 """Readable Verilog from Yosys' text: an expression that is used once is written where it is used, and
 remaining wires have names.
 
-Yosys gives each operation of a design its own wire, ``_012_``. One that is used once becomes the
+Yosys gives each operation of a design a wire, ``_012_``. One that is used once becomes the
 expression that it stands for. In braces, or in parentheses where those mean the same, its width does not
-depend on what is around it; where they could not give it the wire's own width it stays a wire.
+depend on the text around it; where they could not give it the wire's own width it stays a wire.
 """
 
 import re

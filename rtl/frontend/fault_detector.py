@@ -38,7 +38,7 @@ class FaultDetector(Block):
     Timing
     ------
     One beat a cycle. ``flag`` comes 1 cycle after its beat was taken, through the logic behind the memory: a
-    taxel's verdict is known with its own sample, so that nothing waits for the end of the frame.
+    taxel's verdict is known with the taxel's sample, so that nothing waits for the end of the frame.
     """
 
     def ports(self, config: AcceleratorConfig):

@@ -23,7 +23,7 @@ from eskin.rtl.common import (
 from eskin.rtl.program.timing import STATE_BEATS
 
 SLOTS = {"mean": 0, "activity": 1, "integral": 2}
-"""Cycle, from the one in which a deviation is seen, in which the beat of each kind is made."""
+"""Cycle, counted from the cycle that sees a deviation, in which the beat of each kind is made."""
 
 
 class FeatureExpander(Block):
@@ -56,7 +56,7 @@ class FeatureExpander(Block):
     i : In(stream of ``window_layout``)
         The deviations, as complements.
     o : Out(stream of ``beat_layout``)
-        Complements; marks are those of the deviation, on each of its beats.
+        Complements; marks belong to the deviation, on each of its beats.
     frame_last : Out(1)
         The deviation at ``i`` is its frame's last.
     holds : Out(1)
@@ -211,7 +211,7 @@ class FeatureExpander(Block):
             size = Signal(config.beat_bits - 1)
             logarithm(m, size, biased, config.features.integral_knee, config.features.integral_frac)
             complement["integral"] = Mux(below, size - 1, ~Cat(size, Const(0, 1)))
-        # the last slot is that of the last kind that comes; a frame in which none does takes one
+        # the last slot belongs to the last kind that comes; a frame in which none does takes one
         marks = [name for name, _ in window_layout(config) if name != "complement"]
         beat = Signal(beat_layout(config))
         m.d.comb += [beat.block_last.eq(block_last), *(beat[name].eq(self.i.p[name]) for name in marks)]

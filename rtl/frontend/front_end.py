@@ -7,7 +7,7 @@ from amaranth.hdl import Cat, Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import connect
 
-from eskin.golden.core import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.rtl.common import (
     centred_layout,
     detector_status,
@@ -50,7 +50,7 @@ class FrontEnd(wiring.Component):
     status : Out(detector_status)
         The onset detector's.
     passing, moving : Out(1)
-        As of `eskin.rtl.host.recording_state.RecordingState`, without what is offered at ``i``.
+        As of `eskin.rtl.host.recording_state.RecordingState`, without the beat offered at ``i``.
     wrong, blank : Out(1)
         As of ``Normaliser``.
 
@@ -68,6 +68,11 @@ class FrontEnd(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
+        if config.follows_touch:
+            raise InputError(
+                f"configuration '{config.name}', field window_mode: is 'whole', of which there is no hardware yet; "
+                "use 'free'"
+            )
         self.config, self.detector = config, OnsetDetector(config)
         self.ring = PreTriggerRing(config) if config.windows.window_mode == "touch" else None
         self.expander = FeatureExpander(config) if expands(config) else None

@@ -26,8 +26,8 @@ from eskin.rtl.program.memory_map import mean_count
 
 
 def mean_address(config: AcceleratorConfig, length: Value, kind: Value | None, taxel: Value) -> Value:
-    """Address of a mean: that of the length's, of one kind or of one input where there is one for each; each
-    field has its own bits."""
+    """Address of the mean of a length, of a kind or of an input where each has a mean; each
+    field has separate bits."""
     bits = ceil_log2(len(config.window_lengths))
     return Cat(
         length[:bits],
@@ -40,8 +40,8 @@ class Normaliser(wiring.Component):
     """``centred = SAT_SQ(16,0)((d - mean[q]) >> feature_shift[q])``, 0 for a masked taxel; with means of
     ``mean_frac`` fraction bits d is theirs before the difference. The product with scale is the engine's.
 
-    With several kinds of feature, or a scale a taxel, mean and shift are those of the beat's kind, or the
-    mean is that of its input.
+    With several kinds of feature, or a scale a taxel, mean and shift belong to the beat's kind, or the
+    mean belongs to its input.
 
     Parameters
     ----------

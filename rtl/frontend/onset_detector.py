@@ -91,7 +91,7 @@ class OnsetDetector(Block):
         if small:
             empty = self.empty = Signal(
                 2
-            )  # the stages, in this cycle and the one before: all state is written
+            )  # the stages, in this cycle and the cycle before: all state is written
             open_now = (index != 0) | empty.all()
             drive(m, aligner.i, p=self.i.p, valid=self.i.valid & open_now)
             m.d.comb += self.i.ready.eq(aligner.i.ready & open_now)

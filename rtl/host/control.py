@@ -59,7 +59,7 @@ class HostControl(wiring.Component):
     bus : In
         One access a cycle.
     clear : Out(1)
-        Synchronous reset of the datapath for one cycle, the one after ``arm`` was written.
+        Synchronous reset of the datapath for one cycle, the cycle after ``arm`` was written.
     restart : Out(1)
         Synchronous reset of the engine: with ``clear``, and in the cycle after a memory word was written. The
         write may make stale what the engine has computed ahead of its next step.
@@ -88,7 +88,7 @@ class HostControl(wiring.Component):
     anew : In(1)
         The engine begins anew, beside ``restart`` (``watchdog``).
     due : Out(1)
-        The recording is being finished, or the detector's touch and the one whose decision is due are not the
+        The recording is being finished, or the detector's touch and the touch whose decision is due are not the
         same (``watchdog``).
     busy : Out(1)
         As of `RecordingState`.

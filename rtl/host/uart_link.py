@@ -25,7 +25,7 @@ class UartLink(wiring.Component):
     """Frames, register writes and reads in; decisions and answers out. A packet acts only once its check
     sequence is proven.
 
-    A frame or write acts when its number is the one expected, so each acts once and in order however often it
+    A frame or write acts when its number is the expected one, so each acts once and in order however often it
     is sent; a read acts always and its answer carries the number expected next. A packet that comes while one
     is still acting (the accelerator not ready, an answer not yet sent) is dropped like a damaged one.
     The next flag always resynchronises the receiver; no reset or timeout is needed.

@@ -21,7 +21,7 @@ def converter_ports(taxels: int, code_bits: int) -> dict[str, wiring.Member]:
         The converter is being set up: a ``start`` begins no frame. Some need it all the same, to keep their
         time.
     put : Out(struct: valid, place, code)
-        A code and the taxel that it belongs to, in any order of taxels; ``valid`` for the one cycle in which it must be
+        A code and the taxel that it belongs to, in any order of taxels; ``valid`` for the single cycle in which it must be
         taken.
     finished : Out(1)
         One cycle, after the last code: the frame is over; ``fault`` (`ConverterFault` bits) is what was wrong

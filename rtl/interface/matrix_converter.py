@@ -30,7 +30,7 @@ class MatrixConverter(Block):
     pins : Out
         `matrix_pins`; all from registers.
 
-    The others are those of `converter_ports`. A frame takes ``plan.scan_cycles`` at most.
+    The others: `converter_ports`. A frame takes ``plan.scan_cycles`` at most.
     """
 
     def ports(self, plan: MatrixPlan):

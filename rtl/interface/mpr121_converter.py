@@ -82,7 +82,7 @@ class Mpr121Converter(Block):
     pins : Out
         `I2C_PINS`.
 
-    The others are those of `converter_ports`.
+    The others: `converter_ports`.
     """
 
     def ports(self, plan: MprPlan):
@@ -110,7 +110,7 @@ class Mpr121Converter(Block):
         issued = Signal()
         expanding = Signal()
         fresh = Signal(init=1)  # in the start-up
-        # low: this chip's electrodes; dead: those of a chip
+        # low: this chip's electrodes; dead: a whole chip's
         wrong = Signal()
         low = Signal()
         dead = Signal()

@@ -23,7 +23,7 @@ class SpiConverter(wiring.Component):
     pins : Out
         `eskin.rtl.interface.spi_master.spi_pins`.
 
-    The others are those of `converter_ports`.
+    The others: `converter_ports`.
     """
 
     def __init__(self, plan: SpiPlan, taxels: int):

@@ -58,7 +58,7 @@ class Stimulation(wiring.Component):
         super().__init__(
             inputs("fault", settings=settings_layout)
             | outputs("on")
-            | {name: In(struct("valid", payload=layout)), "tx": Out(1, init=1)}
+            | {name: In(struct("valid", payload=layout)), "tx": Out(1)}
         )
 
     def elaborate(self, platform):

@@ -69,7 +69,7 @@ class Pass:
 
     rows, columns, channels: of its input map, which a dense layer sees as one place. outputs: channels of its
     result. group: lanes that it fills at once. pairs: these make the channels of two places. weights,
-    addends: where its own begin. number: of its layer.
+    addends: where this pass's addends begin. number: of its layer.
     """
 
     number: int
@@ -104,7 +104,7 @@ class Pass:
 
     @property
     def radius(self) -> int:
-        """Places that a kernel reaches beyond its own."""
+        """Places that a kernel reaches beyond its centre."""
         return self.kernel // 2
 
     @property

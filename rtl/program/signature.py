@@ -95,7 +95,7 @@ def residue(code: Microcode, images: Contents, check: int) -> int:
 
 
 def check_words(code: Microcode, images: Contents) -> list[int]:
-    """The check words (two's complement): with the one of its number, read where the program reads it, a
+    """The check words (two's complement): with the check word of its number, read where the program reads it, a
     step's signature ends as 0.
 
     Parameters

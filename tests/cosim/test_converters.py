@@ -16,7 +16,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter
 from eskin.rtl.fpga.generate import generate
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import BUILD, cosimulate, expected_of
+from eskin.verbs.flow import Simulation, cosimulate, expected_of
 from tests.support.array_touches import REST, touches
 from tests.support.link_flow import pack_decisions
 from tests.support.random_models import random_integer_model
@@ -123,22 +123,15 @@ def case_of(name: str, shared_data: Path) -> tuple[AcceleratorConfig, Recordings
 def test_exact_from_the_pins(name, shared_data, tmp_path):
     config, recordings = case_of(name, shared_data)
     model = random_integer_model(config, 3 if name in RECORDED else 5)
-    result = cosimulate(model, recordings, work=tmp_path)
-    way, sensor, clock_hz = result["conversion"], config.sensor, config.hardware.clock_hz
-    row = (
-        name,
-        sensor.taxels,
-        sensor.sample_rate_hz,
-        clock_hz,
-        result["compared_values"],
-        way["jitter_cycles"],
-    )
+    result = cosimulate(model, recordings, Simulation(), work=tmp_path)
+    way, sensor, clock_hz = result.conversion, config.sensor, config.hardware.clock_hz
+    row = (name, sensor.taxels, sensor.sample_rate_hz, clock_hz, result.compared_values, way.jitter_cycles)
     print("\n", *row, sep=" | ")  # a row of docs/figures.md
-    assert result["passed"] and result["pace"] == "declared", result["mismatch_list"]
-    assert result["recordings"] == len(recordings) and result["compared_values"] > 300
-    assert result["decisions"] > (10 if name in ARRAYS else 0)
-    assert way["faults"] == way["violations"] == result["overruns"] == 0
-    assert way["jitter_cycles"] < (1 if name in RANDOM else 1e-9)
+    assert result.passed and result.pace == "declared", result.mismatch_list
+    assert result.recordings == len(recordings) and result.compared_values > 300
+    assert result.decisions > (10 if name in ARRAYS else 0)
+    assert way.faults == way.violations == result.overruns == 0
+    assert way.jitter_cycles < (1 if name in RANDOM else 1e-9)
 
 
 STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))
@@ -178,7 +171,7 @@ def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(fields, ki
     recordings, codes = through_converter(made, config)
     design = generate(config, model.arrays, tmp_path / "design")
     vectors = expected_of(model, recordings, tmp_path / "vectors.npz", codes=codes)
-    played = flow.Run.of(design, vectors, pace="declared", builds=BUILD / "simulators")
+    played = flow.Run.of(design, vectors, flow.Simulation(pace="declared"))
     said = played.play(tmp_path / "run", {"fault": (at, lasts, kind)}, bench="tests.support.broken_frames")
     halves: tuple[list, list] = [], []
     for word, cycle in said["decisions"]:

@@ -1,11 +1,13 @@
 """The scoreboard sees every kind of difference, and says where it is."""
 
 from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from eskin.cosim.latency import budgets, needed_clock, step_limit_frames
+from eskin.cosim.results import Answer, Cycles
 from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, Mismatch, Recording, Scoreboard
 from eskin.golden.core import PRESETS, AcceleratorConfig
 from tests.support.link_flow import pack_decisions
@@ -215,10 +217,10 @@ def test_cycles_are_extremes_over_all_recordings(expected, said):
         scoreboard.check("decision", said[recording.number, "decision"], 20 * frames + late)
         taken = range(20, 20 * int(max(frames)) + 1, 20)  # decision_frame 0: no frame brings it
         scoreboard.end(said[recording.number, "end"], taken)
-    result = scoreboard.result(20)
-    assert (result["steps"], result["decisions"]) == (3, 7)
+    result = Answer.of(scoreboard, frame_max=20, frames=0, cycles=0, late=0, stalls=0, probe=False)
+    assert (result.steps, result.decisions) == (3, 7)
     cycles = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": 10}
-    assert result["cycles"] == cycles | {"step_ideal": CONFIG.step_ideal}
+    assert dict(result.cycles) == cycles | {"step_ideal": CONFIG.step_ideal}
 
 
 def test_step_limit_is_the_closest_pair_of_windows():
@@ -232,19 +234,19 @@ def test_step_limit_is_the_closest_pair_of_windows():
 
 def test_budgets_and_the_clock_that_meets_them():
     thesis = PRESETS["thesis"]
-    cycles = {"frame_max": 20, "step_min": 300, "step_max": 310, "decision_latency_max": 400}
+    cycles = Cycles(step_ideal=1, frame_max=20, step_min=300, step_max=310, decision_latency_max=400)
     clock = needed_clock(thesis, cycles)
     assert clock == 1200e3  # 400 cycles within 1/3000 s
 
     def table(clock_hz: float, pace: str = "declared", overruns: int = 0) -> list:
-        played = {"cycles": cycles, "clock_hz": clock_hz, "overruns": overruns, "pace": pace}
-        return [row for row in budgets(thesis, played) if not row["reference"]]
+        played = SimpleNamespace(cycles=cycles, clock_hz=clock_hz, overruns=overruns, pace=pace)
+        return [row for row in budgets(thesis, played) if not row.reference]
 
     def met(*given) -> dict:
-        return {row["name"]: row["met"] for row in table(*given)}
+        return {row.name: row.met for row in table(*given)}
 
     frame, step, _ = table(clock)
-    assert (frame["measured_s"], step["limit_s"]) == pytest.approx((20 / 1200e3, 1e-3))
+    assert (frame.measured_s, step.limit_s) == pytest.approx((20 / 1200e3, 1e-3))
     every = dict.fromkeys(("frame", "step", "decision"), True)
     assert met(clock) == every and met(clock - 1e4) == every | {"decision": False}
     assert met(clock, "declared", 1) == every | {"frame": False} and met(clock, "full", 9) == {"step": True}

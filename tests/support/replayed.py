@@ -8,7 +8,7 @@ import numpy as np
 from eskin.cosim.device import Device
 from eskin.cosim.netlist import Hardware
 from eskin.rtl.program.memory_map import Fault, Register
-from tests.support.traffic import Script, beat, run
+from tests.support.traffic import Script, beats, run
 
 
 class Recorded(Device):
@@ -44,10 +44,10 @@ class Recorded(Device):
     def frames(self, frames: np.ndarray, *pace: float) -> None:
         super().frames(frames, *pace)
         for frame in frames.tolist():
-            for taxel, sample in enumerate(frame):
+            for payload in beats(frame, self._bits):
                 if self._random.random() < 0.125:  # this side stalls, too
                     self.script.wait(self._random.randint(1, 2))
-                self.script.beat(beat(sample, self._bits, first=taxel == 0, last=taxel == len(frame) - 1))
+                self.script.beat(payload)
 
     def forget(self) -> None:
         self.decisions += [word & 0xFFFFFFFF for word in self.streams()["decision"][0].tolist()]

@@ -25,7 +25,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, codes_of, samples_of
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.training.made_up import image_recordings, random_images, random_recordings
-from eskin.verbs.flow import cosimulate
+from eskin.verbs.flow import Simulation, cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
 
@@ -294,9 +294,7 @@ def differences(design: Design, folder: Path) -> list[str]:
     converter also broken frames and limits of its data sheet that are not kept."""
     model = design.model
     config = model.config
-    options: dict[str, Any] = dict(
-        simulator="icarus", stalls=design.stalls, seed=design.seed, work=folder, builds=folder / "simulators"
-    )
+    how = Simulation(simulator="icarus", stalls=design.stalls, seed=design.seed, builds=folder / "simulators")
     if config.is_image:
         recordings = image_recordings(config, random_images(config, 3, design.seed))
     else:
@@ -305,8 +303,10 @@ def differences(design: Design, folder: Path) -> list[str]:
         recordings = _never_stuck(recordings, config)
     if config.hardware.clock_gate:  # which stops the clock between frames only
         clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.scan_rate_hz
-        options |= {"pace": "declared", "clock_hz": clock}
-    result = cosimulate(model, recordings, **options)
-    way = result.get("conversion", {})
-    broken = [f"{key}: {way[key]}" for key in ("faults", "violations") if way.get(key)]
-    return [*result["mismatch_list"], *broken, *([] if result["bit_exact"] else ["not bit-exact"])]
+        how = replace(how, pace="declared", clock_hz=clock)
+    result = cosimulate(model, recordings, how, work=folder)
+    way = result.conversion
+    broken = [f"{way.faults} faults, {way.violations} violations"] * bool(
+        way and (way.faults or way.violations)
+    )
+    return [*result.mismatch_list, *broken, *([] if result.bit_exact else ["not bit-exact"])]

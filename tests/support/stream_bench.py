@@ -17,7 +17,7 @@ beats too many. Collected streams are checked: once ``valid`` is up, ``valid`` a
 import random
 from typing import Any, NamedTuple
 
-from amaranth.hdl import ClockDomain, Module, Shape, Value
+from amaranth.hdl import ClockDomain, Fragment, Module, Shape, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
@@ -235,11 +235,11 @@ async def give_frame(ctx, port, samples, pauses=lambda: False, count: int | None
     ctx.set(port.valid, 0)
 
 
-def simulate(dut, body, *background) -> None:
+def simulate(dut, body, *background, platform: str | None = None) -> None:
     """Run ``async def body(ctx)`` to its end beside the testbenches ``background``."""
     top = Module()
     top.domains.sync = ClockDomain()  # also for a dut without registers
-    top.submodules.dut = dut
+    top.submodules.dut = Fragment.get(dut, platform)
     simulator = Simulator(top)
     simulator.add_clock(1e-6)
     for other in background:

@@ -136,7 +136,7 @@ class Scene:
         kinds (`per_kind`) one per taxel."""
         plain = sums_alone(self.config)
         touches = preprocess.find_touches(plain, self.clean)
-        means = preprocess.real_features(plain, touches.sums)
+        means = preprocess.real_features(plain, touches.sums, touches.lengths)
         own = means[np.arange(plain.windows.steps) < touches.completed[:, None]].std(axis=0)
         return per_kind(own, scaling(plain, means, touches.completed)[1])
 

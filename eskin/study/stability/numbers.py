@@ -222,8 +222,9 @@ table_flips = Flips(
 def _normalised(bench: Bench, constants: Arrays) -> np.ndarray:
     """Feature codes; a constant may be one that a model must not have."""
     touches = bench.touches
+    mask, lengths = touches.faults, touches.lengths
     return preprocess.normalise(
-        bench.config, touches.sums, touches.completed, faults=touches.faults, **constants
+        bench.config, touches.sums, touches.completed, **constants, faults=mask, lengths=lengths
     )
 
 

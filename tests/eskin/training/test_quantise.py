@@ -318,19 +318,19 @@ def test_evaluate_counts_what_it_says(tmp_path):
     quantise(folder)
     result = evaluate(folder, recordings)
     trace, ideal = run(IntegerModel.load(folder), recordings), run(FloatModel.load(folder), recordings)
-    assert (result["recordings"], result["not_touched"], result["partial"]) == (20, 1, 1)
+    assert (result.recordings, result.not_touched, result.partial) == (20, 1, 1)
     right = np.sum(trace.decision == recordings.labels)
-    assert result["integer_accuracy"] == pytest.approx(right / 20)
-    assert result["agreement"] == pytest.approx(np.mean(trace.decision == ideal.decision))
-    confusion = np.array(result["confusion"])
+    assert result.integer_accuracy == pytest.approx(right / 20)
+    assert result.agreement == pytest.approx(np.mean(trace.decision == ideal.decision))
+    confusion = np.array(result.confusion)
     assert (confusion.sum(), np.trace(confusion), confusion.sum(axis=0)[-1]) == (20, right, 1)
-    classes = result["per_class"].values()
-    assert sum(c["recordings"] * c["integer_accuracy"] for c in classes) == pytest.approx(right)
-    assert [row["step"] for row in result["per_step"]] == [1, 2, 3, 4, 5, 6]
+    classes = result.per_class.values()
+    assert sum(c.recordings * c.integer_accuracy for c in classes) == pytest.approx(right)
+    assert [row.step for row in result.per_step] == [1, 2, 3, 4, 5, 6]
     touched = trace.first >= 0
     last = trace.local[trace.first[touched], 5] == recordings.labels[touched]
     # no touch, or cut short: wrong
-    assert result["per_step"][5]["integer_accuracy"] == pytest.approx(last.sum() / 20)
+    assert result.per_step[5].integer_accuracy == pytest.approx(last.sum() / 20)
 
 
 @each_row("cell, reset", CELLS)

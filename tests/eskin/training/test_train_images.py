@@ -110,14 +110,14 @@ def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     integer = quantise(out)
     assert integer.config.weight_bits == 8 and load_training(out)["ranges"].keys() == {"0", "2", "4"}
     result = evaluate(out, scene)
-    assert result["recordings"] == 60 and result["passed"] and len(result["stages"]) == 3
-    assert result["logit_error"]["stage"] in ("0 conv 3 4", "2 conv 3 6", "4 dense 3")
-    assert result["logit_error"]["max"] > 0
+    assert result.recordings == 60 and result.passed and len(result.stages) == 3
+    assert result.logit_error.stage in ("0 conv 3 4", "2 conv 3 6", "4 dense 3")
+    assert result.logit_error.max > 0
     written = exchanges(monkeypatch)
     coarse = quantise(out, scene, weight_bits=4)
     assert written == ["model"]
     assert coarse.config.weight_bits == 4
-    assert evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
+    assert evaluate(out, scene).logit_error.mean > 2 * result.logit_error.mean
 
 
 def test_images_are_judged_by_networks_that_have_not_seen_them(monkeypatch, tmp_path):

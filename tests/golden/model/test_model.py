@@ -1,10 +1,12 @@
 """golden/model/model.py: parameter counts, model folders, and what is refused with which words."""
 
+import os
+
 import numpy as np
 import torch
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model import IntegerModel, load_config, load_training, normalise
+from eskin.golden.model import FloatModel, IntegerModel, load_config, load_training, normalise
 from eskin.training.formats import normaliser_constants, with_network
 from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
@@ -102,6 +104,16 @@ def test_damaged_weights_are_named(tmp_path, change, words):
     with refused(words):
         IntegerModel.load(tmp_path / "model")
     assert contents(tmp_path) == before
+
+
+@each_row("name", ["config.json", "float.npz", "training.json", "weights.npz"])
+def test_a_pipe_in_a_model_folder_is_refused(tmp_path, name):
+    FLOAT.save(tmp_path / "m", {})
+    random_integer_model(SMALL, 3).save(tmp_path / "m")
+    (tmp_path / "m" / name).unlink()
+    os.mkfifo(tmp_path / "m" / name)
+    with refused(f"{name}: is not a regular file|has no {name}"):
+        IntegerModel.load(tmp_path / "m"), FloatModel.load(tmp_path / "m"), load_training(tmp_path / "m")
 
 
 # ---------------------------------------------------------------------- constants and random models

@@ -50,15 +50,8 @@ def play(model, recordings, tmp_path):
     design = generate(model.config, model.arrays, tmp_path / "design")
 
     def call(hardware: Hardware, simulator: str = "icarus", **options):
-        return flow.cosim(
-            design,
-            vectors,
-            simulator=simulator,
-            hardware=hardware,
-            work=tmp_path / "work",
-            builds=BUILDS,
-            **options,
-        )
+        how = flow.Simulation(simulator=simulator, hardware=hardware, **options)
+        return flow.cosim(design, vectors, how, work=tmp_path / "work")
 
     return call
 
@@ -81,9 +74,9 @@ def test_the_netlist_is_exact(model, play, target, multiplier):
     hardware, cells = netlist_of(model.config, model.arrays, target)
     assert any(name.startswith(multiplier) and count for name, count in cells.items())
     result = play(hardware)
-    assert result["mismatch_list"] == [] and result["bit_exact"]
-    assert (result["level"], result["target"]) == ("netlist", target)
-    assert all(stage["compared_values"] for name, stage in result["stages"].items() if name != "state")
+    assert result.mismatch_list == [] and result.bit_exact
+    assert (result.level, result.target) == ("netlist", target)
+    assert all(stage.compared_values for name, stage in result.stages.items() if name != "state")
 
 
 SPARED = {
@@ -112,10 +105,9 @@ def test_weights_in_large_memories_are_exact(recordings, tmp_path, name):
         trace = run(model, recordings)
         vectors = write_vectors(tmp_path / f"{seed}.npz", trace, recordings, [9])
         design = generate(model.config, model.arrays, tmp_path / f"design{seed}")
-        result = flow.cosim(
-            design, vectors, simulator="icarus", hardware=hardware, work=tmp_path / "work", builds=BUILDS
-        )
-        assert result["bit_exact"] and result["steps"] >= 3, result["mismatch_list"]
+        how = flow.Simulation(simulator="icarus", hardware=hardware)
+        result = flow.cosim(design, vectors, how, work=tmp_path / "work")
+        assert result.bit_exact and result.steps >= 3, result.mismatch_list
 
 
 # ---------------------------------------------------------------- activity counters

@@ -12,6 +12,7 @@ from eskin.live import link
 from eskin.rtl.common import decision_layout
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
+from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from tests.support.pin_port import decoded
 from tests.support.strategies import examples
 from tests.support.stream_bench import pack, put, simulate
@@ -259,7 +260,7 @@ def test_a_decision_withdrawn_on_its_way_does_not_count(after):
 
 
 def test_rates():
-    assert uart_divisor(12e6, 2e6) == 6 and uart_divisor(48e6, 115200) == 417
+    assert uart_divisor(12e6, 2e6) == 6 and uart_divisor(47_981_000, STIMULATOR_BAUD) == 417
     with refused("use 1.92308e"):
         uart_divisor(25e6, 2e6)
     with refused("use at most 3e"):
