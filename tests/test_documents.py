@@ -176,8 +176,8 @@ def test_verbs_options_and_targets_exist(path):
 
 def test_every_verb_is_in_the_readme():
     rows = re.findall(r"^\| (`.*?) \|", (ROOT / "README.md").read_text(), re.MULTILINE)
-    told = {name for row in rows for name in re.findall(r"`([\w-]+)`", row)}
-    assert set(verbs()) - told == set()
+    named = {name for row in rows for name in re.findall(r"`([\w-]+)`", row)}
+    assert set(verbs()) - named == set()
 
 
 def run(block: Block, folder: Path) -> str:
@@ -271,18 +271,18 @@ def only_make(block: Block) -> bool:
 
 def test_quick_commands_run(folder):
     chosen = [block for block in blocks() if runnable(block) and (block.mark == "quick" or only_make(block))]
-    assert len(chosen) >= 5 and [said for block in chosen if (said := run(block, folder))] == []
+    assert len(chosen) >= 5 and [failure for block in chosen if (failure := run(block, folder))] == []
     assert (folder / "mine.npz").exists()
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(6 * 3600)
 def test_all_commands_run(folder):
-    said = []
+    failures = []
     for block in filter(runnable, blocks()):
         own = page_folder(folder, block.page) if block.mark == "recordings" else folder
-        said.append(run(block, own))
-    assert [text for text in said if text] == []
+        failures.append(run(block, own))
+    assert [text for text in failures if text] == []
 
 
 def test_each_mark_of_a_block_is_known():
@@ -305,8 +305,8 @@ def test_every_field_is_named():
     assert rows["taxels"] == "whole number, 1..256"
     assert rows["weight_format"] == "signed format"
     assert "`tracked`" in rows["rest"]
-    said = "\n".join(line for line in page.splitlines() if not line.startswith("| `"))
-    assert [name for name in GROUP_OF if f"`{name}`" not in said] == []
+    sentences = "\n".join(line for line in page.splitlines() if not line.startswith("| `"))
+    assert [name for name in GROUP_OF if f"`{name}`" not in sentences] == []
 
 
 # ------------------------------------------------------------------ where things are

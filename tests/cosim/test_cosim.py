@@ -111,7 +111,7 @@ def test_a_clock_below_the_lowest_misses_a_budget(play):
     lowest = play(job=flow.lowest_clock)
     slower = play(pace="declared", clock_hz=0.95 * lowest.clock_hz)
     assert lowest.passed and slower.bit_exact and not slower.passed
-    # counts that ask for too much, as those of a clock at which steps wait for one another, do not keep the
+    # counts that ask for too much, as the counts of a clock at which steps wait for one another, do not keep the
     # search up there
     asking = Cycles(**{name: 3 * count for name, count in lowest.cycles})
     again = play(job=flow.lowest_clock, cycles=asking)
@@ -154,7 +154,7 @@ def at_the_ends(config: AcceleratorConfig) -> IntegerModel:
 
 
 FEW = SMALL.replace(hop=60, window=121, touch_frames=240, steps=3, lanes=16)
-"""Windows are so long that no step holds a frame up: what is measured is the frame's own."""
+"""Windows are so long that no step holds a frame up: the frame's own time is measured."""
 FREE = dict(
     rest="initial",
     rest_frames=4,
@@ -248,7 +248,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found(play, design, fault, tmp_path, monkeypatch):
-    file, old, new, options, said = FAULTS[fault]
+    file, old, new, options, expected = FAULTS[fault]
     broken, options = shutil.copytree(design, tmp_path / "broken"), options | ICARUS | {"waves": False}
     right = broken / file if (broken / file).exists() else COSIM / file
     text, count = re.subn(old, new if callable(new) else lambda _: new, right.read_text(), count=1)
@@ -264,13 +264,13 @@ def test_a_fault_is_found(play, design, fault, tmp_path, monkeypatch):
     elif file == "wrapper.sv":
         monkeypatch.setattr(runner, "build", partial(runner.build, wrapper=broken / file))
     if "ID" in fault:
-        with pytest.raises(SimulationError, match=said):
+        with pytest.raises(SimulationError, match=expected):
             play(design=broken, **options)
         return
     result = play(design=broken, **options)
-    told = result.mismatch_list[0]
-    assert not result.passed and said in told
-    assert result.verdict == ("gave up" if "stage input" in told else "differs")
+    sentence = result.mismatch_list[0]
+    assert not result.passed and expected in sentence
+    assert result.verdict == ("gave up" if "stage input" in sentence else "differs")
     if fault == "nothing is taken":
         again = play(design=broken, job=flow.lowest_clock, **options)
         assert again.pace == "declared" and again.gave_up.recording == NUMBERS[0]
@@ -296,7 +296,7 @@ SEEDS = {
     "LONGEST of frames": ("measure=measure,", "measure=0,"),
     "TOUCHES constant": ("TOUCHES: state.touches", "TOUCHES: 1"),
 }
-"""What is wrong with the registers (rtl/host/control.py) -> its text, another text."""
+"""Faults of the registers (rtl/host/control.py) -> its text, another text."""
 
 
 @pytest.mark.parametrize(
@@ -396,8 +396,8 @@ def test_bad_options_are_one_sentence(play, vectors, tmp_path):
         "`clock_hz` 9000: is too slow for 4 taxels .* at least 12000 Hz": DECLARED | {"clock_hz": 9000.0},
         "has 3 taxels and the accelerator has 4": {"vectors": tmp_path / "other.npz"},
     }
-    for said, options in wrong.items():
-        with pytest.raises(InputError, match=said):
+    for words, options in wrong.items():
+        with pytest.raises(InputError, match=words):
             play(**options)
     assert not (tmp_path / "work").exists()
 
@@ -412,15 +412,15 @@ def test_the_generated_bench_passes_by_itself_and_finds_one_changed_value(
 ):
     """In a folder with a blank in its path."""
     folder = generate_design(model.with_lanes(lanes), tmp_path / "my out", **options)
-    kept = (folder / "vectors.npz").read_bytes()
+    before = (folder / "vectors.npz").read_bytes()
     monkeypatch.setenv("PYTHONOPTIMIZE", "1")  # without asserts
     done = make(folder, simulator)
     assert done.returncode == 0 and "values in" in done.stdout and "PASS=1 FAIL=0" in done.stdout, done.stdout
     for stage in ("sum", "state", "decision"):
-        (folder / "vectors.npz").write_bytes(kept)
-        said = flip(folder, stage, 1)
+        (folder / "vectors.npz").write_bytes(before)
+        sentence = flip(folder, stage, 1)
         done = make(folder, simulator)
-        assert done.returncode and said in done.stdout
+        assert done.returncode and sentence in done.stdout
 
 
 def test_a_generated_bench_that_compares_nothing_fails(model, tmp_path, monkeypatch):

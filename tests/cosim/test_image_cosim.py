@@ -72,10 +72,10 @@ def test_every_map_is_exact(name, tmp_path):
     result = cosimulate(
         model, images, Simulation(**{"simulator": "icarus"} | options), work=tmp_path / "work"
     )
-    kept = sum(math.prod(one.result) for one in plan.passes[:-1])
+    map_values = sum(math.prod(part.result) for part in plan.passes[:-1])
     # of an image a local decision and a global one, six fields each
-    wanted = {"map": count * kept, "logit": count * config.classes, "decision": 12 * count}
-    assert result.bit_exact and kept > 50, result.mismatch_list
+    wanted = {"map": count * map_values, "logit": count * config.classes, "decision": 12 * count}
+    assert result.bit_exact and map_values > 50, result.mismatch_list
     assert {stage: result.stages[stage].compared_values for stage in wanted} == wanted
     cycles, registers, lanes = result.cycles, result.registers, config.hardware.lanes
     assert cycles.step_min == cycles.step_max == step_cycles(config)

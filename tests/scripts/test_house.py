@@ -1,4 +1,4 @@
-"""The budget: what is counted, and that a cap below today's figure fails."""
+"""The budget: its counts, and that a cap below today's figure fails."""
 
 from scripts import house
 

@@ -71,14 +71,14 @@ def test_results_of_this_code_alone_fill_the_tables_of_every_page(tmp_path):
     row = dict(label="GRU 12", split="seq", hardware=True, multiplies=10920, accuracy=0.823)
     for name, content in (("enrol", enrolled), ("base", {"rows": [row], "left_out": [], "data": "few"})):
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
-    said = list(tables.quoted([str(tmp_path), *(f"{tmp_path}/{name}.json" for name in ("enrol", "base"))]))
-    heads = [line.split(",")[0].strip() for line in said if "commit" in line]
+    lines = list(tables.quoted([str(tmp_path), *(f"{tmp_path}/{name}.json" for name in ("enrol", "base"))]))
+    heads = [line.split(",")[0].strip() for line in lines if "commit" in line]
     assert heads == [*tables.PAGES, "docs/enrolment.md", "docs/results.md"]
-    rows = [line.split(" | ") for line in said if line.startswith("| made-up")]
+    rows = [line.split(" | ") for line in lines if line.startswith("| made-up")]
     assert rows[0][2:5] == ["GRU 4", "87.1 %", "1.23 uJ"] and set(rows[0][2:-1]) <= set(rows[2])
     assert (
-        "| few | dense | 1 | 77.0 % | 95.3 % |" in said
-        and "| few | 82.3 % | seq | GRU 12 | True | 10920 |" in said
+        "| few | dense | 1 | 77.0 % | 95.3 % |" in lines
+        and "| few | 82.3 % | seq | GRU 12 | True | 10920 |" in lines
     )
 
 

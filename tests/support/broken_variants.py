@@ -58,12 +58,12 @@ def last_sample_windows(config: AcceleratorConfig, recordings: Recordings, **opt
     """A broken front end: a window is its last frame times its length, so nothing is averaged."""
     streams = [recordings.recording(i) for i in range(len(recordings))]
     hop = config.windows.hop
-    held = [
+    cases = [
         stream[np.minimum(np.arange(len(stream)) // hop * hop + hop - 1, len(stream) - 1)]
         for stream in streams
     ]
     # which would take it for a taxel that sticks
-    return find_touches(config.replace(fault_frames=0), rebuilt(recordings, held), **options)
+    return find_touches(config.replace(fault_frames=0), rebuilt(recordings, cases), **options)
 
 
 def lowest_bits(config, logits, completed):

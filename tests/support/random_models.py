@@ -70,7 +70,7 @@ def _logarithm(value: float, knee: int, frac: int) -> float:
 def _random_scaling(
     config: AcceleratorConfig, rng: np.random.Generator, mu: float, sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Constants a kind or an input about those of the mean, each a little different."""
+    """Constants a kind or an input about the constants of the mean, each a little different."""
     features, count, frac = config.features, config.constants, config.formats.feature_format.frac_bits
     moved = sigma * features.activity_block**0.5
     of_kind = {

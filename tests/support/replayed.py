@@ -12,7 +12,7 @@ from tests.support.traffic import Script, beats, run
 
 
 class Recorded(Device):
-    """A device that takes down what is done to it, and what it answers."""
+    """A device that takes down accesses to it and its answers."""
 
     def __init__(self, model, sample_bits: int) -> None:
         super().__init__(model, sample_bits)
@@ -59,11 +59,11 @@ class Recorded(Device):
         AssertionError: others than before.
         """
         self.forget()
-        said = run(self.script, hardware, work, builds)
-        reads = [line[1] for line in said if line[0] == "read"]
+        result = run(self.script, hardware, work, builds)
+        reads = [line[1] for line in result if line[0] == "read"]
         for address, read, before in zip(self.addresses, reads, self.reads, strict=True):
             paced = Fault.INPUT_STALLED * (address == Register.FAULTS)  # it depends on this side's stalls
             assert read | paced == before | paced
-        assert [line[1] for line in said if line[0] == "decision"] == self.decisions
-        assert not [line for line in said if line[0] in ("stuck", "unknown", "unstable")]
+        assert [line[1] for line in result if line[0] == "decision"] == self.decisions
+        assert not [line for line in result if line[0] in ("stuck", "unknown", "unstable")]
         return len(self.decisions), len(self.reads)

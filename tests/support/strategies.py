@@ -165,9 +165,9 @@ class Design:
     stalls: bool
 
     @classmethod
-    def of(cls, kept: Mapping[str, Any]) -> Design:
+    def of(cls, fields: Mapping[str, Any]) -> Design:
         """A design as tests/failing_designs.json keeps it."""
-        return cls(AcceleratorConfig.from_dict(kept["config"]), kept["seed"], kept["stalls"])
+        return cls(AcceleratorConfig.from_dict(fields["config"]), fields["seed"], fields["stalls"])
 
     @property
     def model(self) -> IntegerModel:
@@ -266,10 +266,10 @@ def _of_images(pick: Callable[..., Any], config: AcceleratorConfig) -> Accelerat
         layers += [f"conv {pick(3, 1, 5)} {pick(4, 1, 3, 5, 9)}", *["pool"] * pick(1, 0)]
     classes = pick(3, 2, 4, 9)
     layers += [*pick((), ("dense 5",), ("dense 8",)), f"dense {classes}"]
-    names, kept = tuple(f"c{k}" for k in range(classes)), config.hardware
+    names, hardware = tuple(f"c{k}" for k in range(classes)), config.hardware
     made = AcceleratorConfig.of_image(pick(4, 5, 6, 9), pick(4, 5, 7, 10), layers, names, clock_hz=12e6)
     return made.with_lanes(pick(4, 8, 1, 2, 16), pick("plain", "dsp")).replace(
-        checksum=kept.checksum, watchdog=kept.watchdog
+        checksum=hardware.checksum, watchdog=hardware.watchdog
     )
 
 

@@ -113,11 +113,11 @@ def run(
     return json.loads((work / "result.json").read_text())
 
 
-def by_mark(said: Sequence[Sequence[Any]]) -> dict[int, list[Sequence[Any]]]:
+def by_mark(events: Sequence[Sequence[Any]]) -> dict[int, list[Sequence[Any]]]:
     """The lines after each mark."""
     parts: dict[int, list[Sequence[Any]]] = {}
     current: list[Sequence[Any]] = []
-    for line in said:
+    for line in events:
         if line[0] == "mark":
             current = parts.setdefault(line[1], [])
         else:
@@ -164,7 +164,7 @@ def initial_values(verilog: str) -> list[int]:
 
 def changed(verilog: str, unknown: Iterable[int] = (), drawn: Mapping[int, int] | None = None) -> str:
     """``verilog`` with X for the initial values in the lines ``unknown``, and with other ones, by line
-    number, in those of ``drawn``."""
+    number, in the numbers of ``drawn``."""
     lines = verilog.split("\n")
     for number in unknown:
         lines[number] = ""

@@ -188,8 +188,8 @@ def resets(case: Case, count: int, seed: int) -> Script:
 def judge(script: Script, case: Case, folder: Path, builds: Path, verilog: str = "") -> dict[int, list[str]]:
     """What differs from golden recording 1 after each mark from 0 on, and any X or standstill."""
     vectors = case.vectors(folder)
-    said = run(script, case.design(folder, verilog), folder, builds)
-    parts = {number: lines for number, lines in by_mark(said).items() if number >= 0}
+    result = run(script, case.design(folder, verilog), folder, builds)
+    parts = {number: lines for number, lines in by_mark(result).items() if number >= 0}
     return {number: differences(case.config, lines, vectors, 1) for number, lines in parts.items()}
 
 

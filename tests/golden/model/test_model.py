@@ -1,4 +1,4 @@
-"""golden/model/model.py: parameter counts, model folders, and what is refused with which words."""
+"""golden/model/model.py: parameter counts, model folders, and words of refusals."""
 
 import os
 

@@ -77,7 +77,7 @@ def test_random_designs():
 
 
 def test_a_float_model_streams_its_own_decisions():
-    """Local classes and the global one at every recording are those of the run over whole recordings."""
+    """Local classes and the global one at every recording equal the run over whole recordings."""
     model, rng = random_float_model(SMALL, 1), np.random.default_rng(1)
     recordings = scene(16)
     trace, stream = run(model, recordings), Stream(model)

@@ -21,13 +21,13 @@ CELLS = [
 ]
 
 
-def check(one, other) -> int:
+def check(first, other) -> int:
     """Equal traces; the number of their logits."""
-    assert list(one.streams) == list(other.streams)
-    for stage, arrays in one.streams.items():
+    assert list(first.streams) == list(other.streams)
+    for stage, arrays in first.streams.items():
         for array, its in zip(arrays, other.streams[stage], strict=True):
             assert array.dtype == its.dtype and np.array_equal(array, its), stage
-    return len(one.streams["logit"][0])
+    return len(first.streams["logit"][0])
 
 
 def recorded(config, lengths, seed) -> int:

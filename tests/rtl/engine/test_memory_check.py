@@ -1,4 +1,4 @@
-"""The checksum: every bit of every constant bears on it, it costs no slot, it flags what is wrong and nothing
+"""The checksum: every bit of every constant bears on it, it costs no slot, it flags wrong constants and nothing
 else."""
 
 import random
@@ -56,7 +56,7 @@ def test_every_kind_of_word_that_a_step_reads_bears_on_the_flag_and_no_other(cel
         (code.judged - 1 - age, memory): images[memory][address] for age, (memory, address) in reads(code, 0)
     }
     words, apart = [*code.unrolled()], code.plan.shared and code.plan.program.gate_regions
-    gates = [  # slots in which a gate's word comes from a memory of its own
+    gates = [  # slots in which a gate's word comes from a separate memory
         slot
         for slot in range(code.again + 1, code.judged + 1)
         if apart and words[slot - 1]["gate"] < code.layout.constants

@@ -198,8 +198,8 @@ def test_counters_count_what_changes(tmp_path):
     assert built.returncode == 0, built.stderr[-2000:]
     subprocess.run([tmp_path / "obj_dir" / "Vwrapper"], cwd=tmp_path, check=True, timeout=600)
     driven = [0] + [(step * step >> 1) & 3 for step in range(CLOCKS)]  # d at each rising edge
-    held = [0, 0, *driven][: CLOCKS + 1]  # q at each rising edge, and before the first
-    toggles = [sum((before ^ after) >> bit & 1 for before, after in pairwise(held)) for bit in (0, 1)]
+    at_edges = [0, 0, *driven][: CLOCKS + 1]  # q at each rising edge, and before the first
+    toggles = [sum((before ^ after) >> bit & 1 for before, after in pairwise(at_edges)) for bit in (0, 1)]
     # operand b is not 0 at the first edge
     changes = 1 + sum(before != after for before, after in pairwise(driven[:CLOCKS]))
     count = read_count(tmp_path)
