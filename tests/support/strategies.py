@@ -101,7 +101,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3, 256), pick(2, 3, 4, 5, 7, 128)
     sample = QFormat(pick(12, 8, 10, 16, 6, 2), 0, pick(False, True))
     low, span = sample.min_code, sample.max_code - sample.min_code
-    onset, mode = pick(*RESTS), pick("touch", "free")
+    onset, mode = pick(*RESTS), pick("touch", "free", "whole")
     hop, steps, check = pick(2, 3, 4, 5, 7, 8), pick(1, 2, 3, 4, 5, 6), pick(1, 2, 4)
     window, pretrigger, cut = 2 * hop, 0, 0
     if mode == "touch":
@@ -113,6 +113,10 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     fields |= {
         name: QFormat(*(draw(st.sampled_from(bits)) for bits in options)) for name, options in FORMATS.items()
     }
+    store, longest = pick(2, 4, 6), hop * (steps - 1) + window - cut
+    if mode == "whole":
+        longest = hop * steps * pick(1, 3, 9)
+        fields["decision"] = "vote" if fields["decision"] == "vote" else "last"
     fields |= dict(
         name="random",
         taxels=taxels,
@@ -136,7 +140,8 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         fault_frames=(pick(0, 0, 4) if sample.width >= 4 else 0) * check,
         window_mode=mode,
         pretrigger_frames=pretrigger,
-        touch_frames=hop * (steps - 1) + window - cut,
+        touch_frames=longest,
+        store_per_window=store,
         hop=hop,
         window=window,
         steps=steps,
