@@ -17,7 +17,7 @@ from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.image.image_engine import LANES as IMAGE_LANES
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
-from eskin.study.energy import estimate, scheduled_activity
+from eskin.study.energy import Estimate, estimate, scheduled_activity
 from eskin.verbs.build_job import suited
 
 CODE = ("rtl", "verbs/cost.py", "verbs/build_job.py", "cosim/latency.py")
@@ -52,12 +52,12 @@ def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
     config = on_board(config, target)
     energy = estimated(config, target.device)
     return Cost(
-        energy_touch_j=energy["per_touch_j"] + energy["preprocessing_per_touch_j"],
+        energy_touch_j=energy.per_touch_j + energy.preprocessing_per_touch_j,
         cells=cells_of(config),
         latency_s=decision_cycles(config) / target.clock_hz,
         touch_s=config.touch_s,
-        average_w=min(choice["average_w"] for choice in energy["choices"])
-        + ((energy["interface"] or {}).get("scanning_w") or 0.0),
+        average_w=min(choice.average_w for choice in energy.choices)
+        + ((energy.interface and energy.interface.scanning_w) or 0.0),
     )
 
 
@@ -69,7 +69,7 @@ def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
     return fitted.with_lanes(room.multipliers - 1)
 
 
-def estimated(config: AcceleratorConfig, part: str) -> Record:
+def estimated(config: AcceleratorConfig, part: str) -> Estimate:
     """`eskin.study.energy.estimate` of a design on its own lanes, by the cycles of its schedule."""
     lanes = config.hardware.lanes
     activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), lanes)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.device import FOREVER, Accelerator, Design
+from eskin.cosim.results import Played
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import InputError, Progress, Record, check_target, content_key, write_json
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, find_touches
@@ -132,7 +134,10 @@ def confirm(hardware: Hardware, name: str) -> Record:
     ...}."""
     _, case = stability.judge(MODES[name], hardware.bench)
     assert case is not None  # its record says that it has one
-    return hardware.play_case(case, name)
+    return _confirmed(hardware.play_case(case, name))
+
+
+HOW = Simulation(waves=False)
 
 
 @dataclass(frozen=True)
@@ -140,23 +145,18 @@ class Hardware:
     """Co-simulation for the suite."""
 
     bench: Bench
-    simulator: str = "verilator"
+    how: Simulation = HOW
 
-    def play_case(self, case: Case, name: str, **options: Any) -> Record:
-        """Record of a co-simulation for the mode ``name``, which the path in a simulator's error tells."""
-        model, options = (
-            case.model or self.bench.model,
-            {"simulator": self.simulator, "waves": False, **options},
-        )
+    def play_case(self, case: Case, name: str, *, stalls: bool = False, probe: bool = False) -> Played:
+        """A co-simulation for the mode ``name``, which the path in a simulator's error tells."""
+        how = replace(self.how, stalls=stalls, probe=probe)
         with flow.work_folder() as folder:
             work = folder / name.replace(" ", "-")
-            result = flow.cosimulate(model, case.recordings, work=work, **options)
-        keys = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list"
-        return {key: result[key] for key in keys.split()}
+            return flow.cosimulate(case.model or self.bench.model, case.recordings, how, work=work)
 
-    def measure(self, key: str, **options: Any) -> Outcome:
-        """The figure of a mode that only the hardware can show, by its key; options: of the function that does it."""
-        return self.leave(**options) if key == "reset" else self.play(key, **options)
+    def measure(self, key: str) -> Outcome:
+        """The figure of a mode that only the hardware can show, by its key."""
+        return self.leave() if key == "reset" else self.play(key)
 
     def leave(self, ways: Sequence[str] = ("reset", "arm")) -> Outcome:
         """A recording that is broken off at random cycles and around its last two decisions, in each of
@@ -204,11 +204,17 @@ class Hardware:
         words = f"{len(leavings)} times in a recording, at every cycle around a decision too"
         return Outcome(value, f"a reset or a new arm {words}")
 
-    def play(self, key: str, **options: Any) -> Outcome:
+    def play(self, key: str) -> Outcome:
         """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during
         a touch."""
         clean = self.bench.clean
         case = Case(clean.subset(clean.evenly(STREAMED)))
-        rtl = self.play_case(case, key, **{key: True}, **options)
-        words = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
-        return Outcome(rtl["mismatches"], words, rtl=rtl)
+        rtl = self.play_case(case, key, stalls=key == "stalls", probe=key == "probe")
+        words = f"{rtl.compared_values} values of {rtl.recordings} recordings compared"
+        return Outcome(rtl.mismatches, words, rtl=_confirmed(rtl))
+
+
+def _confirmed(rtl: Played) -> Record:
+    """What the record of a mode says of a co-simulation."""
+    names = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list"
+    return rtl.model_dump(include={*names.split()})

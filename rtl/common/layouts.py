@@ -28,7 +28,7 @@ def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One deviation e on its way to the windows, as complement ~e = -e - 1, with the detector's marks of its
     frame.
 
-    Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags are those of the
+    Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags belong to the
     frame, on each of its beats. ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last
     taxel only) = the rule was met, this is frame f. ``window_mode`` free: ``hop_last`` = last frame of a hop;
     ``emit`` = a window of the open touch ends with this frame; ``end`` = it is the touch's last. With a fault
@@ -119,7 +119,7 @@ def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
 def decision_layout(config: AcceleratorConfig) -> data.StructLayout:
     """A decision, 32 bits: class index, margin (logit LSBs; votes for a global vote), step (0-based), global
     or local, partial touch, global with a margin below ``margin_threshold``. With more than 32 classes the
-    margin is in `margin_units`; the layout is that of the decision word."""
+    margin is in `margin_units`; the layout is the decision word's."""
     flags = {"is_global": 1, "partial": 1, "unsure": 1}
     if config.wide_decisions:
         return data.StructLayout({"class": 7, "step": 8, "margin": 16 - MARGIN_SHIFT} | flags)

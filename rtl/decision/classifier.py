@@ -76,9 +76,9 @@ class Classifier(Block):
         )
         finished = self.finished = Signal()  # one cycle after `finish`, which comes late in its cycle
         step_done = self.logit.valid & last
-        taken = offered & self.o.ready
+        accepted = offered & self.o.ready
         closes = Signal()
-        local_taken = taken & ~is_global
+        local_taken = accepted & ~is_global
         final = Signal()
         ends = finished | (local_taken & final)
         if config.network.decision == "early":
@@ -88,11 +88,11 @@ class Classifier(Block):
             drive(m, early, best=best, margin=margin, taken=local_taken, ended=self.ended)
             m.d.comb += [
                 closes.eq((ends | (local_taken & decides)) & ~given),
-                self.ended.eq((taken & is_global & (final | partial)) | (ends & given)),
+                self.ended.eq((accepted & is_global & (final | partial)) | (ends & given)),
             ]
-            m.d.sync += given.eq((given | (taken & is_global)) & ~self.ended)
+            m.d.sync += given.eq((given | (accepted & is_global)) & ~self.ended)
         else:
-            m.d.comb += [closes.eq(ends), self.ended.eq(taken & is_global)]
+            m.d.comb += [closes.eq(ends), self.ended.eq(accepted & is_global)]
         unsure = below_threshold(config, margin)
         if config.readout_rule.unknown_above:
             unsure |= self.far
@@ -124,9 +124,9 @@ class Classifier(Block):
         ]
         with m.If(search.found):
             m.d.sync += [offered.eq(1), is_global.eq(voting)]
-        with m.If(taken):
+        with m.If(accepted):
             m.d.sync += offered.eq(0)
-        with m.If(taken & ~closes):
+        with m.If(accepted & ~closes):
             m.d.sync += busy.eq(0)
         with m.If(closes):
             both = (voting, tallying) if config.network.decision == "vote" else (offered, is_global)
@@ -137,7 +137,7 @@ class Classifier(Block):
             if config.network.decision == "early":
                 m.d.sync += busy.eq(0)
         if config.network.decision == "vote":
-            with m.If(taken & ~is_global):
+            with m.If(accepted & ~is_global):
                 m.d.sync += votes[best].eq(votes[best] + 1)
             with m.If(tallying):
                 drive(m, search.score, valid=1, value=votes[number])

@@ -173,7 +173,7 @@ class Engine(wiring.Component):
         drive(m, coefficients, address=word.gate | Mux(word.scale, lengths, 0), enable=enable)
         forward(m, self, coefficients, "load")
         gate = coefficients.gate | coefficients.constant
-        # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
+        # T holds complements: values that are mostly subtracted need no inverters then. Its last word stands for 0.
         not_t = Const(-1, signed(config.formats.state_format.width))
         if plan.program.t_regions:
             values = memory(

@@ -100,9 +100,9 @@ class Sequencer(Block):
             fetching.eq(~primed | (self.enable & last)),
         ]
         drive(m, fetch, en=fetching, addr=pc)
-        # A condition becomes the flip-flops' clock enable, a condition of its own their reset; as an addend it
+        # A condition becomes the flip-flops' clock enable, a separate condition their reset; as an addend it
         # would run through the carries. ``primed``: until the first word arrives, the memory's output is
-        # still that of before the reset.
+        # still the word from before the reset.
         with m.If(fetching):
             m.d.sync += [pc.eq(pc + 1), turn.eq(primed & fetch.data.turns & ~self.restart)]
             with m.If(turn):  # the step's last word is fetched, and another step follows

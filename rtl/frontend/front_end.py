@@ -55,7 +55,7 @@ class FrontEnd(wiring.Component):
     status : Out(detector_status)
         The onset detector's.
     passing, moving : Out(1)
-        As of `eskin.rtl.host.recording_state.RecordingState`, without what is offered at ``i``.
+        As of `eskin.rtl.host.recording_state.RecordingState`, without the beat offered at ``i``.
     wrong, blank : Out(1)
         As of ``Normaliser``.
 

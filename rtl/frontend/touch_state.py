@@ -65,7 +65,7 @@ class TouchState(Block):
             ]
             with m.If(frame_left & counts):
                 m.d.sync += count.eq(Mux(rearmed, config.windows.pretrigger_frames, count + 1))
-            # (A condition of its own becomes a reset, which takes no logic cell; to a constant with ones there
+            # (A separate condition becomes a reset, which takes no logic cell; to a constant with ones there
             # would be two kinds of reset, and one carry chain cannot have both.)
             with m.If(frame_left & (end | (rearming & met))):
                 m.d.sync += count.eq(0)

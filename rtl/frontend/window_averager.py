@@ -25,7 +25,7 @@ from eskin.rtl.program.timing import STATE_BEATS
 
 class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
     """Operations on a beat, in this order: it is added to the sum of its hop; where a window ends, the sums
-    of the hop before the last and of the last hop are added to that. Bit 0: the adder continues from its own
+    of the hop before the last and of the last hop are added to that. Bit 0: the adder continues from its last
     result."""
 
     NEWEST = 0

@@ -38,7 +38,7 @@ class RecordingState(Block):
     touched, touches : Out
         There was a touch; how many, modulo 256.
     due : Out(1)
-        With ``watchdog``: the recording is being finished, or the detector's touch and the one whose decision
+        With ``watchdog``: the recording is being finished, or the detector's touch and the touch whose decision
         is due are not the same.
     """
 

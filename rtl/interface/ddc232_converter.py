@@ -1,5 +1,5 @@
 """Frames from a DDC232: configuration, its readback, integrations in turn on both sides
-(docs/specification.md section 12)."""
+(docs/specification_interfaces.md section 12)."""
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
@@ -47,7 +47,7 @@ class Ddc232Converter(wiring.Component):
     pins : Out
         `DDC_PINS`; all from registers.
 
-    The others are those of `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
+    The others: `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
     by the plan's deadline. From any state of its registers the controller is in "idle" or "reset" within a
     setup's time: every other state counts down to one of them.
     """
@@ -60,8 +60,8 @@ class Ddc232Converter(wiring.Component):
         m = Module()
         plan, pins = self._plan, self.pins
         bits, words = plan.bits, len(plan.places)
-        dout = Signal(init=1)
-        dvalid_n = Signal(init=1)
+        dout = Signal()
+        dvalid_n = Signal()
         dvalid_was = Signal(init=1)
         m.submodules.data = FFSynchronizer(pins.dout, dout, init=1)
         m.submodules.valid = FFSynchronizer(pins.dvalid_n, dvalid_n, init=1)
@@ -83,8 +83,8 @@ class Ddc232Converter(wiring.Component):
         shift = Signal(max(bits, CONFIGURATION_BITS))
         left = Signal(range(bits))
         word = Signal(range(words))
-        low = Signal(init=1)  # all bits of the frame so far are low
-        high = Signal(init=1)
+        low = Signal()  # all bits of the frame so far are low
+        high = Signal()
         wrong = Signal()
         code_due = Signal()
         m.d.sync += timer.eq(timer - ~over)
@@ -121,7 +121,7 @@ class Ddc232Converter(wiring.Component):
 
         with m.FSM(init="reset") as states:
             with m.State("reset"):
-                m.d.sync += [pins.reset_n.eq(0), pins.dclk.eq(0), pins.clk_cfg.eq(0), place.eq(0)]
+                m.d.sync += pins.reset_n.eq(0)  # both data clocks are low
                 with m.If(over):
                     m.d.sync += wait(plan.wait)
                     m.next = "wake"

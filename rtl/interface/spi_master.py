@@ -1,4 +1,4 @@
-"""A serial port to converters: one transfer, several data lines at once (docs/specification.md section
+"""A serial port to converters: one transfer, several data lines at once (docs/specification_interfaces.md section
 12)."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
@@ -40,7 +40,7 @@ class SpiMaster(Block):
     start : In(1)
         Begin a transfer; only while ``idle``.
     select : In, command : In(bits)
-        Which select falls and what is sent; taken with ``start``.
+        Number of the select that falls, and the bits to send; taken with ``start``.
     idle : Out(1)
         No transfer, and select has been high long enough.
     done : Out(1)

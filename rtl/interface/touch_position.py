@@ -1,4 +1,4 @@
-"""Position of the touch, and direction of a slide (docs/specification.md section 13)."""
+"""Position of the touch, and direction of a slide (docs/specification_interfaces.md section 13)."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 
@@ -9,7 +9,7 @@ FRACTION = 4
 """Fraction bits of a position."""
 
 position_layout = struct(x=8, y=8, peak=8, ended=1, direction=3)
-"""A position: centre in sixteenths of a cell, largest cell; with ``ended`` those of the touch's last frame
+"""A position: centre in sixteenths of a cell, largest cell; with ``ended`` the values of the touch's last frame
 and the direction of its slide: 0 none, 1 right, 2 left, 3 down, 4 up."""
 
 
@@ -108,7 +108,7 @@ class TouchPosition(Block):
         peak = Signal(8)
         first_x = Signal(8)
         first_y = Signal(8)
-        known = Signal()  # x and y are those of a frame
+        known = Signal()  # x and y belong to a frame
         m.d.sync += known.eq(0)
         with m.If(left != 0):
             m.d.sync += [
@@ -122,7 +122,7 @@ class TouchPosition(Block):
                     m.d.sync += [y.eq(rounded), known.eq(1), second.eq(0)]
                 with m.Else():
                     m.d.sync += [x.eq(rounded), rest.eq(other), left.eq(bits), second.eq(1)]
-        over = Signal()  # the frame has no touched cell, and the one before had
+        over = Signal()  # the frame has no touched cell, and the frame before had
         m.d.sync += over.eq(last & (total_now == 0) & touch)
         with m.If(last):
             m.d.sync += [*(signal.eq(0) for signal in frame), touch.eq(total_now != 0)]

@@ -200,7 +200,7 @@ class Accelerator(wiring.Component):
         return front_end, engine
 
     def _nearest(self, m: Module, readout: PrototypeReadout, engine: Engine) -> None:
-        """Prototypes in place of logits, wired to what they compare and to who decides."""
+        """Connect the prototype readout: vectors in, scores to the classifier."""
         config, classifier, control = self._config, self.classifier, self.control
         vector = engine.state if config.recurrent else engine.logit
         m.submodules.readout = readout

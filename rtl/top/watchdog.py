@@ -1,4 +1,4 @@
-"""A chain that hangs goes back to idle: docs/specification.md section 11."""
+"""A chain that hangs goes back to idle: docs/specification_interfaces.md section 11."""
 
 from amaranth.hdl import Module, Signal
 
@@ -23,7 +23,7 @@ def longest_wait(config: AcceleratorConfig) -> int:
         return step_cycles(config) + frame_cycles(config) + 4 * config.classes + QUIET_CYCLES
     code = Microcode(schedule(config))
     step = code.idle_words + len(code.slots)
-    held = (
+    ring = (
         (config.ring_frames + 2) * frame_cycles(config)
         if config.windows.window_mode == "touch"
         else 2 * frame_cycles(config)
@@ -31,7 +31,7 @@ def longest_wait(config: AcceleratorConfig) -> int:
     if config.follows_touch:
         held += leaving_cycles(config)
     pass_cycles = prototype_words(config) + config.windows.steps if config.readout_rule.taught else 0
-    return held + 2 * step + readout_cycles(config) + pass_cycles + 4 * config.classes + QUIET_CYCLES
+    return ring + 2 * step + readout_cycles(config) + pass_cycles + 4 * config.classes + QUIET_CYCLES
 
 
 def bound(config: AcceleratorConfig) -> int:

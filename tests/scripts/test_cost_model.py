@@ -1,4 +1,4 @@
-"""The constants of the cost model are those of the counted netlists in the documents, and good to 10 %."""
+"""The constants of the cost model follow from the counted netlists in the documents, and good to 10 %."""
 
 import numpy as np
 import pytest

@@ -71,7 +71,7 @@ class MprSlave:
 
     async def play(self, ctx) -> None:
         pins, pulls, sda_was, scl_was = self.pins, False, 1, 1
-        bits, word, address, pointer, mode, said, since = 0, 0, 0, -1, "off", 0, 1 << 20
+        bits, word, address, pointer, mode, answer, since = 0, 0, 0, -1, "off", 0, 1 << 20
         ticks = aiter(ctx.tick().sample(pins.scl_low, pins.sda_low))
         while True:
             _, _, scl_low, sda_low = await anext(ticks)
@@ -108,7 +108,7 @@ class MprSlave:
                     bits = word = 0
                 if mode == "read" and bits < 8:
                     if bits == 0:
-                        said, pointer = self.register(address, pointer), pointer + 1
-                    pulls = not said >> 7 - bits & 1
+                        answer, pointer = self.register(address, pointer), pointer + 1
+                    pulls = not answer >> 7 - bits & 1
             scl_was, sda_was = scl, not (sda_low or pulls)
             ctx.set(pins.sda, sda_was)

@@ -25,7 +25,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, codes_of, samples_of
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.training.made_up import image_recordings, random_images, random_recordings
-from eskin.verbs.flow import cosimulate
+from eskin.verbs.flow import Simulation, cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
 
@@ -169,9 +169,9 @@ class Design:
     stalls: bool
 
     @classmethod
-    def of(cls, kept: Mapping[str, Any]) -> Design:
+    def of(cls, fields: Mapping[str, Any]) -> Design:
         """A design as tests/failing_designs.json keeps it."""
-        return cls(AcceleratorConfig.from_dict(kept["config"]), kept["seed"], kept["stalls"])
+        return cls(AcceleratorConfig.from_dict(fields["config"]), fields["seed"], fields["stalls"])
 
     @property
     def model(self) -> IntegerModel:
@@ -270,10 +270,10 @@ def _of_images(pick: Callable[..., Any], config: AcceleratorConfig) -> Accelerat
         layers += [f"conv {pick(3, 1, 5)} {pick(4, 1, 3, 5, 9)}", *["pool"] * pick(1, 0)]
     classes = pick(3, 2, 4, 9)
     layers += [*pick((), ("dense 5",), ("dense 8",)), f"dense {classes}"]
-    names, kept = tuple(f"c{k}" for k in range(classes)), config.hardware
+    names, hardware = tuple(f"c{k}" for k in range(classes)), config.hardware
     made = AcceleratorConfig.of_image(pick(4, 5, 6, 9), pick(4, 5, 7, 10), layers, names, clock_hz=12e6)
     return made.with_lanes(pick(4, 8, 1, 2, 16), pick("plain", "dsp")).replace(
-        checksum=kept.checksum, watchdog=kept.watchdog
+        checksum=hardware.checksum, watchdog=hardware.watchdog
     )
 
 
@@ -299,9 +299,7 @@ def differences(design: Design, folder: Path) -> list[str]:
     converter also broken frames and limits of its data sheet that are not kept."""
     model = design.model
     config = model.config
-    options: dict[str, Any] = dict(
-        simulator="icarus", stalls=design.stalls, seed=design.seed, work=folder, builds=folder / "simulators"
-    )
+    how = Simulation(simulator="icarus", stalls=design.stalls, seed=design.seed, builds=folder / "simulators")
     if config.is_image:
         recordings = image_recordings(config, random_images(config, 3, design.seed))
     else:
@@ -310,8 +308,10 @@ def differences(design: Design, folder: Path) -> list[str]:
         recordings = _never_stuck(recordings, config)
     if config.hardware.clock_gate:  # which stops the clock between frames only
         clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.scan_rate_hz
-        options |= {"pace": "declared", "clock_hz": clock}
-    result = cosimulate(model, recordings, **options)
-    way = result.get("conversion", {})
-    broken = [f"{key}: {way[key]}" for key in ("faults", "violations") if way.get(key)]
-    return [*result["mismatch_list"], *broken, *([] if result["bit_exact"] else ["not bit-exact"])]
+        how = replace(how, pace="declared", clock_hz=clock)
+    result = cosimulate(model, recordings, how, work=folder)
+    way = result.conversion
+    broken = [f"{way.faults} faults, {way.violations} violations"] * bool(
+        way and (way.faults or way.violations)
+    )
+    return [*result.mismatch_list, *broken, *([] if result.bit_exact else ["not bit-exact"])]

@@ -67,7 +67,7 @@ def test_lint_is_clean_slang_reads_it_and_signals_have_names(design, tmp_path):
         assert "$signal" not in (folder / name).read_text()
         compilation.addSyntaxTree(pyslang.syntax.SyntaxTree.fromFile(str(folder / name)))
     assert len(compilation.getRoot().topInstances) == 1
-    assert [str(said.code) for said in compilation.getAllDiagnostics() if said.isError()] == []
+    assert [str(message.code) for message in compilation.getAllDiagnostics() if message.isError()] == []
 
 
 def test_fusesoc_lints_it(tmp_path):
@@ -99,7 +99,7 @@ int main(void)
 
 @pytest.mark.slow
 def test_two_designs_go_into_one_system(tmp_path):
-    """Every module, function and macro of one is there once; each bench plays its own."""
+    """Every module, function and macro of a design is there once; each bench plays its design."""
     designs = {
         "left": ("lstm", {"bus": "wishbone"}),
         "right": ("thesis", {"bus": "wishbone"}),

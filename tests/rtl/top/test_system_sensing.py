@@ -1,4 +1,4 @@
-"""A board with its own sensors (rtl/top/system.py): whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
+"""A board with sensors (rtl/top/system.py): whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
 decision is heard again."""
 
 from types import SimpleNamespace

@@ -115,28 +115,25 @@ def energy(dear: float):
     return priced(cost_of=cost_of)
 
 
-def test_the_score_is_the_mean_of_both_and_the_cheapest_level_one_is_taken():
-    fragile, sturdy, prices = judged(4, 1000, 600), judged(8, 995, 1000), energy(1.3)
-    assert fragile.score == pytest.approx((1 + 0.6) / 2) and sturdy.score == pytest.approx(0.9975)
-    assert fragile.scores.mean() == fragile.score and fragile.worst == {"mode": "m", "figure": 0.6}
-    assert choose([fragile, sturdy], prices) is fragile
-    assert choose_stable([fragile, sturdy], fragile, prices) is sturdy
-    near = judged(8, 1000, 602)  # a thousandth better, and dearer
-    assert choose_stable([fragile, near], fragile, prices) is fragile
-    assert choose_stable([fragile, near], fragile, energy(1.0)) is near  # as cheap
-
-
 @each_row(
-    "right, dear, taken",
+    "fragile, right, disturbed, dear, taken",
     [
-        (1000 * (1 - CLEAN_LOSS), DEARER, True),
-        (1000 * (1 - CLEAN_LOSS) - 1, DEARER, False),
-        (1000, DEARER + 0.01, False),
+        (600, 995, 1000, 1.3, True),
+        (600, 1000, 602, 1.3, False),  # a thousandth better, and dearer
+        (600, 1000, 602, 1.0, True),  # as cheap
+        (300, 1000 * (1 - CLEAN_LOSS), 1000, DEARER, True),
+        (300, 1000 * (1 - CLEAN_LOSS) - 1, 1000, DEARER, False),
+        (300, 1000, 1000, DEARER + 0.01, False),
     ],
 )
-def test_disturbances_cost_no_more_than_the_rule_says(right, dear, taken):
-    fragile, sturdy = judged(4, 1000, 300), judged(8, right, 1000)
-    assert choose_stable([fragile, sturdy], fragile, energy(dear)) is (sturdy if taken else fragile)
+def test_the_cheapest_level_one_is_taken_and_costs_no_more_than_the_rule_says(
+    fragile, right, disturbed, dear, taken
+):
+    first, sturdy, prices = judged(4, 1000, fragile), judged(8, right, disturbed), energy(dear)
+    assert (first.score, sturdy.score) == pytest.approx((0.5 + fragile / 2000, (right + disturbed) / 2000))
+    assert first.scores.mean() == first.score and first.worst == {"mode": "m", "figure": fragile / 1000}
+    assert dear == 1 or choose([first, sturdy], prices) is first
+    assert choose_stable([first, sturdy], first, prices) is (sturdy if taken else first)
 
 
 # ---------------------------------------------------------------------- a fragile scene

@@ -51,9 +51,10 @@ def test_a_broken_variant_fails_and_the_sound_one_holds(bench, name, monkeypatch
         assert {len(line) for line in drawn["lines"].values()} == {len(drawn["x"])}
 
 
-def in_hardware(case: Bench) -> stability_job.Hardware:
+def in_hardware(case: Bench, design=None) -> stability_job.Hardware:
     """Icarus: it builds fastest."""
-    return stability_job.Hardware(case, "icarus")
+    how = stability_job.flow.Simulation(simulator="icarus", waves=False, hardware=design)
+    return stability_job.Hardware(case, how)
 
 
 @pytest.mark.slow
@@ -63,8 +64,8 @@ def in_hardware(case: Bench) -> stability_job.Hardware:
 def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)
     bench = stability_case.bench()
-    hardware, design = in_hardware(bench), broken_design(bench.model, mode.run, tmp_path / "broken")
-    sound, broken = hardware.measure(mode.run), hardware.measure(mode.run, hardware=design)
+    design = broken_design(bench.model, mode.run, tmp_path / "broken")
+    sound, broken = (in_hardware(bench, each).measure(mode.run) for each in (None, design))
     assert sound.value <= mode.bound(bench) < broken.value, (
         sound.rtl["mismatch_list"],
         broken.rtl["mismatch_list"],
@@ -86,7 +87,7 @@ def test_each_case_is_played_in_a_folder_of_its_own(monkeypatch):
 def test_a_recording_that_is_left_leaves_nothing_behind_but_without_arm_or_reset_it_does(tmp_path):
     case = replace(stability_case.bench(), flips=200)
     hardware = in_hardware(case)
-    assert hardware.measure("reset").value == 0 < hardware.measure("reset", ways=("neither",)).value
+    assert hardware.measure("reset").value == 0 < hardware.leave(("neither",)).value
 
 
 def test_there_are_modes_enough_in_every_group_and_each_has_a_broken_variant():
