@@ -34,7 +34,7 @@ class WindowQueue(wiring.Component):
     partial : Out(1)
         ``window_mode`` whole: its touch was the longest.
     overrun : Out(1)
-        A window arrives while both buffers are full; those of ``window_mode`` whole may wait.
+        A window arrives while both buffers are full; with ``window_mode`` whole it may wait.
     """
 
     def __init__(self, config: AcceleratorConfig, taxel_bits: int):

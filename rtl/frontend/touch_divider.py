@@ -83,12 +83,12 @@ class TouchDivider(Block):
     def elaborate(self, platform):
         config, m = self.spec, Module()
         beats, features, windows = stored(config), config.features, config.windows
-        kinds, kept, sums = features.feature_kinds, beats.features.feature_kinds, config.stored_sums
-        taxels, words = config.sensor.taxels, config.sensor.taxels * len(kept)
+        kinds, summed, sums = features.feature_kinds, beats.features.feature_kinds, config.stored_sums
+        taxels, words = config.sensor.taxels, config.sensor.taxels * len(summed)
         doublings = max(1, config.doublings)
         longest_hop = windows.hop << config.doublings
         blocks = longest_hop // features.activity_block
-        word_bound = max([longest_hop * config.deviation_bound, blocks * config.block_bound][: len(kept)])
+        word_bound = max([longest_hop * config.deviation_bound, blocks * config.block_bound][: len(summed)])
         bits = signed_bits(windows.store_per_window * word_bound)
         if "integral" in kinds:
             bits = max(bits, config.integral_bits)
@@ -98,7 +98,7 @@ class TouchDivider(Block):
         doing = self.doing = Signal(Doing)
 
         # --- the beat that comes: its word in the hop under way
-        several = len(kept) > 1
+        several = len(summed) > 1
         index = Signal(range(words))
         second_kind = index[0] if several else Const(0, 1)
         lone = ~self.i.p.block_last & ~second_kind if several else Const(0, 1)  # a taxel's only word
@@ -126,7 +126,7 @@ class TouchDivider(Block):
         # --- beats. One of a touch needs its word, which is read with the beat before.
         small, between = taxels < STATE_BEATS, doing == Doing.BEAT
         fetched = Signal()
-        fresh = Signal()  # a result is to be written
+        unwritten = Signal()  # a result is to be written
         adds = Signal()
         beat = self.i.valid & self.i.ready
         free = ((doing == Doing.TAKE) & ~pending) | (between & ~hop_last)
@@ -140,7 +140,7 @@ class TouchDivider(Block):
         first = Signal()  # it is the first that is added up
         address = Signal(range(sums * words))
         goes_to = Signal(range((sums + 1) * words))
-        fetch = Mux(adds, not small, ~fetched & ~fresh)
+        fetch = Mux(adds, not small, ~fetched & ~unwritten)
         drive(m, read, addr=Mux(reads, address, sums * words + Mux(adds, following, index)), en=reads | fetch)
         drive(
             m,
@@ -150,12 +150,12 @@ class TouchDivider(Block):
             word=read.data.as_signed(),
             addend=Mux(adds, self.i.p.complement, total | first.replicate(bits).as_signed()),
         )
-        drive(m, write, addr=goes_to, data=total, en=fresh)
+        drive(m, write, addr=goes_to, data=total, en=unwritten)
         halves = arrived & ~first & (doing == Doing.HALVE)
         m.d.sync += [
             fetched.eq(~reads & Mux(adds, not small, fetched | fetch)),
             arrived.eq(reads),
-            fresh.eq(adds | halves),
+            unwritten.eq(adds | halves),
         ]
         with m.If(arrived):
             m.d.sync += first.eq((doing == Doing.HALVE) & ~first)
@@ -204,7 +204,7 @@ class TouchDivider(Block):
         kind = Signal(range(len(kinds)))
         offset = Signal(range(words))
         start = Signal(range(sums * words + 1))  # the first word of the window, and of the next
-        behind = Signal(range(sums * words + 1))
+        next_start = Signal(range(sums * words + 1))
         window = Signal(range(windows.steps))
         window_last = reaches(window, windows.steps - 1)
         rest = Signal(range(sums + windows.steps))
@@ -219,7 +219,7 @@ class TouchDivider(Block):
         m.d.comb += [
             reads.eq(((doing == Doing.HALVE) & ~over) | ((doing == Doing.READ) & (todo != 0))),
             self.o.valid.eq(doing == Doing.OFFER),
-            self.holds.eq(fresh | arrived | pending | (doing != Doing.TAKE)),
+            self.holds.eq(unwritten | arrived | pending | (doing != Doing.TAKE)),
         ]
         drive(
             m, self.o.p, complement=result, taxel=taxel, length=hops - 1, final=window_last, partial=longest
@@ -231,8 +231,8 @@ class TouchDivider(Block):
         with m.If(reads & ~second):
             m.d.sync += address.eq(address + words)
         with m.Switch(doing):
-            with m.Case(Doing.TAKE), m.If(pending & ~fresh):
-                m.d.sync += [signal.eq(0) for signal in (pending, window, start, behind, hops, up_to)]
+            with m.Case(Doing.TAKE), m.If(pending & ~unwritten):
+                m.d.sync += [signal.eq(0) for signal in (pending, window, start, next_start, hops, up_to)]
                 m.d.sync += [few.eq(counts < windows.steps), rest.eq(counts), doing.eq(Doing.COUNT)]
             with m.Case(Doing.HALVE):
                 m.d.sync += second.eq(reads & ~second)
@@ -243,13 +243,13 @@ class TouchDivider(Block):
                         address.eq(Mux(block_last, address + 1, address - (words - 1))),
                         over.eq(address == sums * words - 1),
                     ]
-                with m.If(over & ~arrived & ~fresh):
+                with m.If(over & ~arrived & ~unwritten):
                     m.d.sync += [over.eq(0), doing.eq(Doing.TAKE), to.eq(Mux(pending, 0, to))]
             with m.Case(Doing.COUNT):
                 more = Mux(few, ~hops.any() & (window < counts), rest >= windows.steps)
                 with m.If(more):
                     m.d.sync += [rest.eq(rest - windows.steps), hops.eq(hops + 1), up_to.eq(up_to + 1)]
-                    m.d.sync += behind.eq(behind + words)
+                    m.d.sync += next_start.eq(next_start + words)
                 with m.Else():
                     # the last sum again: it begins where the window before did
                     m.d.sync += [hops.eq(Mux(few, 1, hops)), doing.eq(Doing.BEAT)]
@@ -280,11 +280,11 @@ class TouchDivider(Block):
                 with m.If(last_kind):
                     taxel_last = reaches(taxel, taxels - 1)
                     m.d.sync += taxel.eq(wrapping_increment(taxel, taxels))
-                    m.d.sync += offset.eq(Mux(taxel_last, 0, offset + len(kept)))
+                    m.d.sync += offset.eq(Mux(taxel_last, 0, offset + len(summed)))
                     with m.If(taxel_last):
                         again = few & (window + 1 >= counts)
                         m.d.sync += [window.eq(window + 1), hops.eq(0), rest.eq(rest + counts)]
-                        m.d.sync += [start.eq(Mux(again, start, behind))]
+                        m.d.sync += [start.eq(Mux(again, start, next_start))]
                         m.d.sync += doing.eq(Mux(window_last, Doing.TAKE, Doing.COUNT))
         if config.faults.fault_frames:
             masks = Signal(taxels)

@@ -60,8 +60,8 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
         return config.sensor.taxels
     features, windows = config.features, config.windows
     if config.follows_touch:
-        kept = 1 + ("activity" in features.feature_kinds)
-        per_taxel = kept * (1 + config.stored_sums * ends_window)
+        summed = 1 + ("activity" in features.feature_kinds)
+        per_taxel = summed * (1 + config.stored_sums * ends_window)
     elif ends_window:
         per_taxel = config.kinds * (3 + windows.window - 2 * windows.hop + (config.constants > 1))
     else:
