@@ -342,9 +342,9 @@ class Bench:
             self.scoreboard,
             frame_max=source.longest,
             frames=source.frames,
-            cycles=dut.cycle.value.to_unsigned(),
-            late=source.overruns,
-            stalls=source.waited,
+            simulated_cycles=dut.cycle.value.to_unsigned(),
+            overruns=source.overruns,
+            input_stalls=source.waited,
             probe=self.probed,
         )
         if self.settings["frames"] == "codes":

@@ -80,9 +80,9 @@ def play(
             events, state = device.seen(), device.state
             accepted = events["cycle"][events["stage"] == FRAME_END].tolist()
             longest = max(longest, state.frame_cycles_max)
-            counts.update(frames=len(accepted), cycles=state.cycle)
+            counts.update(frames=len(accepted), simulated_cycles=state.cycle)
             late = (state.overruns + state.refused) * bool(settings["period"])
-            counts.update(late=late, stalls=state.stalls)
+            counts.update(overruns=late, input_stalls=state.stalls)
             scoreboard.begin(recordings[number], armed)
             scoreboard.faults = INPUT_STALLED * bool(state.refused)
             if not status:

@@ -73,51 +73,32 @@ class Answer(Result):
     conversion: Conversion | None = None
 
     @classmethod
-    def of(
-        cls,
-        board: Scoreboard,
-        *,
-        frame_max: int,
-        frames: int,
-        cycles: int,
-        late: int,
-        stalls: int,
-        probe: bool,
-    ) -> Self:
-        """What a scoreboard has found, and what else was counted.
-
-        Parameters
-        ----------
-        frame_max:
-            Most cycles of a frame.
-        cycles, late, stalls:
-            ``simulated_cycles``, ``overruns``, ``input_stalls``.
-        """
+    def of(cls, board: Scoreboard, *, frame_max: int, **counts: int) -> Self:
+        """What a scoreboard has found: ``frame_max``, most cycles of a frame, and the fields of ``counts`` beside."""
         found = board.differing[0] if board.differing else None
         stages = {name: Stage(compared_values=count, mismatches=0) for name, count in board.compared.items()}
+        gave_up = None
         if found:
             stages.setdefault(found.stage, Stage(compared_values=0)).mismatches = 1
-        still = found if found and found.stage == "input" else None
-        return cls(
-            steps=board.counts["steps"],
-            decisions=board.counts["decisions"],
-            frames=frames,
-            simulated_cycles=cycles,
-            overruns=late,
-            input_stalls=stalls,
-            probe=probe,
-            stages=stages,
-            cycles=Cycles(
-                step_ideal=board.config.step_ideal,
-                frame_max=frame_max,
-                step_min=min(board.took, default=None),
-                step_max=max(board.took, default=None),
-                decision_latency_max=max(board.late, default=None),
-            ),
-            registers={name: board.registers.get(name) for name in KEPT},
-            mismatch=found,
-            mismatch_list=[str(found) for found in board.differing],
-            gave_up=GaveUp(recording=still.recording, frame=still.frame) if still else None,
+            gave_up = found if found.stage == "input" else None
+        cycles = Cycles(
+            step_ideal=board.config.step_ideal,
+            frame_max=frame_max,
+            step_min=min(board.took, default=None),
+            step_max=max(board.took, default=None),
+            decision_latency_max=max(board.late, default=None),
+        )
+        return cls.model_validate(
+            board.counts
+            | counts
+            | {
+                "stages": stages,
+                "cycles": cycles,
+                "registers": {name: board.registers.get(name) for name in KEPT},
+                "mismatch": found,
+                "mismatch_list": [*map(str, board.differing)],
+                "gave_up": gave_up and {"recording": gave_up.recording, "frame": gave_up.frame},
+            }
         )
 
 

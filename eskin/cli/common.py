@@ -23,7 +23,6 @@ from eskin.golden.core import (
     InputError,
     Progress,
     Record,
-    Result,
     check_target,
     write_json,
 )
@@ -73,7 +72,7 @@ class Application(typer.Typer):
                 result = verb(request(**options))
                 if target and result is not None:
                     write_json(target, result)
-                if not passed(result):
+                if not dict(result or ()).get("passed", True):
                     raise typer.Exit(1)
 
             hints, signature = get_type_hints(request), inspect.signature(request)
@@ -92,11 +91,6 @@ class Application(typer.Typer):
             return register(checked)
 
         return add
-
-
-def passed(result: Record | Result | None) -> bool:
-    """False of a result whose checks did not hold."""
-    return dict(result or ()).get("passed", True)
 
 
 def check_outputs(verb: str, options: Record) -> None:

@@ -1,13 +1,13 @@
 """Verbs that study a model or many of them."""
 
 from eskin.cli.common import app, messages, progress_bars, recordings_for, say, show, show_text
-from eskin.golden.core import Record
+from eskin.golden.core import Record, Result
 from eskin.golden.model import load_config
 from eskin.requests import ReportRequest, RunRequest, StabilityRequest
 
 
 @app.command(epilog="Example: eskin stability model --data recordings.npz --out build/stability")
-def stability(request: StabilityRequest) -> Record:
+def stability(request: StabilityRequest) -> Result:
     """Show where a model fails: every failure mode with a figure, a bound and a curve."""
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs import stability_job
@@ -15,7 +15,7 @@ def stability(request: StabilityRequest) -> Record:
     recordings = recordings_for(request.data, load_config(request.model))
     with progress_bars() as report:
         result = stability_job.run(request, recordings, progress=report)
-    show("stability", **result, figure=figure_in_words, page=request.out / PAGE)
+    show("stability", **dict(result), figure=figure_in_words, page=request.out / PAGE)
     return result
 
 

@@ -24,7 +24,6 @@ import jinja2
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from pydantic import ValidationError
 
 from eskin.choose.choice_table import (
     front_end_table,
@@ -76,10 +75,7 @@ def well_formed(folder: Path) -> Iterator[None]:
         ArithmeticError,
         jinja2.TemplateError,
     ) as error:
-        why: object = error
-        if isinstance(error, ValidationError):
-            first = error.errors()[0]
-            why = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        why = " ".join(str(error).partition(" [type=")[0].split())  # pydantic has more lines
         raise InputError(
             f"result '{folder}': a field of its files is missing or has another type or size than 'eskin run' writes "
             f"({why}); make the result again"

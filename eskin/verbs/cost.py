@@ -8,6 +8,8 @@ design has (`parts_of`). These constants are fitted to counted netlists by ``pyt
 which prints how far they are off (docs/energy.md). Block memories are those of the elaborated design.
 """
 
+import dataclasses
+from collections.abc import Hashable
 from functools import lru_cache, partial
 
 from eskin.choose.cost import PREFERENCES, Cost, CostModel, Prefer
@@ -43,6 +45,8 @@ FEW_TAXELS = 4
 """Taxels up to which synthesis keeps their state in flip-flops, not in a memory."""
 LINK_CELLS, LINK_BLOCKS = 471, 1
 """Cells and block memories of the host's link."""
+COUNTED: dict[Hashable, int] = {}
+"""Block memories by board and `sizes`: a search judges many networks that differ in precision alone."""
 
 
 @lru_cache(maxsize=4096)
@@ -113,11 +117,28 @@ def by_lanes(config: AcceleratorConfig) -> list[Record]:
     return rows
 
 
+def sizes(config: AcceleratorConfig) -> Hashable:
+    """Everything in a configuration that its memories depend on: of the formats only widths, and of a recurrent cell those
+    that fill its table."""
+    if config.is_image:
+        return config
+    formats = config.formats
+    table = (formats.state_format, formats.gate_frac, formats.table_entries) if config.recurrent else ()
+    widths = config.operand_bits, config.weight_bits, config.accumulator_bits, config.score_format.width
+    features = dataclasses.replace(config.features, feature_shift=(), aligned_means=False)
+    parts = config.sensor, config.rest_level, config.onset_rule, config.faults, config.windows, config.network
+    return *parts, features, config.mean_words, config.readout_rule, config.hardware, widths, table
+
+
 @lru_cache(maxsize=1024)
 def blocks_of(config: AcceleratorConfig, board: str = BOARD) -> int:
-    """Block memories, onset to decision."""
+    """Block memories, onset to decision; counted once for designs of the same `sizes`."""
     target: Target = find_target(board)
-    return block_memories(on_board(config, target), target.family.name, target.family.blocks)
+    config = on_board(config, target)
+    key = board, sizes(config)
+    if key not in COUNTED:
+        COUNTED[key] = block_memories(config, target.family.name, target.family.blocks)
+    return COUNTED[key]
 
 
 def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:

@@ -30,7 +30,7 @@ from eskin.requests import StabilityRequest
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.study.stability import core as stability
-from eskin.study.stability.core import GROUPS, Bench, Case, Outcome
+from eskin.study.stability.core import GROUPS, Bench, Case, Confirmed, ModeResult, NotRun, Outcome, Stability
 from eskin.study.stability.table import MODES
 from eskin.training import LEARNING
 from eskin.verbs import flow
@@ -52,16 +52,11 @@ AROUND = range(-9, 3)
 """Cycles around a decision's offer at which it is left, too: `arm` falls before, into and behind it."""
 
 
-def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress | None = None) -> Record:
+def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress | None = None) -> Stability:
     """Run the suite and write stability.json and stability.html.
 
     With ``request.cosim`` the weakest golden cases are confirmed in co-simulation, and modes that need the
     hardware run.
-
-    Returns
-    -------
-    The result, as in stability.json: model, data, recordings, clean_accuracy, modes, not_run, weakest
-    (names), wall_s, passed.
 
     Raises
     ------
@@ -89,47 +84,47 @@ def run(request: StabilityRequest, recordings: Recordings, *, progress: Progress
     reasons = {mode: stability.why_not(mode, bench.config, request.cosim) for mode in asked}
     ready = [mode for mode, why in reasons.items() if not why]
     hardware = Hardware(bench)
-    records = results(judge_mode, {mode.name: mode.name for mode in ready}, hardware, "modes judged")
+    judged = results(judge_mode, {mode.name: mode.name for mode in ready}, hardware, "modes judged")
+    records = [*map(ModeResult.model_validate, judged)]
     if request.cosim:
         weakest = weakest_cases(records)
-        pieces = {f"rtl {record['name']}": record["name"] for record in weakest}
+        pieces = {f"rtl {record.name}": record.name for record in weakest}
         played = results(confirm, pieces, hardware, "weakest cases co-simulated")
         for record, rtl in zip(weakest, played, strict=True):
-            record["rtl"] = rtl
-    passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in records)
-    result = {
-        "model": str(model_dir),
-        "data": str(recordings.source),
-        "recordings": len(recordings),
-        "clean_accuracy": bench.clean_accuracy,
-        "modes": records,
-        "not_run": [
-            {"name": mode.name, "group": mode.group, "why": why} for mode, why in reasons.items() if why
-        ],
-        "weakest": [record["name"] for record in stability.weakest(records)],
-        "passed": passed,
-        "wall_s": round(time.perf_counter() - begin, 3),
-    }
+            record.rtl = Confirmed.model_validate(rtl)
+    result = Stability(
+        model=str(model_dir),
+        data=str(recordings.source),
+        recordings=len(recordings),
+        clean_accuracy=bench.clean_accuracy,
+        modes=records,
+        not_run=[NotRun(name=mode.name, group=mode.group, why=why) for mode, why in reasons.items() if why],
+        weakest=[record.name for record in stability.weakest(records)],
+        passed=all(record.passed and (not record.rtl or record.rtl.bit_exact) for record in records),
+        wall_s=round(time.perf_counter() - begin, 3),
+    )
     write_json(out / RESULT, result)
     write_page(out, result)
     return result
 
 
 # ---------------------------------------------------------------------- what workers do
-def weakest_cases(records: Sequence[Record]) -> list[Record]:
+def weakest_cases(records: Sequence[ModeResult]) -> list[ModeResult]:
     """The modes whose golden cases are played into the hardware: the weakest CONFIRMED of each group."""
-    ranked = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
+    ranked = [record for record in stability.weakest(records, len(records)) if record.has_case]
     return [
-        record for group in GROUPS for record in [one for one in ranked if one["group"] == group][:CONFIRMED]
+        record
+        for group in GROUPS
+        for record in [record for record in ranked if record.group == group][:CONFIRMED]
     ]
 
 
-def judge_mode(hardware: Hardware, name: str) -> Record:
+def judge_mode(hardware: Hardware, name: str) -> ModeResult:
     """The record of one mode."""
     return stability.judge(MODES[name], hardware.bench, hardware.measure)[0]
 
 
-def confirm(hardware: Hardware, name: str) -> Record:
+def confirm(hardware: Hardware, name: str) -> Confirmed:
     """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches
     ...}."""
     _, case = stability.judge(MODES[name], hardware.bench)
@@ -214,7 +209,5 @@ class Hardware:
         return Outcome(rtl.mismatches, words, rtl=_confirmed(rtl))
 
 
-def _confirmed(rtl: Played) -> Record:
-    """What the record of a mode says of a co-simulation."""
-    names = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list"
-    return rtl.model_dump(include={*names.split()})
+def _confirmed(rtl: Played) -> Confirmed:
+    return Confirmed.model_validate(dict(rtl))

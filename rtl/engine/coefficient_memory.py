@@ -39,7 +39,7 @@ class CoefficientMemory(wiring.Component):
     -------
     address : In, enable : In(1)
         Read.
-    gate, constant : Out(signed(ELEMENT_OPERAND_BITS))
+    gate, constant : Out(signed(16))
         Latency 1. The word is their OR; of one memory ``constant`` is 0.
     write : In(1), write_address : In, write_data : In(signed)
         A gate code.

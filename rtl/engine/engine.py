@@ -268,7 +268,7 @@ class Engine(wiring.Component):
         config, layout, word, enable = self._config, self.layout, self.sequencer.word, self.sequencer.enable
         window_words = layout.window_none + 1  # two buffers; above them a zero
         m.submodules.windows = windows = Memory(
-            shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION
+            shape=signed(ELEMENT_OPERAND_BITS), depth=window_words, init=[], attrs=NO_COLLISION
         )
         slot_write, slot_read = windows.write_port(), windows.read_port()
         m.submodules.queue = queue = self.queue = WindowQueue(config, layout.window_bits)

@@ -110,7 +110,7 @@ class WindowAverager(Block):
                 m.d.comb += [hops.eq(last_hop - k), length.eq(config.length_index[k])]
 
         # --- beats: the kinds that come, taxel by taxel
-        several, kind, kind_next, last_kind = len(kinds) > 1, Const(0, 0), Const(0, 0), Const(1, 1)
+        several, kind, kind_next, last_kind = len(kinds) > 1, Cat(), Cat(), Const(1, 1)
         if several:
             kind = Signal(range(len(kinds)))
             kind_next = Signal(range(len(kinds)))

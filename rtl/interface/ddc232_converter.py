@@ -4,7 +4,6 @@
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
-from amaranth.lib.wiring import In
 
 from eskin.golden.core import ConverterFault
 from eskin.golden.core.converters.ddc232 import (
@@ -16,15 +15,14 @@ from eskin.golden.core.converters.ddc232 import (
     WARM_UP,
     DdcPlan,
 )
-from eskin.rtl.common import drive, outputs
+from eskin.rtl.common import drive, inputs, outputs
 from eskin.rtl.interface.converter_ports import converter_ports
 
 EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS
 """First bits of the readback, which are compared; the revision is not."""
 
 DDC_PINS = wiring.Signature(
-    outputs("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk")
-    | {"dvalid_n": In(1, init=1), "dout": In(1, init=1)}
+    outputs("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk") | inputs("dvalid_n", "dout")
 )
 """Names of the data sheet; its DIN (the next chip's data) is tied low, its CLK runs always."""
 
@@ -62,13 +60,13 @@ class Ddc232Converter(wiring.Component):
         bits, words = plan.bits, len(plan.places)
         dout = Signal()
         dvalid_n = Signal()
-        dvalid_was = Signal(init=1)
-        m.submodules.data = FFSynchronizer(pins.dout, dout, init=1)
-        m.submodules.valid = FFSynchronizer(pins.dvalid_n, dvalid_n, init=1)
+        dvalid_was = Signal()
+        m.submodules.data = FFSynchronizer(pins.dout, dout)
+        m.submodules.valid = FFSynchronizer(pins.dvalid_n, dvalid_n)
         m.d.sync += dvalid_was.eq(dvalid_n)
         falls = dvalid_was & ~dvalid_n
 
-        clock_timer = Signal(range(max(2, plan.clk_half)))
+        clock_timer = Signal(range(plan.clk_half))
         clock_over = clock_timer == 0
         m.d.sync += [
             clock_timer.eq(Mux(clock_over, plan.clk_half - 1, clock_timer - 1)),
@@ -89,7 +87,7 @@ class Ddc232Converter(wiring.Component):
         code_due = Signal()
         m.d.sync += timer.eq(timer - ~over)
         halves_over = (place == 0) & over
-        falling = over & (place != 0) & ~place[0]  # the data clock's high half ends
+        falling = over & ~place[0]  # the data clock's high half ends; or all of them have
         expected = Const(plan.configuration << (REVISION_BITS + PATTERN_BITS) | PATTERN, EXPECTED_BITS)
         looked_at = Const(
             (1 << EXPECTED_BITS) - 1 ^ ((1 << REVISION_BITS) - 1) << PATTERN_BITS, EXPECTED_BITS

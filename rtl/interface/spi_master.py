@@ -63,8 +63,8 @@ class SpiMaster(Block):
         m = Module()
         plan, pins = self.spec, self.pins
         halves = 2 * plan.chip.bits
-        lines = Signal(plan.lines, init=(1 << plan.lines) - 1)
-        m.submodules.synchroniser = FFSynchronizer(pins.miso, lines, init=(1 << plan.lines) - 1)
+        lines = Signal(plan.lines)
+        m.submodules.synchroniser = FFSynchronizer(pins.miso, lines)
         # Half periods to go: halves + 1 while select leads, then high (even) and low (odd) in turn, 0 with
         # select high.
         place = Signal(range(halves + 2))

@@ -13,6 +13,11 @@ position_layout = struct(x=8, y=8, peak=8, ended=1, direction=3)
 and the direction of its slide: 0 none, 1 right, 2 left, 3 down, 4 up."""
 
 
+def up_to(largest: int) -> range:
+    """Numbers from 0 to ``largest``."""
+    return range(largest + 1)
+
+
 class TouchPosition(Block):
     """Cells above the threshold, their weighted centre and the largest of them.
 
@@ -51,14 +56,14 @@ class TouchPosition(Block):
         above = Signal(signed(len(sample) + 2))
         m.d.comb += above.eq(sample - Const(interface.position_rest, signed(len(sample) + 1)))
         top = (1 << len(sample)) - 1
-        height = Signal(range(top + 1))
+        height = Signal(up_to(top))
         m.d.comb += height.eq(Mux(above > interface.position_threshold, above[: len(sample)], 0))
 
         # ---------------------------------------------------------------- one frame's sums; widths: all cells at the top
-        total = Signal(range(cells * top + 1))
-        in_row = Signal(range(interface.columns * top + 1))
-        across = Signal(range(cells * interface.columns * top + 1))
-        down = Signal(range(cells * interface.rows * top + 1))
+        total = Signal(up_to(cells * top))
+        in_row = Signal(up_to(interface.columns * top))
+        across = Signal(up_to(cells * interface.columns * top))
+        down = Signal(up_to(cells * interface.rows * top))
         place = Signal(range(cells))
         column = Signal(range(interface.columns))
         largest = Signal.like(height)
@@ -92,11 +97,11 @@ class TouchPosition(Block):
         # ---------------------------------------------------------------- the divider: the quotient's bits, highest first
         whole = (max(interface.rows, interface.columns) - 1).bit_length()  # bits in front of the point
         bits = whole + FRACTION + 1  # one more, to round
-        rest = Signal(range(2 * max(interface.rows, interface.columns) * cells * top + 1))
-        other = Signal(range(interface.rows * cells * top + 1))
+        rest = Signal(up_to(2 * max(interface.rows, interface.columns) * cells * top))
+        other = Signal(up_to(interface.rows * cells * top))
         divisor = Signal.like(total)
         quotient = Signal(bits)
-        left = Signal(range(bits + 1))
+        left = Signal(up_to(bits))
         second = Signal()
         scaled = divisor << whole
         doubled = rest << 1

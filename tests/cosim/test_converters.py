@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim import flow
+from eskin.cosim.simulation import Simulation
 from eskin.data import turn_recordings
 from eskin.data.archive import load_archive
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault
@@ -16,7 +17,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import run, through_converter
 from eskin.rtl.fpga.generate import generate
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import Simulation, cosimulate, expected_of
+from eskin.verbs.flow import cosimulate, expected_of
 from tests.support.array_touches import REST, touches
 from tests.support.link_flow import pack_decisions
 from tests.support.random_models import random_integer_model
@@ -175,7 +176,7 @@ def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(fields, ki
     recordings, codes = through_converter(made, config)
     design = generate(config, model.arrays, tmp_path / "design")
     vectors = expected_of(model, recordings, tmp_path / "vectors.npz", codes=codes)
-    played = flow.Run.of(design, vectors, flow.Simulation(pace="declared"))
+    played = flow.Run.of(design, vectors, Simulation(pace="declared"))
     result = played.play(tmp_path / "run", {"fault": (at, lasts, kind)}, bench="tests.support.broken_frames")
     halves: tuple[list, list] = [], []
     for word, cycle in result["decisions"]:

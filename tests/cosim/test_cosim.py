@@ -15,6 +15,7 @@ import pytest
 
 from eskin.cosim import flow, runner
 from eskin.cosim.results import Cycles
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, SimulationError
 from eskin.golden.model import Fixed, IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
@@ -24,7 +25,7 @@ from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top import accelerator
 from eskin.training.made_up import random_recordings
-from eskin.verbs.flow import Simulation, cosimulate
+from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import flip, make
 from tests.support.random_models import random_integer_model
@@ -64,7 +65,7 @@ def play(design, vectors, tmp_path):
         given = {name: options.pop(name, value) for name, value in apart.items()}
         if job is flow.cosim:
             del given["cycles"]
-        return job(design, vectors, flow.Simulation(**options), **given)
+        return job(design, vectors, Simulation(**options), **given)
 
     return job
 
@@ -314,7 +315,7 @@ def test_a_false_register_is_found(seed, tmp_path, monkeypatch):
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings)
     ways = {"icarus": ICARUS, "bulk": {"simulator": "verilator", "cocotb": ()}}
     for way in ways if seed in (None, "CHECKSUM always", "TOUCHES constant") else ("icarus",):
-        how = flow.Simulation(builds=tmp_path / "builds", waves=False, **ways[way])
+        how = Simulation(builds=tmp_path / "builds", waves=False, **ways[way])
         result = flow.cosim(design, vectors, how, work=tmp_path / way)
         assert result.passed == (seed is None), result.mismatch_list
         assert seed is None or "stage status" in result.mismatch_list[0]
@@ -392,7 +393,7 @@ def test_bad_options_are_one_sentence(play, vectors, tmp_path):
     with np.load(vectors) as archive:
         np.savez(tmp_path / "other.npz", **dict(archive) | {"samples": archive["samples"][:, :3]})
     wrong = {
-        "--clock 9000: is too slow for 4 taxels .* at least 12000 Hz": DECLARED | {"clock_hz": 9000.0},
+        "`clock_hz` 9000: is too slow for 4 taxels .* at least 12000 Hz": DECLARED | {"clock_hz": 9000.0},
         "has 3 taxels and the accelerator has 4": {"vectors": tmp_path / "other.npz"},
     }
     for words, options in wrong.items():

@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.images import SIZES, network
 from eskin.golden.model import IntegerModel, run_images, write_image_vectors
@@ -12,7 +13,7 @@ from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.training.made_up import image_recordings, random_images
-from eskin.verbs.flow import Simulation, cosimulate
+from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
 from tests.support.generated_bench import make
 from tests.support.image_scenes import random_image_model

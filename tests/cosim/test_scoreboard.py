@@ -217,7 +217,9 @@ def test_cycles_are_extremes_over_all_recordings(expected, events):
         scoreboard.check("decision", events[recording.number, "decision"], 20 * frames + late)
         accepted = range(20, 20 * int(max(frames)) + 1, 20)  # decision_frame 0: no frame brings it
         scoreboard.end(events[recording.number, "end"], accepted)
-    result = Answer.of(scoreboard, frame_max=20, frames=0, cycles=0, late=0, stalls=0, probe=False)
+    result = Answer.of(
+        scoreboard, frame_max=20, frames=0, simulated_cycles=0, overruns=0, input_stalls=0, probe=False
+    )
     assert (result.steps, result.decisions) == (3, 7)
     cycles = {"frame_max": 20, "step_min": 10, "step_max": 12, "decision_latency_max": 10}
     assert dict(result.cycles) == cycles | {"step_ideal": CONFIG.step_ideal}

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from eskin.cosim.results import Played
 from eskin.study.energy import Estimate
+from eskin.study.stability.core import Stability
 from eskin.training.evaluate import Evaluation, HeldBack
 from eskin.verbs.energy_job import Energies
 from tests.support.table import each_row
@@ -18,6 +19,7 @@ MODELS = {
     "cosim_converter": Played,
     "evaluate": Evaluation,
     "energy": Energies,
+    "stability": Stability,
 }
 
 

@@ -193,33 +193,26 @@ def damage_text(text: str, rng: random.Random) -> str:
     return text
 
 
+TYPES = ("f8", "f2", "c16", "i1", "u8", "i8", "?", "U8", "S4", "M8[s]", "m8[ns]", "V8", "i4,f8")
+SHAPES = ((), (0,), (0, 4), (3, 0), (5,), (2, 2, 2))
+ENDS = (math.nan, math.inf, -1e300, 1e-320, -1, 2**31, 2**63 - 1, -(2**63))
+
+
 @np.errstate(over="ignore", invalid="ignore")  # a type too narrow is one of the damages
 def damage_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
     """Another type, another shape, other values."""
-    number = array.dtype.kind in "iuf"
-    ends = (
-        [np.iinfo(array.dtype).min, np.iinfo(array.dtype).max, 1]
-        if array.dtype.kind in "iu"
-        else [math.nan, math.inf, -1e300, 1e-320]
-    )
-    changed = array.copy()
-    for _ in range(rng.randint(1, 3) if number and array.size else 0):
-        changed.flat[rng.randrange(array.size)] = rng.choice(ends)
+    number, kind = array.dtype.kind in "iuf", rng.choice(TYPES)
+    changed = array.astype("f8" if number else "O").ravel()
+    changed[: rng.randint(1, 3)] = rng.choice(ENDS)
+    rng.shuffle(changed)
     return rng.choice(
         (
-            (
-                array.astype(rng.choice(("f8", "f2", "c16", "i1", "u8", "i8", "?", "U8", "S4")))
-                if number
-                else np.atleast_1d(array)[:0]
-            ),
-            np.zeros(array.shape, dtype=rng.choice(("M8[s]", "m8[ns]", "V8", [("a", "i4"), ("b", "f8")]))),
-            np.array([{"a": 1}, None], dtype=object),
+            array.astype(kind) if number and kind[0] not in "mMV" else np.zeros(array.shape, kind),
             array.reshape(1, -1),
-            array[: rng.randrange(len(array) + 1)] if array.ndim else np.zeros(0),
-            np.zeros(rng.choice(((), (0,), (0, 4), (3, 0), (5,), (2, 2, 2))), dtype=array.dtype),
+            array.ravel()[: rng.randrange(array.size + 1)],
+            np.zeros(rng.choice(SHAPES), array.dtype),
             np.array(["a\x00b", "[red]", "", "ä" * 300][: max(1, array.size)]),
-            changed,
-            changed,
+            *[changed.reshape(array.shape).astype(rng.choice((array.dtype, changed.dtype)))] * 3,
         )
     )
 

@@ -19,13 +19,14 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, reject, settings
 from hypothesis import strategies as st
 
+from eskin.cosim.simulation import Simulation
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.converters import SPI_CHIPS, code_format, code_shift
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, codes_of, samples_of
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.training.made_up import image_recordings, random_images, random_recordings
-from eskin.verbs.flow import Simulation, cosimulate
+from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.random_models import random_integer_model
 

@@ -13,12 +13,12 @@ from eskin.choose.choice import Searched, configure, inner_folds, train_chosen, 
 from eskin.choose.networks import SearchOptions
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel
-from eskin.requests import TrainRequest
 from eskin.training import splits as splitting
 from eskin.training import train
 from eskin.training.integers import quantise
 from eskin.training.judge import cross_validate
 from eskin.training.splits import over_groups, split_folds
+from eskin.training.wanted import Wanted
 from tests.eskin.choose.test_candidate import CONFIG
 from tests.support.gripped_scene import by_person, gripped_recordings
 from tests.support.prices import priced
@@ -33,7 +33,7 @@ def gripped() -> Recordings:
 
 
 def trained(recordings, asked, tmp_path, **options):
-    request = TrainRequest(data="", out=tmp_path / "m", **{**FEW, **options})
+    request = Wanted(out=tmp_path / "m", **{**FEW, **options})
     return train_chosen(recordings, asked, priced(), request)
 
 
@@ -109,7 +109,7 @@ def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(grip
     record = trained(gripped, None, tmp_path, folds=0)
     network = record["config"]["network"]
     assert (network["cell"], network["hidden"], record["cross_validation"]) == ("gru", 12, [])
-    with refused("--cell auto: needs cross-validation"):
+    with refused("`cell` auto: needs cross-validation"):
         trained(gripped, None, tmp_path / "n", folds=0, cell="auto")
 
 

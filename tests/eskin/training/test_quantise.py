@@ -143,7 +143,7 @@ def test_what_config_json_says_stays(tmp_path):
         (
             {"hop": 9, "window": 18},
             {},
-            r"field hop: is 9 .*, and so are the noted ranges; give recordings \(--data\)",
+            r"field hop: is 9 .*, and so are the noted ranges; give recordings \(`data`\)",
         ),
         ({"taught": 2, "readout": "prototypes"}, {}, "field readout: is 'prototypes', which are made of"),
         ({}, {"weight_bits": 1}, "field weight_format: 1 bits"),

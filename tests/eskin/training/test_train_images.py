@@ -12,7 +12,6 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model import FloatModel, float_images, images_of, load_training, run_images
 from eskin.jobs import Jobs
 from eskin.memo import Memo
-from eskin.requests import TrainRequest
 from eskin.training import image_models
 from eskin.training.evaluate import evaluate
 from eskin.training.image_formats import _scale, equalised, quantised
@@ -21,6 +20,7 @@ from eskin.training.integers import quantise
 from eskin.training.judge import folds_of, judge
 from eskin.training.made_up import random_images
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network
+from eskin.training.wanted import Wanted
 from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
 
@@ -42,7 +42,7 @@ def trained() -> FloatModel:
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("images") / "model"
     scene = shapes(20, 1)
-    request, kept = TrainRequest(data="", out=out, folds=2), Memo(out.parent / "kept")
+    request, kept = Wanted(out=out, folds=2), Memo(out.parent / "kept")
     record = train_image_model(scene, config(), request, recipe=QUICK, workers=1, keep=kept)
     return out, scene, record
 

@@ -9,6 +9,7 @@ import pytest
 from eskin.cosim import flow, runner
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.netlist import Hardware, netlist_hardware
+from eskin.cosim.simulation import Simulation
 from eskin.golden.model import IntegerModel, run, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.training.formats import with_network
@@ -50,7 +51,7 @@ def play(model, recordings, tmp_path):
     design = generate(model.config, model.arrays, tmp_path / "design")
 
     def call(hardware: Hardware, simulator: str = "icarus", **options):
-        how = flow.Simulation(simulator=simulator, hardware=hardware, **options)
+        how = Simulation(simulator=simulator, hardware=hardware, **options)
         return flow.cosim(design, vectors, how, work=tmp_path / "work")
 
     return call
@@ -105,7 +106,7 @@ def test_weights_in_large_memories_are_exact(recordings, tmp_path, name):
         trace = run(model, recordings)
         vectors = write_vectors(tmp_path / f"{seed}.npz", trace, recordings, [9])
         design = generate(model.config, model.arrays, tmp_path / f"design{seed}")
-        how = flow.Simulation(simulator="icarus", hardware=hardware)
+        how = Simulation(simulator="icarus", hardware=hardware)
         result = flow.cosim(design, vectors, how, work=tmp_path / "work")
         assert result.bit_exact and result.steps >= 3, result.mismatch_list
 

@@ -125,9 +125,9 @@ def test_two_designs_go_into_one_system(tmp_path):
     assert subprocess.run([tmp_path / "both"], check=False).returncode == 0
     done = make(tmp_path / "third")
     assert done.returncode == 0, done.stdout
-    with refused("--top '2': is not a prefix"):
+    with refused("`top` '2': is not a prefix"):
         generate_design(model_of("linear"), tmp_path / "no", top="2")
-    with refused("--top stdint: names the driver stdint.h"):
+    with refused("`top` stdint: names the driver stdint.h"):
         generate_design(model_of("linear"), tmp_path / "no", top="stdint", bus="wishbone")
 
 

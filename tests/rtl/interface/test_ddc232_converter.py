@@ -23,7 +23,7 @@ def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, **
     times that a bench can wait for. ``delay``: cycles from CONV to DVALID."""
     converter = dict(name="ddc232", **fields)
     config = PRESETS["thesis"].replace(converter=converter, sample_rate_hz=1000.0, taxels=5)
-    plan = replace(converter_plan(config), wait=20, half=2, clk_half=1, quiet=QUIET)
+    plan = replace(converter_plan(config), wait=20, half=2, clk_half=4, quiet=QUIET)
     plan = replace(plan, deadline=PERIOD - QUIET - plan.read_cycles)
     dut = Ddc232Converter(plan, 5)
     order = range(1, 33) if fields.get("ascending") else range(32, 0, -1)
@@ -42,6 +42,7 @@ def test_every_code_at_its_taxel(fields, first):
     assert chip.configurations == [7 << 9 | (fields.get("bits", 20) == 20) << 8 | 1 << 7]
     assert len(chip.conv_edges) == WARM_UP + 2
     assert {after - before for before, after in pairwise(chip.conv_edges)} == {PERIOD}
+    assert {after - before for before, after in pairwise(chip.clk_edges)} == {4}
     for conv in chip.conv_edges:
         assert all(abs(edge - conv) >= QUIET for edge in chip.dclk_edges)
 

@@ -4,6 +4,7 @@ formal/top/clock_gate.py."""
 import pytest
 
 from eskin.cosim import flow
+from eskin.cosim.simulation import Simulation
 from eskin.golden.model import write_vectors
 from eskin.rtl.fpga.generate import generate
 from tests.support.traffic_case import CONFIG, Case
@@ -21,7 +22,7 @@ def test_bit_exact_with_the_clock_stopped(tmp_path):
     result = flow.cosim(
         tmp_path / "design",
         tmp_path / "vectors.npz",
-        flow.Simulation(
+        Simulation(
             simulator="icarus",
             pace="declared",
             clock_hz=CYCLES * case.config.sensor.sample_rate_hz,
