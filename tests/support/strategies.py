@@ -312,7 +312,6 @@ def differences(design: Design, folder: Path) -> list[str]:
         how = replace(how, pace="declared", clock_hz=clock)
     result = cosimulate(model, recordings, how, work=folder)
     way = result.conversion
-    broken = [f"{way.faults} faults, {way.violations} violations"] * bool(
-        way and (way.faults or way.violations)
-    )
+    wrong = way is not None and (way.faults or way.violations)
+    broken = [f"{way.faults} faults, {way.violations} violations"] if way and wrong else []
     return [*result.mismatch_list, *broken, *([] if result.bit_exact else ["not bit-exact"])]
